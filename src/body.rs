@@ -1,0 +1,84 @@
+//! Bodies and contacts: all that an effect may see and change.
+
+use crate::num::{Real, Vec2};
+use crate::scene::Shape;
+
+/// Standard gravity (m/s^2), as the paper takes it.
+pub const GRAVITY: f64 = 9.81;
+
+/// One body at one instant. The spin vector is `(roll.x, roll.y, spin)`.
+#[derive(Debug, Clone, Copy)]
+pub struct Body<T> {
+    pub shape: Shape,
+    /// kg.
+    pub mass: T,
+    /// m.
+    pub position: Vec2<T>,
+    /// rad.
+    pub yaw: T,
+    /// m/s.
+    pub velocity: Vec2<T>,
+    /// Turn rate about z (rad/s).
+    pub spin: T,
+    /// Turn rate about the horizontal axes (rad/s); of balls only.
+    pub roll: Vec2<T>,
+}
+
+impl<T: Real> Body<T> {
+    /// Moment of inertia about z (kg m^2).
+    pub fn inertia(&self) -> T {
+        self.mass * self.shape.unit_inertia()
+    }
+}
+
+/// What acts on a body, in two parts. Smooth forces are given as they are; dry friction is
+/// set-valued at rest, so an effect gives its *bound* and the world resolves sliding, rolling and rest.
+#[derive(Debug, Clone, Copy)]
+pub struct Wrench<T> {
+    /// Force on the centre of mass (N).
+    pub force: Vec2<T>,
+    /// Torque about z (N m).
+    pub torque: T,
+    /// Most dry friction of the ground at the foot (N).
+    pub grip: T,
+    /// Most resistance to rolling, as a force at a ball's centre (N).
+    pub rolling: T,
+    /// Most friction torque about z on top of what `grip` does over the footprint (N m).
+    pub pivot: T,
+}
+
+impl<T: Real> Wrench<T> {
+    pub fn zero() -> Self {
+        let zero = T::zero();
+        Wrench { force: Vec2::zero(), torque: zero, grip: zero, rolling: zero, pivot: zero }
+    }
+}
+
+/// Two bodies, or a body and a wall (`b` is `None`), at the instant of touching.
+#[derive(Debug, Clone, Copy)]
+pub struct Contact<T> {
+    pub a: Body<T>,
+    pub b: Option<Body<T>>,
+    /// Unit normal from a to b.
+    pub normal: Vec2<T>,
+    /// Where they touch (m).
+    pub point: Vec2<T>,
+    /// Approach speed of the touching points along the normal (m/s), positive.
+    pub approach: T,
+}
+
+/// The law of one contact. Effects shape it; the world turns it into impulses.
+#[derive(Debug, Clone, Copy)]
+pub struct ContactLaw<T> {
+    /// Ratio of separation to approach speed, 0..=1.
+    pub restitution: T,
+    /// Coulomb coefficient between the surfaces.
+    pub friction: T,
+}
+
+impl<T: Real> ContactLaw<T> {
+    /// Plastic and frictionless: what happens where no effect says otherwise.
+    pub fn plain() -> Self {
+        ContactLaw { restitution: T::zero(), friction: T::zero() }
+    }
+}

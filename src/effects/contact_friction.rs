@@ -1,0 +1,29 @@
+//! Coulomb friction between objects that touch.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::body::{Contact, ContactLaw};
+use crate::num::Real;
+
+pub struct ContactFriction;
+
+impl Effect for ContactFriction {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "contact_friction",
+        doc: "Tangential impulse of at most mu times the normal impulse, against the slip of the touching points.",
+        source: "Coulomb's law; Stronge, Impact Mechanics, ch. 3",
+        hooks: &[Hook::Contact],
+        params: &[ParamSpec {
+            name: "mu",
+            unit: "1",
+            default: 0.0,
+            min: 0.0,
+            max: 2.0,
+            scope: Scope::Setup,
+            doc: "coefficient of friction between objects",
+        }],
+    };
+
+    fn contact<T: Real>(pa: &[T], _pb: &[T], _contact: &Contact<T>, out: &mut ContactLaw<T>) {
+        out.friction += pa[0];
+    }
+}

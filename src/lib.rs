@@ -1,0 +1,9 @@
+//! vrdp understands the physics in a video: fit, predict, imagine, explain.
+
+pub mod body;
+pub mod effects;
+pub mod fit;
+pub mod num;
+pub mod reason;
+pub mod scene;
+pub mod world;

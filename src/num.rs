@@ -1,0 +1,401 @@
+//! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64` and [`Jet`].
+
+use serde::{Deserialize, Serialize};
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+
+/// Derivatives that one [`Jet`] carries; N parameters take `ceil(N / LANES)` passes.
+pub const LANES: usize = 8;
+
+/// A scalar the physics can be computed in: exactly `f64` and [`Jet`].
+pub trait Real:
+    Copy
+    + Debug
+    + Default
+    + Send
+    + Sync
+    + 'static
+    + Neg<Output = Self>
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Add<f64, Output = Self>
+    + Sub<f64, Output = Self>
+    + Mul<f64, Output = Self>
+    + Div<f64, Output = Self>
+    + AddAssign
+    + SubAssign
+    + MulAssign
+    + DivAssign
+    + MulAssign<f64>
+{
+    /// A constant: its derivatives are zero.
+    fn constant(value: f64) -> Self;
+    /// The real part; decisions about events look at nothing else.
+    fn value(self) -> f64;
+    /// `f(self)` for a function whose value and slope at the real part are known.
+    fn chain(self, value: f64, slope: f64) -> Self;
+
+    fn zero() -> Self {
+        Self::constant(0.0)
+    }
+    fn sqrt(self) -> Self {
+        let root = self.value().sqrt();
+        self.chain(root, 0.5 / root)
+    }
+    fn exp(self) -> Self {
+        let e = self.value().exp();
+        self.chain(e, e)
+    }
+    fn ln(self) -> Self {
+        self.chain(self.value().ln(), 1.0 / self.value())
+    }
+    fn sin(self) -> Self {
+        self.chain(self.value().sin(), self.value().cos())
+    }
+    fn cos(self) -> Self {
+        self.chain(self.value().cos(), -self.value().sin())
+    }
+    fn tanh(self) -> Self {
+        let t = self.value().tanh();
+        self.chain(t, 1.0 - t * t)
+    }
+    fn abs(self) -> Self {
+        if self.value() < 0.0 { -self } else { self }
+    }
+    fn max(self, other: Self) -> Self {
+        if other.value() > self.value() { other } else { self }
+    }
+    fn min(self, other: Self) -> Self {
+        if other.value() < self.value() { other } else { self }
+    }
+}
+
+impl Real for f64 {
+    fn constant(value: f64) -> Self {
+        value
+    }
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn chain(self, value: f64, _slope: f64) -> Self {
+        value
+    }
+}
+
+/// A value with its derivatives in [`LANES`] directions (forward-mode automatic differentiation).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Jet {
+    pub v: f64,
+    pub d: [f64; LANES],
+}
+
+impl Default for Jet {
+    fn default() -> Self {
+        Jet::constant(0.0)
+    }
+}
+
+impl Jet {
+    /// The variable of lane `lane`: derivative one in that lane.
+    pub fn variable(value: f64, lane: usize) -> Self {
+        let mut d = [0.0; LANES];
+        d[lane] = 1.0;
+        Jet { v: value, d }
+    }
+
+    #[inline(always)]
+    fn zip(self, o: Self, v: f64, f: impl Fn(f64, f64) -> f64) -> Self {
+        let mut d = [0.0; LANES];
+        for (i, d) in d.iter_mut().enumerate() {
+            *d = f(self.d[i], o.d[i]);
+        }
+        Jet { v, d }
+    }
+
+    #[inline(always)]
+    fn scaled(mut self, v: f64, slope: f64) -> Self {
+        for d in &mut self.d {
+            *d *= slope;
+        }
+        Jet { v, d: self.d }
+    }
+}
+
+impl Real for Jet {
+    fn constant(value: f64) -> Self {
+        Jet { v: value, d: [0.0; LANES] }
+    }
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self.v
+    }
+    #[inline(always)]
+    fn chain(self, value: f64, slope: f64) -> Self {
+        self.scaled(value, slope)
+    }
+}
+
+impl Neg for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn neg(self) -> Jet {
+        self.scaled(-self.v, -1.0)
+    }
+}
+impl Add for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn add(self, o: Jet) -> Jet {
+        self.zip(o, self.v + o.v, |a, b| a + b)
+    }
+}
+impl Sub for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn sub(self, o: Jet) -> Jet {
+        self.zip(o, self.v - o.v, |a, b| a - b)
+    }
+}
+impl Mul for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn mul(self, o: Jet) -> Jet {
+        self.zip(o, self.v * o.v, |a, b| a * o.v + self.v * b)
+    }
+}
+impl Div for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn div(self, o: Jet) -> Jet {
+        let (v, inverse) = (self.v / o.v, 1.0 / o.v);
+        self.zip(o, v, |a, b| (a - v * b) * inverse)
+    }
+}
+impl Add<f64> for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn add(self, o: f64) -> Jet {
+        Jet { v: self.v + o, d: self.d }
+    }
+}
+impl Sub<f64> for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn sub(self, o: f64) -> Jet {
+        Jet { v: self.v - o, d: self.d }
+    }
+}
+impl Mul<f64> for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn mul(self, o: f64) -> Jet {
+        self.scaled(self.v * o, o)
+    }
+}
+impl Div<f64> for Jet {
+    type Output = Jet;
+    #[inline(always)]
+    fn div(self, o: f64) -> Jet {
+        self.scaled(self.v / o, 1.0 / o)
+    }
+}
+impl AddAssign for Jet {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Jet) {
+        *self = *self + o;
+    }
+}
+impl SubAssign for Jet {
+    #[inline(always)]
+    fn sub_assign(&mut self, o: Jet) {
+        *self = *self - o;
+    }
+}
+impl MulAssign for Jet {
+    #[inline(always)]
+    fn mul_assign(&mut self, o: Jet) {
+        *self = *self * o;
+    }
+}
+impl DivAssign for Jet {
+    #[inline(always)]
+    fn div_assign(&mut self, o: Jet) {
+        *self = *self / o;
+    }
+}
+impl MulAssign<f64> for Jet {
+    #[inline(always)]
+    fn mul_assign(&mut self, o: f64) {
+        *self = *self * o;
+    }
+}
+
+/// A vector in the bird's-eye plane.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Vec2<T = f64> {
+    pub x: T,
+    pub y: T,
+}
+
+/// Shorthand for [`Vec2`].
+pub fn vec2<T>(x: T, y: T) -> Vec2<T> {
+    Vec2 { x, y }
+}
+
+impl<T: Real> Vec2<T> {
+    pub fn zero() -> Self {
+        vec2(T::zero(), T::zero())
+    }
+    /// A constant vector: its derivatives are zero.
+    pub fn constant(v: Vec2<f64>) -> Self {
+        vec2(T::constant(v.x), T::constant(v.y))
+    }
+    /// The unit vector at `angle` (rad) from the x axis.
+    pub fn from_angle(angle: T) -> Self {
+        vec2(angle.cos(), angle.sin())
+    }
+    #[inline(always)]
+    pub fn dot(self, o: Self) -> T {
+        self.x * o.x + self.y * o.y
+    }
+    /// z component of the cross product.
+    #[inline(always)]
+    pub fn cross(self, o: Self) -> T {
+        self.x * o.y - self.y * o.x
+    }
+    /// z^ x self: a quarter turn to the left.
+    #[inline(always)]
+    pub fn perp(self) -> Self {
+        vec2(-self.y, self.x)
+    }
+    #[inline(always)]
+    pub fn norm_squared(self) -> T {
+        self.dot(self)
+    }
+    /// Length; exactly zero (with zero derivatives) at the origin.
+    #[inline(always)]
+    pub fn norm(self) -> T {
+        let n = self.norm_squared();
+        if n.value() > 0.0 { n.sqrt() } else { T::zero() }
+    }
+    /// Unit vector, or zero at the origin.
+    #[inline(always)]
+    pub fn unit(self) -> Self {
+        let n = self.norm();
+        if n.value() > 0.0 { self * (T::constant(1.0) / n) } else { Self::zero() }
+    }
+    /// Rotated by the angle whose cosine and sine are the components of `turn`.
+    #[inline(always)]
+    pub fn rotated(self, turn: Self) -> Self {
+        vec2(self.x * turn.x - self.y * turn.y, self.x * turn.y + self.y * turn.x)
+    }
+    /// Rotated back by the angle of `turn`.
+    #[inline(always)]
+    pub fn unrotated(self, turn: Self) -> Self {
+        vec2(self.x * turn.x + self.y * turn.y, self.y * turn.x - self.x * turn.y)
+    }
+    /// Scaled by a plain number.
+    #[inline(always)]
+    pub fn scaled(self, s: f64) -> Self {
+        vec2(self.x * s, self.y * s)
+    }
+    /// The real parts.
+    #[inline(always)]
+    pub fn value(self) -> Vec2<f64> {
+        vec2(self.x.value(), self.y.value())
+    }
+}
+
+impl<T: Real> Add for Vec2<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        vec2(self.x + o.x, self.y + o.y)
+    }
+}
+impl<T: Real> Sub for Vec2<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        vec2(self.x - o.x, self.y - o.y)
+    }
+}
+impl<T: Real> Neg for Vec2<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        vec2(-self.x, -self.y)
+    }
+}
+impl<T: Real> Mul<T> for Vec2<T> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, s: T) -> Self {
+        vec2(self.x * s, self.y * s)
+    }
+}
+impl<T: Real> AddAssign for Vec2<T> {
+    #[inline(always)]
+    fn add_assign(&mut self, o: Self) {
+        *self = *self + o;
+    }
+}
+impl<T: Real> SubAssign for Vec2<T> {
+    #[inline(always)]
+    fn sub_assign(&mut self, o: Self) {
+        *self = *self - o;
+    }
+}
+
+/// Asks whether to go on: long work calls it once an iteration with its progress in 0..=1.
+pub type Stop<'a> = &'a (dyn Fn(f64) -> Result<(), Stopped> + Sync);
+
+/// The caller no longer wants the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("stopped by the caller")]
+pub struct Stopped;
+
+/// Never stops.
+pub fn never(_progress: f64) -> Result<(), Stopped> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use num_dual::{DualNum, gradient};
+    use proptest::prelude::*;
+
+    fn ours<T: Real>(x: T, y: T) -> T {
+        let v = vec2(x * y + 0.5, (x / y).sin());
+        (v.norm() + 1.0).ln() * (x * 0.3).exp() - (y - x).tanh() / v.unit().x + (y * y + x.cos()).sqrt()
+    }
+    fn theirs<D: DualNum<f64> + Copy>(x: D, y: D) -> D {
+        let (a, b) = (x * y + 0.5, (x / y).sin());
+        let n = (a * a + b * b).sqrt();
+        (n + 1.0).ln() * (x * 0.3).exp() - (y - x).tanh() / (a / n) + (y * y + x.cos()).sqrt()
+    }
+
+    proptest! {
+        #[test]
+        fn jet_agrees_with_num_dual(x in 0.1..3.0f64, y in 1.1..3.0f64) {
+            let j = ours(Jet::variable(x, 0), Jet::variable(y, 5));
+            let (v, g) = gradient(|p: nalgebra::SVector<_, 2>| theirs(p[0], p[1]), &nalgebra::vector![x, y]);
+            prop_assert!((j.v - v).abs() < 1e-12 && (ours(x, y) - v).abs() < 1e-12);
+            prop_assert!((j.d[0] - g[0]).abs() < 1e-10 * (1.0 + g[0].abs()));
+            prop_assert!((j.d[5] - g[1]).abs() < 1e-10 * (1.0 + g[1].abs()));
+            prop_assert_eq!(j.d[1], 0.0);
+        }
+    }
+
+    #[test]
+    fn the_zero_vector_has_no_direction_and_no_nan() {
+        let zero = vec2(Jet::variable(0.0, 0), Jet::variable(0.0, 1));
+        assert_eq!(zero.norm(), Jet::constant(0.0));
+        assert_eq!(zero.unit(), Vec2::zero());
+    }
+}

@@ -1,0 +1,204 @@
+//! What was observed of one video: objects, their tracks, the camera and the table.
+
+use crate::num::Vec2;
+use serde::{Deserialize, Serialize};
+
+/// Most objects in one scene: contacts are found pair by pair and a posterior holds all of them.
+pub const MAX_OBJECTS: usize = 128;
+/// Most frames in one scene: ten minutes at 25 frames/s.
+pub const MAX_FRAMES: usize = 15_000;
+/// Radius or half side that is taken where a scene gives none (m): CLEVRER's objects.
+pub const DEFAULT_SIZE: f64 = 0.2;
+
+/// One video. Object `i` of `objects` has the track `tracks[i]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Scene {
+    pub name: String,
+    /// The set-up (table and camera) it was filmed with; videos of one set-up share physics.
+    pub setup: Option<String>,
+    pub world: WorldKind,
+    /// Nominal frame rate (1/s); times beyond the last frame continue at it.
+    pub fps: f64,
+    /// Time of each frame (s), strictly increasing.
+    pub times: Vec<f64>,
+    pub camera: Option<Camera>,
+    pub table: Option<Table>,
+    /// Standard deviation of a measured position that the user believes (m).
+    pub noise_sigma: Option<f64>,
+    pub objects: Vec<Object>,
+    pub tracks: Vec<Track>,
+}
+
+/// What kind of place was filmed; it picks the default preset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WorldKind {
+    Clevrer,
+    Table,
+    AirTable,
+    Billiards,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Object {
+    /// The scene's own id, unique in the scene.
+    pub id: u32,
+    pub color: String,
+    pub material: String,
+    pub shape: Shape,
+    /// Known mass (kg); masses are relative where none is given.
+    pub mass: Option<f64>,
+}
+
+/// Outline in the bird's-eye plane, and whether it rolls.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shape {
+    /// A cylinder standing on its end; radius in m.
+    Disc { radius: f64 },
+    /// A sphere; radius in m.
+    Ball { radius: f64 },
+    /// A cube; half side in m.
+    Square { half_side: f64 },
+    /// A box; half length (along yaw) and half width in m.
+    Rectangle { half_length: f64, half_width: f64 },
+}
+
+/// Measured positions of one object, by increasing frame; frames in which it was not seen are absent.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Track {
+    pub samples: Vec<Sample>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// Index into `Scene::times`.
+    pub frame: usize,
+    /// Bird's-eye position (m).
+    pub position: Vec2,
+    /// Orientation about z (rad), if it was measured.
+    pub yaw: Option<f64>,
+}
+
+/// A pinhole camera: world (m) to pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Rows of the 3x4 projection matrix.
+    pub matrix: [[f64; 4]; 3],
+    /// Width and height in pixels.
+    pub image_size: [f64; 2],
+}
+
+/// Playing field with cushions (m).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    pub x: [f64; 2],
+    pub y: [f64; 2],
+}
+
+impl Scene {
+    pub fn object_index(&self, id: u32) -> Option<usize> {
+        self.objects.iter().position(|o| o.id == id)
+    }
+
+    /// Time of a frame (s), also of frames after the video.
+    pub fn time_of(&self, frame: usize) -> f64 {
+        match self.times.get(frame) {
+            Some(t) => *t,
+            None => {
+                let last = self.times.len().saturating_sub(1);
+                self.times.last().copied().unwrap_or(0.0) + (frame - last) as f64 / self.fps
+            }
+        }
+    }
+
+    /// The frame shown at a time (s): the last one that is not later, also after the video.
+    pub fn frame_at(&self, time: f64) -> usize {
+        match self.times.last() {
+            Some(&end) if time > end => {
+                self.times.len() - 1 + ((time - end) * self.fps + 1e-9).floor() as usize
+            }
+            _ => self.times.partition_point(|t| *t <= time + 1e-9).saturating_sub(1),
+        }
+    }
+}
+
+impl Shape {
+    /// Radius of the circle around the outline (m).
+    pub fn bounding_radius(&self) -> f64 {
+        match *self {
+            Shape::Disc { radius } | Shape::Ball { radius } => radius,
+            Shape::Square { half_side } => half_side * std::f64::consts::SQRT_2,
+            Shape::Rectangle { half_length, half_width } => half_length.hypot(half_width),
+        }
+    }
+
+    /// Moment of inertia about z for mass one (m^2): solid cylinder, sphere, box.
+    pub fn unit_inertia(&self) -> f64 {
+        match *self {
+            Shape::Disc { radius } => 0.5 * radius * radius,
+            Shape::Ball { radius } => 0.4 * radius * radius,
+            Shape::Square { half_side } => 2.0 / 3.0 * half_side * half_side,
+            Shape::Rectangle { half_length, half_width } => {
+                (half_length * half_length + half_width * half_width) / 3.0
+            }
+        }
+    }
+
+    /// Height of the centre above the ground, and of the projected point (m).
+    pub fn centre_height(&self) -> f64 {
+        match *self {
+            Shape::Disc { radius } | Shape::Ball { radius } => radius,
+            Shape::Square { half_side } => half_side,
+            Shape::Rectangle { half_width, .. } => half_width,
+        }
+    }
+
+    pub fn is_ball(&self) -> bool {
+        matches!(self, Shape::Ball { .. })
+    }
+
+    /// The word of CLEVRER's vocabulary for it.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Shape::Disc { .. } => "cylinder",
+            Shape::Ball { .. } => "sphere",
+            Shape::Square { .. } => "cube",
+            Shape::Rectangle { .. } => "box",
+        }
+    }
+}
+
+impl Camera {
+    /// Pixel of a world point at height `z` (m); `None` behind the camera.
+    pub fn project(&self, position: Vec2, z: f64) -> Option<[f64; 2]> {
+        let [u, v, w] = self.matrix.map(|r| r[0] * position.x + r[1] * position.y + r[2] * z + r[3]);
+        (w > 1e-9).then(|| [u / w, v / w])
+    }
+
+    /// Whether the world point lies inside the image.
+    pub fn sees(&self, position: Vec2, z: f64) -> bool {
+        self.project(position, z)
+            .is_some_and(|[u, v]| u > 0.0 && u < self.image_size[0] && v > 0.0 && v < self.image_size[1])
+    }
+}
+
+/// One thing that is wrong with an input: where, and what.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Violation {
+    /// Dotted path with indices, such as `objects[3].samples[7].x`.
+    pub path: String,
+    pub message: String,
+}
+
+/// An input that was refused, with everything that is wrong with it.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", list(.violations))]
+pub struct SceneError {
+    pub violations: Vec<Violation>,
+}
+
+fn list(violations: &[Violation]) -> String {
+    let lines: Vec<String> = violations.iter().map(|v| format!("{}: {}", v.path, v.message)).collect();
+    lines.join("\n")
+}

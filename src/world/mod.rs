@@ -1,0 +1,13 @@
+//! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
+
+mod intervene;
+mod model;
+mod preset;
+mod simulate;
+mod trace;
+
+pub use intervene::{Intervention, InterventionError};
+pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter, Prior, Start, Wall};
+pub use preset::{PRESETS, Preset};
+pub use simulate::{Limits, Rollout, simulate, trace};
+pub use trace::{Ending, Event, EventKind, State, Trace};

@@ -1,0 +1,217 @@
+//! The model: bodies, walls and active effects with their parameters, as plain data.
+
+use super::trace::State;
+use crate::effects::{EffectSpec, Scope};
+use crate::num::Vec2;
+use crate::scene::Shape;
+use serde::{Deserialize, Serialize};
+
+/// A physical model of one scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Model {
+    /// Name of the preset it began as.
+    pub preset: String,
+    pub bodies: Vec<BodySpec>,
+    pub walls: Vec<Wall>,
+    pub effects: Vec<ActiveEffect>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BodySpec {
+    /// The scene's id of the object.
+    pub id: u32,
+    pub material: String,
+    pub shape: Shape,
+    /// kg; relative where the scene gives none.
+    pub mass: f64,
+    pub start: Start,
+}
+
+/// Where and how a body begins; before `time` it is not there.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Start {
+    /// s.
+    pub time: f64,
+    pub state: State,
+    /// A ball that begins to roll: its spin follows from its velocity, and `state.roll` is not read.
+    pub rolling: bool,
+}
+
+/// A static line segment; bodies touch it from any side.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Wall {
+    pub name: String,
+    pub from: Vec2,
+    pub to: Vec2,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ActiveEffect {
+    pub name: String,
+    pub on: bool,
+    /// In the order of the effect's spec.
+    pub parameters: Vec<Parameter>,
+}
+
+/// One parameter of an effect: a value for each label of its scope (materials, object ids, pairs "1-3").
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    pub name: String,
+    pub scope: Scope,
+    /// Sorted; one empty label in scope `Setup`.
+    pub labels: Vec<String>,
+    pub values: Vec<f64>,
+    /// What is believed before the data: mean and standard deviation; 0 keeps the value fixed.
+    pub prior: Prior,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Prior {
+    pub mean: f64,
+    pub sd: f64,
+}
+
+/// Numbers that describe one body in [`Model::flatten`], in this order.
+pub const BODY_VALUES: [&str; 9] = ["x", "y", "yaw", "vx", "vy", "spin", "roll_x", "roll_y", "mass"];
+
+/// Index of the mass among [`BODY_VALUES`].
+pub const MASS: usize = 8;
+
+impl Model {
+    pub fn body_index(&self, id: u32) -> Option<usize> {
+        self.bodies.iter().position(|b| b.id == id)
+    }
+
+    pub fn effect(&self, name: &str) -> Option<&ActiveEffect> {
+        self.effects.iter().find(|e| e.name == name)
+    }
+
+    /// All numbers of the model: [`BODY_VALUES`] a body, then the values of each effect's parameters in order.
+    pub fn flatten(&self) -> Vec<f64> {
+        let mut flat = Vec::with_capacity(self.flat_len());
+        for body in &self.bodies {
+            let s = &body.start.state;
+            flat.extend([s.position.x, s.position.y, s.yaw, s.velocity.x, s.velocity.y]);
+            flat.extend([s.spin, s.roll.x, s.roll.y, body.mass]);
+        }
+        for parameter in self.parameters() {
+            flat.extend(&parameter.values);
+        }
+        flat
+    }
+
+    /// This model with other numbers, laid out as [`flatten`](Self::flatten) does.
+    pub fn with_values(&self, flat: &[f64]) -> Model {
+        debug_assert_eq!(flat.len(), self.flat_len());
+        let mut model = self.clone();
+        let mut rest = flat.iter().copied();
+        let mut next = || rest.next().unwrap_or(0.0);
+        for body in &mut model.bodies {
+            let s = &mut body.start.state;
+            for slot in
+                [&mut s.position.x, &mut s.position.y, &mut s.yaw, &mut s.velocity.x, &mut s.velocity.y]
+            {
+                *slot = next();
+            }
+            for slot in [&mut s.spin, &mut s.roll.x, &mut s.roll.y, &mut body.mass] {
+                *slot = next();
+            }
+        }
+        for effect in &mut model.effects {
+            for value in effect.parameters.iter_mut().flat_map(|p| &mut p.values) {
+                *value = next();
+            }
+        }
+        model
+    }
+
+    pub fn flat_len(&self) -> usize {
+        BODY_VALUES.len() * self.bodies.len() + self.parameters().map(|p| p.values.len()).sum::<usize>()
+    }
+
+    /// Parameters of all effects, in order.
+    pub fn parameters(&self) -> impl Iterator<Item = &Parameter> {
+        self.effects.iter().flat_map(|e| &e.parameters)
+    }
+
+    /// Adds a body; parameters that have no value for it take their prior's mean.
+    pub fn add_body(&mut self, body: BodySpec) {
+        self.bodies.push(body);
+        let bodies = &self.bodies;
+        for parameter in self.effects.iter_mut().flat_map(|e| &mut e.parameters) {
+            parameter.cover(bodies);
+        }
+    }
+
+    /// Takes a body out; parameters keep their values.
+    pub fn remove_body(&mut self, index: usize) {
+        self.bodies.remove(index);
+    }
+}
+
+impl BodySpec {
+    /// A new velocity at the start (m/s); a ball rolls with it.
+    pub fn set_velocity(&mut self, velocity: Vec2) {
+        self.start.state.velocity = velocity;
+        if self.shape.is_ball() {
+            self.start.rolling = true;
+        }
+    }
+}
+
+impl ActiveEffect {
+    /// The effect as its spec gives it, with a value for every body.
+    pub fn new(spec: &EffectSpec, bodies: &[BodySpec]) -> Self {
+        let parameters = spec.params.iter().map(|p| {
+            let prior = Prior { mean: p.default, sd: 0.0 };
+            Parameter::new(p.name, p.scope, prior, bodies)
+        });
+        ActiveEffect { name: spec.name.to_string(), on: true, parameters: parameters.collect() }
+    }
+}
+
+impl Parameter {
+    pub fn new(name: &str, scope: Scope, prior: Prior, bodies: &[BodySpec]) -> Self {
+        let mut parameter =
+            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], prior };
+        parameter.cover(bodies);
+        parameter
+    }
+
+    /// Gives a value to every label that the bodies need and that has none.
+    fn cover(&mut self, bodies: &[BodySpec]) {
+        for (i, a) in bodies.iter().enumerate() {
+            let partners = match self.scope {
+                Scope::ShapePair | Scope::Pair => &bodies[..i],
+                _ => &bodies[i..=i],
+            };
+            for b in partners {
+                let label = self.label(a, b);
+                if let Err(at) = self.labels.binary_search(&label) {
+                    self.labels.insert(at, label);
+                    self.values.insert(at, self.prior.mean);
+                }
+            }
+        }
+    }
+
+    /// Index of the value that applies to body `a` (touching `b`, or the same body where there is none).
+    pub fn index(&self, a: &BodySpec, b: &BodySpec) -> Option<usize> {
+        self.labels.binary_search(&self.label(a, b)).ok()
+    }
+
+    fn label(&self, a: &BodySpec, b: &BodySpec) -> String {
+        let pair = |x: &dyn std::fmt::Display, y: &dyn std::fmt::Display| format!("{x}-{y}");
+        match self.scope {
+            Scope::Setup => String::new(),
+            Scope::Material => a.material.clone(),
+            Scope::Shape => a.shape.word().to_string(),
+            Scope::Object => a.id.to_string(),
+            Scope::ShapePair => {
+                let (x, y) = (a.shape.word(), b.shape.word());
+                pair(&x.min(y), &x.max(y))
+            }
+            Scope::Pair => pair(&a.id.min(b.id), &a.id.max(b.id)),
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Presets: which effects a kind of scene starts with, as data.
+
+use super::model::{ActiveEffect, BodySpec, Model, Prior, Start, Wall};
+use super::trace::State;
+use crate::effects::{Scope, effect};
+use crate::num::vec2;
+use crate::scene::{Scene, Table, WorldKind};
+
+/// A named choice of effects with the beliefs that the fit starts from.
+#[derive(Debug, Clone, Copy)]
+pub struct Preset {
+    pub name: &'static str,
+    pub doc: &'static str,
+    /// Balls begin to roll (otherwise they glide until something turns them).
+    pub balls_roll: bool,
+    /// Prior standard deviation of a log mass that the scene does not give.
+    pub mass_sd: f64,
+    pub effects: &'static [PresetEffect],
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct PresetEffect {
+    pub name: &'static str,
+    /// Parameters that differ from the effect's spec.
+    pub params: &'static [PresetParam],
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct PresetParam {
+    pub name: &'static str,
+    pub mean: f64,
+    /// 0 keeps it fixed.
+    pub sd: f64,
+    pub scope: Scope,
+}
+
+const fn set(name: &'static str, mean: f64, sd: f64, scope: Scope) -> PresetParam {
+    PresetParam { name, mean, sd, scope }
+}
+
+const fn with(name: &'static str, params: &'static [PresetParam]) -> PresetEffect {
+    PresetEffect { name, params }
+}
+
+/// Every preset there is.
+pub static PRESETS: &[Preset] = &[
+    Preset {
+        name: "clevrer",
+        doc: "Objects thrown over a floor: friction, drag, restitution by pair, balls that roll.",
+        balls_roll: true,
+        mass_sd: 0.5,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.03, 0.01, Scope::Setup)]),
+            with("rolling_resistance", &[set("mu", 0.0, 0.002, Scope::Setup)]),
+            with("linear_drag", &[set("c", 0.04, 0.02, Scope::Setup)]),
+            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
+            with(
+                "restitution",
+                &[set("coefficient", 0.4, 0.3, Scope::Pair), set("object", 1.0, 0.0, Scope::Object)],
+            ),
+            with("contact_friction", &[set("mu", 0.04, 0.02, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "paper",
+        doc: "The published equations: friction by shape, quadratic drag, product law of restitution.",
+        balls_roll: true,
+        mass_sd: 0.5,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.03, 0.02, Scope::Setup)]),
+            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
+            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
+            with(
+                "restitution",
+                &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.67, 0.2, Scope::Object)],
+            ),
+        ],
+    },
+    Preset {
+        name: "table",
+        doc: "Friction and restitution, balls roll; nothing else.",
+        balls_roll: true,
+        mass_sd: 0.5,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
+            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
+            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "air_table",
+        doc: "Pucks on an air cushion: weak linear drag, restitution by pair.",
+        balls_roll: false,
+        mass_sd: 0.5,
+        effects: &[
+            with("linear_drag", &[set("c", 0.03, 0.03, Scope::Setup)]),
+            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Pair)]),
+            with("contact_friction", &[set("mu", 0.1, 0.1, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "billiards",
+        doc: "Balls on cloth between cushions.",
+        balls_roll: true,
+        mass_sd: 0.1,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.2, 0.05, Scope::Setup)]),
+            with("rolling_resistance", &[set("mu", 0.01, 0.005, Scope::Setup)]),
+            with("restitution", &[set("coefficient", 0.9, 0.1, Scope::ShapePair)]),
+            with("contact_friction", &[set("mu", 0.06, 0.03, Scope::Setup)]),
+        ],
+    },
+];
+
+impl Preset {
+    pub fn named(name: &str) -> Option<&'static Preset> {
+        PRESETS.iter().find(|p| p.name == name)
+    }
+
+    /// The preset that suits a kind of scene.
+    pub fn for_world(world: WorldKind) -> &'static Preset {
+        let name = match world {
+            WorldKind::Clevrer => "clevrer",
+            WorldKind::Table => "table",
+            WorldKind::AirTable => "air_table",
+            WorldKind::Billiards => "billiards",
+        };
+        PRESETS.iter().find(|p| p.name == name).unwrap_or(&PRESETS[0])
+    }
+
+    /// A model of the scene before any fit: bodies where they were first seen, at rest, effects at their prior means.
+    pub fn model(&self, scene: &Scene) -> Model {
+        let bodies: Vec<BodySpec> = scene
+            .objects
+            .iter()
+            .zip(&scene.tracks)
+            .map(|(object, track)| {
+                let (time, position, yaw) = match track.samples.first() {
+                    Some(s) => (scene.time_of(s.frame), s.position, s.yaw.unwrap_or(0.0)),
+                    None => (0.0, vec2(0.0, 0.0), 0.0),
+                };
+                BodySpec {
+                    id: object.id,
+                    material: object.material.clone(),
+                    shape: object.shape,
+                    mass: object.mass.unwrap_or(1.0),
+                    start: Start {
+                        time,
+                        state: State { position, yaw, ..State::default() },
+                        rolling: self.balls_roll && object.shape.is_ball(),
+                    },
+                }
+            })
+            .collect();
+        let effects = self.effects.iter().filter_map(|chosen| {
+            let mut active = ActiveEffect::new(&effect(chosen.name)?.spec, &bodies);
+            for p in chosen.params {
+                if let Some(slot) = active.parameters.iter_mut().find(|q| q.name == p.name) {
+                    let prior = Prior { mean: p.mean, sd: p.sd };
+                    *slot = super::model::Parameter::new(p.name, p.scope, prior, &bodies);
+                }
+            }
+            Some(active)
+        });
+        let effects = effects.collect();
+        let walls = scene.table.map(cushions).unwrap_or_default();
+        Model { preset: self.name.to_string(), bodies, walls, effects }
+    }
+}
+
+/// The four sides of a table, named as seen from above with y upwards.
+fn cushions(table: Table) -> Vec<Wall> {
+    let ([x0, x1], [y0, y1]) = (table.x, table.y);
+    let side = |name: &str, from, to| Wall { name: name.to_string(), from, to };
+    vec![
+        side("left", vec2(x0, y0), vec2(x0, y1)),
+        side("right", vec2(x1, y0), vec2(x1, y1)),
+        side("bottom", vec2(x0, y0), vec2(x1, y0)),
+        side("top", vec2(x0, y1), vec2(x1, y1)),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_names_effects_and_parameters_that_exist() {
+        for preset in PRESETS {
+            for chosen in preset.effects {
+                let spec = &effect(chosen.name).expect(chosen.name).spec;
+                for p in chosen.params {
+                    let known = spec.params.iter().find(|q| q.name == p.name).expect(p.name);
+                    assert!(p.mean >= known.min && p.mean <= known.max, "{}.{}", chosen.name, p.name);
+                }
+            }
+        }
+        for world in [WorldKind::Clevrer, WorldKind::Table, WorldKind::AirTable, WorldKind::Billiards] {
+            Preset::for_world(world);
+        }
+    }
+}
