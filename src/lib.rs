@@ -1,5 +1,6 @@
 //! vrdp understands the physics in a video: fit, predict, imagine, explain.
 
+pub mod api;
 pub mod body;
 pub mod effects;
 pub mod fit;

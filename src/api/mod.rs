@@ -1,0 +1,10 @@
+//! The gRPC edge: the generated messages, their conversion, the services and their server.
+
+/// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.
+#[allow(clippy::all, missing_docs)]
+pub mod v1 {
+    tonic::include_proto!("vrdp.v1");
+}
+
+/// Descriptors of all of `proto/`, for reflection.
+pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
