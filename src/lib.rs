@@ -6,5 +6,6 @@ pub mod effects;
 pub mod fit;
 pub mod num;
 pub mod reason;
+pub mod recording;
 pub mod scene;
 pub mod world;
