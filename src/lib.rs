@@ -3,9 +3,11 @@
 pub mod api;
 pub mod body;
 pub mod effects;
+pub mod engine;
 pub mod fit;
 pub mod num;
 pub mod reason;
 pub mod recording;
 pub mod scene;
+pub mod store;
 pub mod world;

@@ -11,11 +11,10 @@ pub use start::{Choice, ChoiceKind};
 pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
-use crate::reason::{
-    Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, ask, imagine,
-};
+use crate::reason::{Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, ask, imagine};
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
+
 use crate::world::Intervention;
 use memo::Memo;
 use moka::future::Cache;
@@ -228,7 +227,10 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         let Some(model) = start.start(&scene)? else {
-            return Err(EngineError::invalid(start.path, "is fitted already; name a preset or give a model file"));
+            return Err(EngineError::invalid(
+                start.path,
+                "is fitted already; name a preset or give a model file",
+            ));
         };
         let id = canonical_digest("model", &(video, &model, &options, env!("CARGO_PKG_VERSION")));
         let (engine, video) = (self.clone(), video.to_string());
@@ -347,10 +349,8 @@ impl Engine {
         let fitted = self.fitted(video, choice).await?;
         // Debug of the question: it holds strings only, which Debug tells apart.
         let request = format!("{question:?}");
-        let digest = canonical_digest(
-            "question",
-            &(video, &fitted.id, &request, options.rollouts as u64, options.seed),
-        );
+        let digest =
+            canonical_digest("question", &(video, &fitted.id, &request, options.rollouts, options.seed));
         let engine = self.clone();
         let work = move |control| async move {
             let model = fitted.id.clone();
@@ -389,8 +389,7 @@ impl Engine {
 
 fn check_size(scene: &Scene, frames: usize, options: &SimulateOptions) -> Result<(), EngineError> {
     let mut violations = Vec::new();
-    let mut add =
-        |path: &str, message: String| violations.push(Violation { path: path.into(), message });
+    let mut add = |path: &str, message: String| violations.push(Violation { path: path.into(), message });
     let states = frames.saturating_mul(scene.objects.len());
     if frames == 0 || frames > MAX_SIMULATED_FRAMES {
         add("frames", format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}"));
