@@ -43,6 +43,8 @@ pub struct Wrench<T> {
     pub grip: T,
     /// Most resistance to rolling, as a force at a ball's centre (N).
     pub rolling: T,
+    /// Rate at which velocities and spins decay (1/s), whatever holds the body.
+    pub damping: T,
     /// Most friction torque about z on top of what `grip` does over the footprint (N m).
     pub pivot: T,
 }
@@ -50,7 +52,7 @@ pub struct Wrench<T> {
 impl<T: Real> Wrench<T> {
     pub fn zero() -> Self {
         let zero = T::zero();
-        Wrench { force: Vec2::zero(), torque: zero, grip: zero, rolling: zero, pivot: zero }
+        Wrench { force: Vec2::zero(), torque: zero, grip: zero, rolling: zero, damping: zero, pivot: zero }
     }
 }
 

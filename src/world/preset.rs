@@ -51,9 +51,10 @@ pub static PRESETS: &[Preset] = &[
         mass_sd: 0.5,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.01, Scope::Setup)]),
-            with("rolling_resistance", &[set("mu", 0.0, 0.002, Scope::Setup)]),
-            with("linear_drag", &[set("c", 0.04, 0.02, Scope::Setup)]),
-            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
+            with(
+                "damping",
+                &[set("linear", 0.04, 0.02, Scope::Setup), set("quadratic", 0.06, 0.04, Scope::Shape)],
+            ),
             with(
                 "restitution",
                 &[set("coefficient", 0.4, 0.3, Scope::Pair), set("object", 1.0, 0.0, Scope::Object)],
@@ -69,7 +70,10 @@ pub static PRESETS: &[Preset] = &[
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.02, Scope::Setup)]),
             with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
-            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
+            with(
+                "damping",
+                &[set("linear", 0.0, 0.0, Scope::Setup), set("quadratic", 0.06, 0.03, Scope::Setup)],
+            ),
             with(
                 "restitution",
                 &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.67, 0.2, Scope::Object)],
