@@ -168,7 +168,7 @@ impl Preset {
         });
         let effects = effects.collect();
         let walls = scene.table.map(cushions).unwrap_or_default();
-        Model { preset: self.name.to_string(), bodies, walls, effects }
+        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd: self.mass_sd }
     }
 }
 
