@@ -2,6 +2,7 @@
 
 mod contact_friction;
 mod damping;
+mod friction_offset;
 mod linear_drag;
 mod quadratic_drag;
 mod restitution;
@@ -14,6 +15,7 @@ use crate::num::{Jet, Real, Vec2};
 /// Every effect there is. A new one is its file and a line here.
 pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<sliding_friction::SlidingFriction>(),
+    EffectEntry::of::<friction_offset::FrictionOffset>(),
     EffectEntry::of::<rolling_resistance::RollingResistance>(),
     EffectEntry::of::<damping::Damping>(),
     EffectEntry::of::<linear_drag::LinearDrag>(),

@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
                 let spec = effect(&active.name).map(|e| &e.spec);
                 for (k, parameter) in active.parameters.iter().enumerate() {
                     let bounds = spec.and_then(|s| s.params.get(k));
-                    for label in &parameter.labels {
+                    for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
                         let name = match label.as_str() {
                             "" => format!("{}.{}", active.name, parameter.name),
@@ -131,7 +131,7 @@ impl<'a> Problem<'a> {
                                     log: false,
                                     min: bounds.map_or(f64::NEG_INFINITY, |b| b.min),
                                     max: bounds.map_or(f64::INFINITY, |b| b.max),
-                                    mean: parameter.prior.mean,
+                                    mean: *mean,
                                     sd: parameter.prior.sd,
                                 });
                             }

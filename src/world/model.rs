@@ -63,7 +63,9 @@ pub struct Parameter {
     /// Sorted; one empty label in scope `Setup`.
     pub labels: Vec<String>,
     pub values: Vec<f64>,
-    /// What is believed before the data: mean and standard deviation; 0 keeps the value fixed.
+    /// What is believed of each value before the data.
+    pub means: Vec<f64>,
+    /// What is believed of a value that has no label yet, and how firmly: deviation 0 keeps values fixed.
     pub prior: Prior,
 }
 
@@ -205,7 +207,7 @@ impl ActiveEffect {
 impl Parameter {
     pub fn new(name: &str, scope: Scope, prior: Prior, bodies: &[BodySpec]) -> Self {
         let mut parameter =
-            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], prior };
+            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], means: vec![], prior };
         parameter.cover(bodies);
         parameter
     }
@@ -222,6 +224,7 @@ impl Parameter {
                 if let Err(at) = self.labels.binary_search(&label) {
                     self.labels.insert(at, label);
                     self.values.insert(at, self.prior.mean);
+                    self.means.insert(at, self.prior.mean);
                 }
             }
         }

@@ -203,8 +203,8 @@ impl<T: Scalar> Laws<T> {
         let Shape::Ball { radius } = *shape else {
             if w.grip.value() > 0.0 {
                 let (f, t) = footprint(shape, k);
-                force -= f * w.grip;
-                torque -= t * w.grip;
+                force -= (f - f.perp() * w.skew) * w.grip;
+                torque -= (t - w.lever * f.norm()) * w.grip;
             }
             return Rates {
                 velocity: force * self.inverse_mass[i],
