@@ -41,8 +41,13 @@ pub struct Wrench<T> {
     pub torque: T,
     /// Most dry friction of the ground at the foot (N).
     pub grip: T,
+    /// Lever (m) and angle (rad) by which the friction of a sliding foot is off the centre of mass and askew.
+    pub lever: T,
+    pub skew: T,
     /// Most resistance to rolling, as a force at a ball's centre (N).
     pub rolling: T,
+    /// Rate at which velocities and spins decay (1/s), whatever holds the body.
+    pub damping: T,
     /// Most friction torque about z on top of what `grip` does over the footprint (N m).
     pub pivot: T,
 }
@@ -50,7 +55,16 @@ pub struct Wrench<T> {
 impl<T: Real> Wrench<T> {
     pub fn zero() -> Self {
         let zero = T::zero();
-        Wrench { force: Vec2::zero(), torque: zero, grip: zero, rolling: zero, pivot: zero }
+        Wrench {
+            force: Vec2::zero(),
+            torque: zero,
+            grip: zero,
+            lever: zero,
+            skew: zero,
+            rolling: zero,
+            damping: zero,
+            pivot: zero,
+        }
     }
 }
 

@@ -1,6 +1,8 @@
 //! The laws of motion and contact: one file each, one line each in [`EFFECTS`].
 
 mod contact_friction;
+mod damping;
+mod friction_offset;
 mod linear_drag;
 mod quadratic_drag;
 mod restitution;
@@ -13,7 +15,9 @@ use crate::num::{Jet, Real, Vec2};
 /// Every effect there is. A new one is its file and a line here.
 pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<sliding_friction::SlidingFriction>(),
+    EffectEntry::of::<friction_offset::FrictionOffset>(),
     EffectEntry::of::<rolling_resistance::RollingResistance>(),
+    EffectEntry::of::<damping::Damping>(),
     EffectEntry::of::<linear_drag::LinearDrag>(),
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),
     EffectEntry::of::<restitution::Restitution>(),
@@ -89,9 +93,12 @@ pub enum Scope {
     Pair,
 }
 
-type ForceFn<T> = fn(&[T], T, &Body<T>, &mut Wrench<T>);
-type PairFn<T> = fn(&[T], &Body<T>, &Body<T>) -> Vec2<T>;
-type ContactFn<T> = fn(&[T], &[T], &Contact<T>, &mut ContactLaw<T>);
+/// See [`Effect::force`].
+pub type ForceFn<T> = fn(&[T], T, &Body<T>, &mut Wrench<T>);
+/// See [`Effect::pair`].
+pub type PairFn<T> = fn(&[T], &Body<T>, &Body<T>) -> Vec2<T>;
+/// See [`Effect::contact`].
+pub type ContactFn<T> = fn(&[T], &[T], &Contact<T>, &mut ContactLaw<T>);
 
 /// The hooks of one effect, compiled for one scalar.
 pub struct Hooks<T> {

@@ -1,13 +1,20 @@
 //! Fits a model to what was observed: start values, damped Gauss-Newton in trajectory space, posterior.
 
+mod noise;
 mod posterior;
+mod problem;
+mod solve;
+mod start;
 
 pub use posterior::{Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::Model;
+use noise::Noise;
+use problem::Problem;
 use serde::{Deserialize, Serialize};
+use solve::{Solution, minimise};
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
@@ -59,81 +66,137 @@ pub enum Outcome {
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
-    #[error("no scene was given")]
+    #[error("no scene was given; give at least one")]
     NoScene,
+    #[error("{scenes} scenes but {models} models were given; give one model a scene")]
+    Count { scenes: usize, models: usize },
     #[error(
-        "scene {scene}, object {id}: seen in {seen} frames; at least {needed} are needed to fit its motion"
+        "scene {scene}: {seen} positions were measured; at least {needed} are needed to fit a motion: film longer"
     )]
-    TooFewFrames { scene: String, id: u32, seen: usize, needed: usize },
-    #[error("scene {scene}: the model has {model} bodies, the scene {objects} objects")]
+    TooLittleData { scene: String, seen: usize, needed: usize },
+    #[error(
+        "scene {scene}: the model has {model} bodies, the scene {objects} objects; use a model of this scene"
+    )]
     Mismatch { scene: String, model: usize, objects: usize },
     #[error(transparent)]
     Stopped(#[from] Stopped),
 }
 
+/// Fewest measured positions of a scene.
+const FEWEST_SAMPLES: usize = 3;
+/// Reduced chi-square up to which a fit needs no other attempt, and up to which noise explains the misfit.
+const GOOD: f64 = 1.25;
+const ADEQUATE: f64 = 1.5;
+/// A growing window takes in this many frames after the first that leaves the noise.
+const LOOK_AHEAD: usize = 8;
+/// A residual beyond this many deviations has left the noise.
+const OUT_OF_NOISE: f64 = 6.0;
+
 /// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
 /// `ShapePair` are shared by all scenes. Deterministic.
-pub fn fit(scenes: &[Scene], start: &[Model], _options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
-    // Stub until the solver lands: a line through each track.
-    stop(0.0)?;
+pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    check(scenes, start)?;
+    let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
+    let mut models = start.to_vec();
+    for ((scene, model), noise) in scenes.iter().zip(&mut models).zip(&noises) {
+        start::from_tracks(scene, model, noise);
+    }
+    let problem = Problem::new(scenes, models, &noises);
+    let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
+    let mut best = minimise(&problem, &problem.start(), frames, options.max_iterations, stop)?;
+    if worst_chi_square(&problem, &best.point, frames) > GOOD {
+        let mut grown = grow(&problem, frames, options.max_iterations, stop)?;
+        grown.iterations += best.iterations;
+        if grown.cost < best.cost {
+            best = grown;
+        }
+    }
+    let posterior = Posterior::at(&problem, &best.point, frames);
+    let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
+    Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
+}
+
+fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
     if scenes.is_empty() {
         return Err(FitError::NoScene);
     }
-    let scenes = scenes
-        .iter()
-        .zip(start)
-        .map(|(scene, model)| {
-            let mut model = model.clone();
-            for (body, track) in model.bodies.iter_mut().zip(&scene.tracks) {
-                if let (Some(a), Some(b)) = (track.samples.first(), track.samples.get(9)) {
-                    let dt = scene.time_of(b.frame) - scene.time_of(a.frame);
-                    let v = (b.position - a.position).scaled(1.0 / dt);
-                    body.start.state.velocity = v;
-                }
-            }
-            SceneFit {
-                name: scene.name.clone(),
-                model,
-                noise_sigma: 0.005,
-                noise_yaw: None,
-                rmse: 0.005,
-                reduced_chi_square: 1.0,
-                degrees_of_freedom: 1,
-                adequate: true,
-            }
-        })
-        .collect();
-    Ok(Fit { scenes, posterior: Posterior::default(), iterations: 1, outcome: Outcome::Converged })
+    if scenes.len() != models.len() {
+        return Err(FitError::Count { scenes: scenes.len(), models: models.len() });
+    }
+    for (scene, model) in scenes.iter().zip(models) {
+        let name = || scene.name.clone();
+        if model.bodies.len() != scene.objects.len() || scene.tracks.len() != scene.objects.len() {
+            let (model, objects) = (model.bodies.len(), scene.objects.len());
+            return Err(FitError::Mismatch { scene: name(), model, objects });
+        }
+        let seen = scene.tracks.iter().map(|t| t.samples.len()).sum();
+        if seen < FEWEST_SAMPLES {
+            return Err(FitError::TooLittleData { scene: name(), seen, needed: FEWEST_SAMPLES });
+        }
+    }
+    Ok(())
 }
 
-impl Fit {
-    /// Models of one scene drawn from the posterior; the same seed gives the same draws.
-    pub fn draw(&self, scene: usize, count: usize, _seed: u64) -> Vec<Model> {
-        vec![self.scenes[scene].model.clone(); count]
+/// Fits from the first frames on, taking in more as far as the model follows: no contact is passed before the
+/// motion up to it is right.
+fn grow(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> Result<Solution, FitError> {
+    let mut point = problem.start();
+    let mut window = LOOK_AHEAD.max(10).min(frames);
+    let mut iterations = 0;
+    loop {
+        let solution =
+            minimise(problem, &point, window, budget.saturating_sub(iterations).clamp(1, 30), stop)?;
+        iterations += solution.iterations;
+        point = solution.point;
+        if window >= frames {
+            return Ok(Solution { point, iterations, ..solution });
+        }
+        let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
+        window = (lost.unwrap_or(frames) + LOOK_AHEAD).max(window + LOOK_AHEAD).min(frames);
     }
+}
 
-    /// Mass and restitution of each object of a scene, in the scene's order.
-    pub fn objects(&self, scene: usize) -> Vec<ObjectEstimate> {
-        let estimate = |name: String, unit: &str| Estimate {
-            scene: Some(scene),
-            name,
-            value: 1.0,
-            sd: 0.5,
-            unit: unit.to_string(),
-            identified: false,
-        };
-        let bodies = self.scenes[scene].model.bodies.iter();
-        bodies
-            .map(|b| ObjectEstimate {
-                id: b.id,
-                mass: estimate(format!("objects[{}].mass", b.id), "kg"),
-                restitution: estimate(format!("objects[{}].restitution", b.id), "1"),
-            })
-            .collect()
-    }
+/// The first frame at which the simulation leaves the measurements of a scene.
+fn first_lost(problem: &Problem, index: usize, point: &[f64], frames: usize) -> Option<usize> {
+    let part = &problem.parts[index];
+    let rollout = part.rollout(&problem.free, point, frames);
+    let mut bad: Vec<usize> = vec![];
+    part.each_residual(&rollout, frames, |(_, frame, _), r, _| {
+        if r.abs() > OUT_OF_NOISE {
+            bad.push(frame);
+        }
+    });
+    bad.into_iter().min()
+}
 
-    /// Parameters of the effects as they apply to a scene.
-    pub fn shared(&self, _scene: usize) -> Vec<SharedEstimate> {
-        vec![]
+fn worst_chi_square(problem: &Problem, point: &[f64], frames: usize) -> f64 {
+    let each = (0..problem.parts.len()).map(|i| scene_fit(problem, i, point, frames).reduced_chi_square);
+    each.fold(0.0, f64::max)
+}
+
+fn scene_fit(problem: &Problem, index: usize, point: &[f64], frames: usize) -> SceneFit {
+    let part = &problem.parts[index];
+    let rollout = part.rollout(&problem.free, point, frames);
+    let (mut chi_square, mut count, mut squares, mut positions) = (0.0, 0usize, 0.0, 0usize);
+    part.each_residual(&rollout, frames, |(_, _, coordinate), r, _| {
+        chi_square += r * r;
+        count += 1;
+        if coordinate < 2 {
+            squares += (r * part.noise.position).powi(2);
+            positions += 1;
+        }
+    });
+    let parameters = problem.free.iter().filter(|f| f.scene == Some(index) && f.sd > 1.0).count();
+    let degrees_of_freedom = count.saturating_sub(parameters).max(1);
+    let reduced_chi_square = chi_square / degrees_of_freedom as f64;
+    SceneFit {
+        name: part.scene.name.clone(),
+        model: problem.model(index, point),
+        noise_sigma: part.noise.position,
+        noise_yaw: part.noise.yaw,
+        rmse: (squares / positions.max(1) as f64).sqrt(),
+        reduced_chi_square,
+        degrees_of_freedom,
+        adequate: reduced_chi_square <= ADEQUATE,
     }
 }

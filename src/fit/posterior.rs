@@ -1,11 +1,36 @@
-//! What the data say about the parameters: mean, covariance, what is identified.
+//! What the data say about the parameters: mean, covariance, what is identified, and draws.
 
+use super::problem::{Free, Problem, Window};
+use super::{Fit, SceneFit};
+use crate::effects::effect;
+use crate::world::{BODY_VALUES, MASS, Model};
+use nalgebra::{DMatrix, DVector};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// Gaussian around the best parameters (Laplace).
+/// The data identify a parameter when they leave less than this share of the prior's deviation.
+const IDENTIFIED: f64 = 0.5;
+
+/// Gaussian around the best parameters (Laplace), in search space: masses as logarithms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Posterior {
     pub estimates: Vec<Estimate>,
+    /// Search-space values, bounds and whether they are logarithms, in the order of `estimates`.
+    coordinates: Vec<Coordinate>,
+    /// Lower triangle, row by row, of a factor L of the covariance L L^T.
+    factor: Vec<f64>,
+    /// For each scene, index in [`Model::flatten`] and in `coordinates`.
+    slots: Vec<Vec<(usize, usize)>>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Coordinate {
+    value: f64,
+    min: f64,
+    max: f64,
+    log: bool,
 }
 
 /// One fitted parameter.
@@ -40,4 +65,182 @@ pub struct SharedEstimate {
     /// What each value applies to; one empty label where there is one value.
     pub labels: Vec<String>,
     pub values: Vec<Estimate>,
+}
+
+impl Posterior {
+    pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
+        let normal = problem.normal(point, window);
+        let factor = covariance_factor(normal.hessian);
+        let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
+        let estimate = |(k, f): (usize, &Free)| {
+            let value = if f.log { point[k].exp() } else { point[k] };
+            Estimate {
+                scene: f.scene,
+                name: f.name.clone(),
+                value,
+                sd: if f.log { value * sd[k] } else { sd[k] },
+                unit: f.unit.to_string(),
+                identified: sd[k] < IDENTIFIED * f.sd,
+            }
+        };
+        let coordinate =
+            |(k, f): (usize, &Free)| Coordinate { value: point[k], min: f.min, max: f.max, log: f.log };
+        Posterior {
+            estimates: problem.free.iter().enumerate().map(estimate).collect(),
+            coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
+            factor: (0..point.len())
+                .flat_map(|k| factor.row(k).columns(0, k + 1).iter().copied().collect::<Vec<_>>())
+                .collect(),
+            slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
+        }
+    }
+
+    fn named(&self, scene: usize, name: &str) -> Option<&Estimate> {
+        self.estimates.iter().find(|e| e.name == name && e.scene.is_none_or(|s| s == scene))
+    }
+
+    /// A model with the parameters moved by `z` deviations along the covariance's factor.
+    fn displaced(&self, scene: usize, model: &Model, z: &[f64]) -> Model {
+        let mut flat = model.flatten();
+        for &(slot, k) in &self.slots[scene] {
+            let first = k * (k + 1) / 2;
+            let shift: f64 = self.factor[first..first + k + 1].iter().zip(z).map(|(l, z)| l * z).sum();
+            let c = &self.coordinates[k];
+            let value = (c.value + shift).clamp(c.min, c.max);
+            flat[slot] = if c.log { value.exp() } else { value };
+        }
+        model.with_values(&flat)
+    }
+}
+
+/// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.
+fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
+    let n = hessian.nrows();
+    // Scale to a unit diagonal first: states and masses differ by orders of magnitude.
+    let scale = DVector::from_iterator(n, (0..n).map(|k| 1.0 / hessian[(k, k)].max(1e-300).sqrt()));
+    let mut unit = hessian;
+    for i in 0..n {
+        for j in 0..n {
+            unit[(i, j)] *= scale[i] * scale[j];
+        }
+    }
+    let mut ridge = 0.0;
+    let inverse = loop {
+        let mut trial = unit.clone();
+        for k in 0..n {
+            trial[(k, k)] += ridge;
+        }
+        if let Some(c) = trial.cholesky() {
+            break c.inverse();
+        }
+        ridge = if ridge == 0.0 { 1e-12 } else { ridge * 100.0 };
+        if ridge > 1.0 {
+            break DMatrix::identity(n, n);
+        }
+    };
+    let mut covariance = inverse;
+    for i in 0..n {
+        for j in 0..n {
+            covariance[(i, j)] *= scale[i] * scale[j];
+        }
+    }
+    let diagonal = covariance.diagonal();
+    match covariance.cholesky() {
+        Some(c) => c.unpack(),
+        None => DMatrix::from_diagonal(&diagonal.map(|v| v.max(0.0).sqrt())),
+    }
+}
+
+impl Fit {
+    /// Models of one scene drawn from the posterior; the same seed gives the same draws.
+    pub fn draw(&self, scene: usize, count: usize, seed: u64) -> Vec<Model> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let model = &self.scenes[scene].model;
+        let n = self.posterior.coordinates.len();
+        (0..count)
+            .map(|_| {
+                let z: Vec<f64> = (0..n).map(|_| StandardNormal.sample(&mut random)).collect();
+                self.posterior.displaced(scene, model, &z)
+            })
+            .collect()
+    }
+
+    /// Mass and restitution of each object of a scene, in the scene's order.
+    pub fn objects(&self, scene: usize) -> Vec<ObjectEstimate> {
+        let SceneFit { model, .. } = &self.scenes[scene];
+        let flat = model.flatten();
+        let one = |(b, body): (usize, &crate::world::BodySpec)| {
+            let name = format!("objects[{}].mass", body.id);
+            let given = Estimate {
+                scene: Some(scene),
+                name: name.clone(),
+                value: flat[b * BODY_VALUES.len() + MASS],
+                sd: 0.0,
+                unit: "kg".into(),
+                identified: true,
+            };
+            let mass = self.posterior.named(scene, &name).cloned().unwrap_or(given);
+            ObjectEstimate { id: body.id, mass, restitution: self.restitution(scene, body.id) }
+        };
+        model.bodies.iter().enumerate().map(one).collect()
+    }
+
+    /// The factor of one object: its own where the model has one, else the root of what its contacts show.
+    fn restitution(&self, scene: usize, id: u32) -> Estimate {
+        let name = format!("objects[{id}].restitution");
+        if let Some(own) = self.posterior.named(scene, &format!("restitution.object[{id}]")) {
+            return Estimate { name, ..own.clone() };
+        }
+        let touches = |label: &str| label.split('-').any(|part| part == id.to_string());
+        let shared = self.shared(scene);
+        let coefficient = shared.iter().find(|s| s.effect == "restitution" && s.parameter == "coefficient");
+        let best =
+            coefficient.into_iter().flat_map(|s| s.labels.iter().zip(&s.values)).filter(|(label, _)| {
+                label.is_empty() || !label.contains(|c: char| c.is_ascii_digit()) || touches(label)
+            });
+        let best = best.min_by(|a, b| a.1.sd.total_cmp(&b.1.sd)).map(|(_, e)| e.clone());
+        let e = best.unwrap_or(Estimate {
+            scene: Some(scene),
+            name: String::new(),
+            value: 0.0,
+            sd: 0.0,
+            unit: "1".into(),
+            identified: false,
+        });
+        let root = e.value.max(0.0).sqrt();
+        Estimate { scene: Some(scene), name, value: root, sd: e.sd / (2.0 * root.max(0.1)), ..e }
+    }
+
+    /// Parameters of the effects as they apply to a scene.
+    pub fn shared(&self, scene: usize) -> Vec<SharedEstimate> {
+        let model = &self.scenes[scene].model;
+        let mut all = vec![];
+        for active in model.effects.iter().filter(|e| e.on) {
+            for (k, parameter) in active.parameters.iter().enumerate() {
+                let unit = effect(&active.name).and_then(|e| e.spec.params.get(k)).map_or("1", |p| p.unit);
+                let value = |(label, value): (&String, &f64)| {
+                    let name = match label.as_str() {
+                        "" => format!("{}.{}", active.name, parameter.name),
+                        _ => format!("{}.{}[{label}]", active.name, parameter.name),
+                    };
+                    let fixed = Estimate {
+                        scene: None,
+                        name: name.clone(),
+                        value: *value,
+                        sd: 0.0,
+                        unit: unit.to_string(),
+                        identified: false,
+                    };
+                    self.posterior.named(scene, &name).cloned().unwrap_or(fixed)
+                };
+                all.push(SharedEstimate {
+                    effect: active.name.clone(),
+                    parameter: parameter.name.clone(),
+                    labels: parameter.labels.clone(),
+                    values: parameter.labels.iter().zip(&parameter.values).map(value).collect(),
+                });
+            }
+        }
+        all
+    }
 }

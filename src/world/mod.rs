@@ -1,13 +1,21 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
+mod footprint;
+mod geometry;
+mod impact;
 mod intervene;
 mod model;
+mod motion;
 mod preset;
 mod simulate;
 mod trace;
 
 pub use intervene::{Intervention, InterventionError};
-pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter, Prior, Start, Wall};
+pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, Start, Wall};
+pub use motion::Kinematics;
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Limits, Rollout, simulate, trace};
 pub use trace::{Ending, Event, EventKind, State, Trace};
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,7 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
 use super::trace::State;
-use crate::effects::{EffectSpec, Scope};
+use crate::effects::{EffectSpec, Hook, Scope, effect};
 use crate::num::Vec2;
 use crate::scene::Shape;
 use serde::{Deserialize, Serialize};
@@ -14,6 +14,8 @@ pub struct Model {
     pub bodies: Vec<BodySpec>,
     pub walls: Vec<Wall>,
     pub effects: Vec<ActiveEffect>,
+    /// Prior standard deviation of the logarithm of a mass that is not given.
+    pub mass_sd: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,7 +63,9 @@ pub struct Parameter {
     /// Sorted; one empty label in scope `Setup`.
     pub labels: Vec<String>,
     pub values: Vec<f64>,
-    /// What is believed before the data: mean and standard deviation; 0 keeps the value fixed.
+    /// What is believed of each value before the data.
+    pub means: Vec<f64>,
+    /// What is believed of a value that has no label yet, and how firmly: deviation 0 keeps values fixed.
     pub prior: Prior,
 }
 
@@ -69,6 +73,16 @@ pub struct Parameter {
 pub struct Prior {
     pub mean: f64,
     pub sd: f64,
+}
+
+/// Whose a number of the model is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Owner {
+    Shared,
+    /// Index of the body.
+    Body(usize),
+    /// Indices of two bodies; it acts when they meet.
+    Pair(usize, usize),
 }
 
 /// Numbers that describe one body in [`Model::flatten`], in this order.
@@ -129,6 +143,26 @@ impl Model {
         BODY_VALUES.len() * self.bodies.len() + self.parameters().map(|p| p.values.len()).sum::<usize>()
     }
 
+    /// For each number of [`flatten`](Self::flatten), whose it is.
+    pub fn owners(&self) -> Vec<Owner> {
+        let bodies = (0..self.bodies.len()).flat_map(|b| [Owner::Body(b); BODY_VALUES.len()]);
+        let of = |parameter: &Parameter, label: &str| {
+            let mut ids = label.split('-').map(|id| id.parse().ok().and_then(|id| self.body_index(id)));
+            match (parameter.scope, ids.next().flatten(), ids.next().flatten()) {
+                (Scope::Object, Some(a), _) => Owner::Body(a),
+                (Scope::Pair, Some(a), Some(b)) => Owner::Pair(a, b),
+                _ => Owner::Shared,
+            }
+        };
+        bodies.chain(self.parameters().flat_map(|p| p.labels.iter().map(move |l| of(p, l)))).collect()
+    }
+
+    /// Whether bodies act on each other at a distance.
+    pub fn has_pair_forces(&self) -> bool {
+        let pairs = |e: &&ActiveEffect| e.on && effect(&e.name).is_some_and(|e| e.uses(Hook::Pair));
+        self.effects.iter().any(|e| pairs(&e))
+    }
+
     /// Parameters of all effects, in order.
     pub fn parameters(&self) -> impl Iterator<Item = &Parameter> {
         self.effects.iter().flat_map(|e| &e.parameters)
@@ -173,7 +207,7 @@ impl ActiveEffect {
 impl Parameter {
     pub fn new(name: &str, scope: Scope, prior: Prior, bodies: &[BodySpec]) -> Self {
         let mut parameter =
-            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], prior };
+            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], means: vec![], prior };
         parameter.cover(bodies);
         parameter
     }
@@ -190,6 +224,7 @@ impl Parameter {
                 if let Err(at) = self.labels.binary_search(&label) {
                     self.labels.insert(at, label);
                     self.values.insert(at, self.prior.mean);
+                    self.means.insert(at, self.prior.mean);
                 }
             }
         }

@@ -1,6 +1,6 @@
 //! Presets: which effects a kind of scene starts with, as data.
 
-use super::model::{ActiveEffect, BodySpec, Model, Prior, Start, Wall};
+use super::model::{ActiveEffect, BodySpec, Model, Parameter, Prior, Start, Wall};
 use super::trace::State;
 use crate::effects::{Scope, effect};
 use crate::num::vec2;
@@ -32,10 +32,22 @@ pub struct PresetParam {
     /// 0 keeps it fixed.
     pub sd: f64,
     pub scope: Scope,
+    /// Means of labels that differ from the rest.
+    pub except: &'static [(&'static str, f64)],
 }
 
 const fn set(name: &'static str, mean: f64, sd: f64, scope: Scope) -> PresetParam {
-    PresetParam { name, mean, sd, scope }
+    PresetParam { name, mean, sd, scope, except: &[] }
+}
+
+const fn set_by(
+    name: &'static str,
+    mean: f64,
+    sd: f64,
+    scope: Scope,
+    except: &'static [(&'static str, f64)],
+) -> PresetParam {
+    PresetParam { name, mean, sd, scope, except }
 }
 
 const fn with(name: &'static str, params: &'static [PresetParam]) -> PresetEffect {
@@ -50,40 +62,18 @@ pub static PRESETS: &[Preset] = &[
         balls_roll: true,
         mass_sd: 0.5,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.01, Scope::Setup)]),
-            with("rolling_resistance", &[set("mu", 0.0, 0.002, Scope::Setup)]),
-            with("linear_drag", &[set("c", 0.04, 0.02, Scope::Setup)]),
-            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
+            with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
             with(
-                "restitution",
-                &[set("coefficient", 0.4, 0.3, Scope::Pair), set("object", 1.0, 0.0, Scope::Object)],
+                "friction_offset",
+                &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)],
             ),
-            with("contact_friction", &[set("mu", 0.04, 0.02, Scope::Setup)]),
-        ],
-    },
-    Preset {
-        name: "paper",
-        doc: "The published equations: friction by shape, quadratic drag, product law of restitution.",
-        balls_roll: true,
-        mass_sd: 0.5,
-        effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.02, Scope::Setup)]),
-            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
-            with("quadratic_drag", &[set("c", 0.06, 0.03, Scope::Setup)]),
             with(
-                "restitution",
-                &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.67, 0.2, Scope::Object)],
+                "damping",
+                &[
+                    set("linear", 0.04, 0.01, Scope::Setup),
+                    set_by("quadratic", 0.04, 0.01, Scope::Shape, &[("sphere", 0.12)]),
+                ],
             ),
-        ],
-    },
-    Preset {
-        name: "table",
-        doc: "Friction and restitution, balls roll; nothing else.",
-        balls_roll: true,
-        mass_sd: 0.5,
-        effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
-            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
         ],
     },
@@ -157,14 +147,20 @@ impl Preset {
             for p in chosen.params {
                 if let Some(slot) = active.parameters.iter_mut().find(|q| q.name == p.name) {
                     let prior = Prior { mean: p.mean, sd: p.sd };
-                    *slot = super::model::Parameter::new(p.name, p.scope, prior, &bodies);
+                    *slot = Parameter::new(p.name, p.scope, prior, &bodies);
+                    for (label, mean) in p.except {
+                        if let Ok(at) = slot.labels.binary_search_by(|l| l.as_str().cmp(label)) {
+                            slot.values[at] = *mean;
+                            slot.means[at] = *mean;
+                        }
+                    }
                 }
             }
             Some(active)
         });
         let effects = effects.collect();
         let walls = scene.table.map(cushions).unwrap_or_default();
-        Model { preset: self.name.to_string(), bodies, walls, effects }
+        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd: self.mass_sd }
     }
 }
 

@@ -1,0 +1,379 @@
+//! The fit as a least-squares problem: free parameters, whitened residuals, their Jacobian.
+
+use super::noise::{Noise, wrapped};
+use crate::effects::{Scope, effect};
+use crate::num::{Jet, LANES, Real};
+use crate::scene::{Scene, Shape};
+use crate::world::{BODY_VALUES, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, simulate};
+
+/// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
+const HUBER: f64 = 5.0;
+
+/// One free parameter of the fit, in the space in which it is searched.
+#[derive(Debug, Clone)]
+pub(super) struct Free {
+    /// The scene it belongs to; `None` where scenes share it.
+    pub scene: Option<usize>,
+    pub name: String,
+    pub unit: &'static str,
+    /// Masses are searched as logarithms.
+    pub log: bool,
+    pub min: f64,
+    pub max: f64,
+    /// Prior mean and deviation, in search space; an infinite deviation is no prior.
+    pub mean: f64,
+    pub sd: f64,
+}
+
+/// One scene's part: its measurements and where each free parameter enters its model.
+pub(super) struct Part<'a> {
+    pub scene: &'a Scene,
+    pub model: Model,
+    pub noise: Noise,
+    base: Vec<f64>,
+    /// Index in [`Model::flatten`] and the free parameter that stands there.
+    pub slots: Vec<(usize, usize)>,
+}
+
+pub(super) struct Problem<'a> {
+    pub parts: Vec<Part<'a>>,
+    pub free: Vec<Free>,
+}
+
+/// Normal equations at one point: half the cost's gradient and Gauss-Newton Hessian.
+pub(super) struct Normal {
+    pub cost: f64,
+    pub gradient: nalgebra::DVector<f64>,
+    pub hessian: nalgebra::DMatrix<f64>,
+}
+
+/// Which frames count: those before this index.
+pub(super) type Window = usize;
+
+impl<'a> Problem<'a> {
+    pub fn new(scenes: &'a [Scene], models: Vec<Model>, noises: &[Noise]) -> Self {
+        let mut free: Vec<Free> = vec![];
+        let mut parts = vec![];
+        for (index, ((scene, model), noise)) in scenes.iter().zip(models).zip(noises).enumerate() {
+            let mut slots = vec![];
+            let width = BODY_VALUES.len();
+            for (b, (body, object)) in model.bodies.iter().zip(&scene.objects).enumerate() {
+                let moves = body.start.state.velocity.norm() > 0.0 || body.start.state.spin != 0.0;
+                let round = matches!(body.shape, Shape::Disc { .. } | Shape::Ball { .. });
+                let yaw = scene.tracks[b].samples.iter().any(|s| s.yaw.is_some());
+                let wanted = [
+                    (0, "m", true),
+                    (1, "m", true),
+                    (2, "rad", if round { yaw && !body.shape.is_ball() } else { true }),
+                    (3, "m/s", moves),
+                    (4, "m/s", moves),
+                    (5, "rad/s", moves && !body.shape.is_ball()),
+                ];
+                let start = [
+                    body.start.state.position.x,
+                    body.start.state.position.y,
+                    body.start.state.yaw,
+                    body.start.state.velocity.x,
+                    body.start.state.velocity.y,
+                    body.start.state.spin,
+                ];
+                // Wide, so that a direction without data (the yaw of a square that nobody measured) stays finite.
+                let wide = [100.0 * noise.position, 100.0 * noise.position, 1.0, 10.0, 10.0, 3.0];
+                for (value, unit, free_here) in wanted {
+                    if free_here {
+                        slots.push((b * width + value, free.len()));
+                        free.push(Free {
+                            scene: Some(index),
+                            name: format!("objects[{}].{}", body.id, BODY_VALUES[value]),
+                            unit,
+                            log: false,
+                            min: f64::NEG_INFINITY,
+                            max: f64::INFINITY,
+                            mean: if value == 5 { 0.0 } else { start[value] },
+                            sd: wide[value],
+                        });
+                    }
+                }
+                if object.mass.is_none() {
+                    slots.push((b * width + MASS, free.len()));
+                    free.push(Free {
+                        scene: Some(index),
+                        name: format!("objects[{}].mass", body.id),
+                        unit: "1",
+                        log: true,
+                        min: (1e-3f64).ln(),
+                        max: (1e3f64).ln(),
+                        mean: 0.0,
+                        sd: model.mass_sd,
+                    });
+                }
+            }
+            let mut at = width * model.bodies.len();
+            for active in &model.effects {
+                let spec = effect(&active.name).map(|e| &e.spec);
+                for (k, parameter) in active.parameters.iter().enumerate() {
+                    let bounds = spec.and_then(|s| s.params.get(k));
+                    for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
+                        let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
+                        let name = match label.as_str() {
+                            "" => format!("{}.{}", active.name, parameter.name),
+                            _ => format!("{}.{}[{label}]", active.name, parameter.name),
+                        };
+                        if parameter.prior.sd > 0.0 && active.on {
+                            let known =
+                                free.iter().position(|f| shared && f.scene.is_none() && f.name == name);
+                            slots.push((at, known.unwrap_or(free.len())));
+                            if known.is_none() {
+                                free.push(Free {
+                                    scene: (!shared).then_some(index),
+                                    name,
+                                    unit: bounds.map_or("1", |b| b.unit),
+                                    log: false,
+                                    min: bounds.map_or(f64::NEG_INFINITY, |b| b.min),
+                                    max: bounds.map_or(f64::INFINITY, |b| b.max),
+                                    mean: *mean,
+                                    sd: parameter.prior.sd,
+                                });
+                            }
+                        }
+                        at += 1;
+                    }
+                }
+            }
+            let base = model.flatten();
+            parts.push(Part { scene, model, noise: *noise, base, slots });
+        }
+        Problem { parts, free }
+    }
+
+    /// Where the search starts: the values of the models.
+    pub fn start(&self) -> Vec<f64> {
+        let mut point: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
+        for part in &self.parts {
+            for &(slot, k) in &part.slots {
+                point[k] = if self.free[k].log { part.base[slot].ln() } else { part.base[slot] };
+            }
+        }
+        point
+    }
+
+    /// Half the sum of squared residuals, priors included.
+    pub fn cost(&self, point: &[f64], window: Window) -> f64 {
+        let mut cost = self.prior_cost(point);
+        for part in &self.parts {
+            let rollout = part.rollout(&self.free, point, window);
+            part.each_residual(&rollout, window, |_, r, _| cost += rho(r));
+        }
+        if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+
+    fn prior_cost(&self, point: &[f64]) -> f64 {
+        let term = |(f, x): (&Free, &f64)| 0.5 * ((x - f.mean) / f.sd).powi(2);
+        self.free.iter().zip(point).map(term).sum()
+    }
+
+    pub fn normal(&self, point: &[f64], window: Window) -> Normal {
+        let n = self.free.len();
+        let mut normal = Normal {
+            cost: self.prior_cost(point),
+            gradient: nalgebra::DVector::zeros(n),
+            hessian: nalgebra::DMatrix::zeros(n, n),
+        };
+        for (k, f) in self.free.iter().enumerate() {
+            normal.gradient[k] = (point[k] - f.mean) / (f.sd * f.sd);
+            normal.hessian[(k, k)] = 1.0 / (f.sd * f.sd);
+        }
+        for part in &self.parts {
+            part.add_normal(&self.free, point, window, &mut normal);
+        }
+        normal
+    }
+
+    /// The model of part `index` at this point.
+    pub fn model(&self, index: usize, point: &[f64]) -> Model {
+        let part = &self.parts[index];
+        part.model.with_values(&part.flat(&self.free, point))
+    }
+}
+
+/// Huber's loss.
+fn rho(r: f64) -> f64 {
+    if r.abs() <= HUBER { 0.5 * r * r } else { HUBER * (r.abs() - 0.5 * HUBER) }
+}
+
+/// One residual's identity: body, frame, and coordinate 0 = x, 1 = y, 2 = yaw.
+type Coordinate = (usize, usize, usize);
+
+impl Part<'_> {
+    fn flat(&self, free: &[Free], point: &[f64]) -> Vec<f64> {
+        let mut flat = self.base.clone();
+        for &(slot, k) in &self.slots {
+            flat[slot] = if free[k].log { point[k].exp() } else { point[k] };
+        }
+        flat
+    }
+
+    fn times(&self, window: Window) -> &[f64] {
+        &self.scene.times[..window.min(self.scene.times.len())]
+    }
+
+    pub fn rollout(&self, free: &[Free], point: &[f64], window: Window) -> Rollout<f64> {
+        simulate(&self.model, &self.flat(free, point), self.times(window), &Limits::default())
+    }
+
+    /// Calls `f(coordinate, whitened residual, row)` for each measurement in a fixed order.
+    pub fn each_residual(
+        &self,
+        rollout: &Rollout<f64>,
+        window: Window,
+        mut f: impl FnMut(Coordinate, f64, usize),
+    ) {
+        self.each_sample(window, |body, frame, coordinate, measured, sigma, row| {
+            let residual = match rollout.states.get(frame).and_then(|s| s[body].as_ref()) {
+                Some(k) => whitened(component(k, coordinate) - measured, coordinate, sigma),
+                None => 0.0,
+            };
+            f((body, frame, coordinate), residual, row);
+        });
+    }
+
+    fn each_sample(&self, window: Window, mut f: impl FnMut(usize, usize, usize, f64, f64, usize)) {
+        let mut row = 0;
+        for (body, track) in self.scene.tracks.iter().enumerate() {
+            let turns = !self.model.bodies[body].shape.is_ball();
+            for s in track.samples.iter().take_while(|s| s.frame < window) {
+                f(body, s.frame, 0, s.position.x, self.noise.position, row);
+                f(body, s.frame, 1, s.position.y, self.noise.position, row + 1);
+                row += 2;
+                if let (Some(yaw), Some(sigma), true) = (s.yaw, self.noise.yaw, turns) {
+                    f(body, s.frame, 2, yaw, sigma, row);
+                    row += 1;
+                }
+            }
+        }
+    }
+
+    fn add_normal(&self, free: &[Free], point: &[f64], window: Window, normal: &mut Normal) {
+        let flat = self.flat(free, point);
+        let rollout = simulate(&self.model, &flat, self.times(window), &Limits::default());
+        let mut residuals = vec![];
+        self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
+        let components = self.components(&rollout);
+        let lanes = self.lanes(&rollout, &components);
+        // Derivatives by lane: rows x lanes.
+        let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
+        let mut jacobian = vec![0.0; residuals.len() * width];
+        for first in (0..width).step_by(LANES) {
+            let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
+            for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
+                let (slot, k) = self.slots[lane.slot];
+                jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
+            }
+            let run = simulate(&self.model, &jets, self.times(window), &Limits::default());
+            let count = LANES.min(width - first);
+            self.each_sample(window, |body, frame, coordinate, _, sigma, row| {
+                if let Some(k) = run.states.get(frame).and_then(|s| s[body].as_ref()) {
+                    let jet = component(k, coordinate);
+                    for (lane, d) in jet.d.iter().take(count).enumerate() {
+                        jacobian[row * width + first + lane] = d / sigma;
+                    }
+                }
+            });
+        }
+        // Each body's rows meet only the parameters of its component and the shared ones.
+        let columns: Vec<Vec<(usize, usize)>> = (0..self.model.bodies.len())
+            .map(|body| {
+                let relevant = lanes.iter().filter(|l| l.component.is_none_or(|c| c == components[body]));
+                relevant.map(|l| (self.slots[l.slot].1, l.number)).collect()
+            })
+            .collect();
+        for (row, &(body, r)) in residuals.iter().enumerate() {
+            let weight = if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
+            normal.cost += rho(r);
+            let j = &jacobian[row * width..(row + 1) * width];
+            let columns = &columns[body];
+            for (x, &(k, lane)) in columns.iter().enumerate() {
+                let scaled = weight * j[lane];
+                if scaled == 0.0 {
+                    continue;
+                }
+                normal.gradient[k] += scaled * r;
+                for &(m, other) in &columns[..=x] {
+                    normal.hessian[(k.max(m), k.min(m))] += scaled * j[other];
+                }
+            }
+        }
+        normal.hessian.fill_upper_triangle_with_lower_triangle();
+    }
+
+    /// Bodies that met, directly or through others, share a component: the smallest index among them.
+    fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
+        let mut component: Vec<usize> = (0..self.model.bodies.len()).collect();
+        if self.model.has_pair_forces() {
+            return vec![0; component.len()];
+        }
+        for (a, b) in self.meetings(rollout) {
+            let (from, to) = (component[a].max(component[b]), component[a].min(component[b]));
+            component.iter_mut().filter(|c| **c == from).for_each(|c| *c = to);
+        }
+        component
+    }
+
+    fn meetings(&self, rollout: &Rollout<f64>) -> Vec<(usize, usize)> {
+        let index = |id: &u32| self.model.body_index(*id);
+        let met = |e: &Event| match e.objects[..] {
+            [a, b] => Some((index(&a)?, index(&b)?)),
+            _ => None,
+        };
+        rollout.events.iter().filter_map(met).collect()
+    }
+
+    /// A lane for each slot that can matter; lanes are shared by slots of components that never meet, so that
+    /// one pass carries several of them (column compression: Curtis, Powell and Reid, 1974).
+    fn lanes(&self, rollout: &Rollout<f64>, components: &[usize]) -> Vec<Lane> {
+        let owners = self.model.owners();
+        let meetings = self.meetings(rollout);
+        let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
+        let component = |slot: usize| match owners[slot] {
+            Owner::Body(a) => Some(Some(components[a])),
+            Owner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
+            Owner::Shared => Some(None),
+        };
+        let mut lanes = vec![];
+        let mut shared = 0;
+        for (s, &(slot, _)) in self.slots.iter().enumerate() {
+            if component(slot) == Some(None) {
+                lanes.push(Lane { slot: s, component: None, number: shared });
+                shared += 1;
+            }
+        }
+        let mut own = vec![shared; components.len()];
+        for (s, &(slot, _)) in self.slots.iter().enumerate() {
+            if let Some(Some(c)) = component(slot) {
+                lanes.push(Lane { slot: s, component: Some(c), number: own[c] });
+                own[c] += 1;
+            }
+        }
+        lanes
+    }
+}
+
+/// Where the derivative by one slot is carried.
+struct Lane {
+    slot: usize,
+    /// The bodies it can reach; `None`: all.
+    component: Option<usize>,
+    number: usize,
+}
+
+fn component<T: Real>(k: &Kinematics<T>, coordinate: usize) -> T {
+    match coordinate {
+        0 => k.position.x,
+        1 => k.position.y,
+        _ => k.yaw,
+    }
+}
+
+fn whitened(difference: f64, coordinate: usize, sigma: f64) -> f64 {
+    if coordinate == 2 { wrapped(difference) / sigma } else { difference / sigma }
+}

@@ -1,0 +1,315 @@
+//! Exact time of impact between two moving outlines, and the impulses of a contact.
+
+use super::geometry::{Feature, Pose, Proximity, half_extents, proximity};
+use super::motion::Kinematics;
+use crate::body::ContactLaw;
+use crate::num::{Real, Vec2};
+use crate::scene::Shape;
+
+/// Gap that counts as touching (m).
+const TOUCH: f64 = 1e-10;
+/// Approach speed below which touching bodies do not approach (m/s).
+pub(super) const APPROACH: f64 = 1e-9;
+/// A gap that Newton's step closes within this time is closed by it (s).
+const NEWTON: f64 = 1e-5;
+/// Touching bodies that do not approach are looked at again after this time (s).
+const GRAZE: f64 = 1e-4;
+/// Advances per search before the step has a floor, and the floor as a share of the interval.
+const FREE_ADVANCES: usize = 48;
+const FLOOR: f64 = 1.0 / 256.0;
+
+/// Motion of one body over a stretch of time: cubic between its ends, real parts only.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Path {
+    pub start: f64,
+    pub end: f64,
+    pub shape: Shape,
+    from: Kinematics<f64>,
+    to: Kinematics<f64>,
+    /// Bounds over the stretch: acceleration (m/s^2), turn rate (rad/s), its change (rad/s^2), and the box
+    /// it stays in (m).
+    acceleration: f64,
+    turn_rate: f64,
+    turn_acceleration: f64,
+    pub low: Vec2,
+    pub high: Vec2,
+}
+
+impl Path {
+    pub fn new(shape: Shape, start: f64, end: f64, from: Kinematics<f64>, to: Kinematics<f64>) -> Self {
+        let h = end - start;
+        let (mut acceleration, mut turn_rate, mut turn_acceleration) = (0.0, 0.0, 0.0);
+        if h > 0.0 {
+            let chord = (to.position - from.position).scaled(6.0 / (h * h));
+            let a0 = chord - from.velocity.scaled(4.0 / h) - to.velocity.scaled(2.0 / h);
+            let a1 = to.velocity.scaled(4.0 / h) + from.velocity.scaled(2.0 / h) - chord;
+            acceleration = a0.norm().max(a1.norm());
+            let mean = (to.yaw - from.yaw) / h;
+            let t0 = 6.0 * mean / h - (4.0 * from.spin + 2.0 * to.spin) / h;
+            let t1 = (4.0 * to.spin + 2.0 * from.spin) / h - 6.0 * mean / h;
+            turn_acceleration = f64::max(t0.abs(), t1.abs());
+            turn_rate = from.spin.abs().max(to.spin.abs()).max((1.5 * mean).abs());
+        }
+        let bulge = acceleration * h * h / 8.0;
+        let reach = shape.bounding_radius() + bulge + 1e-9;
+        let (a, b) = (from.position, to.position);
+        let low = Vec2 { x: a.x.min(b.x) - reach, y: a.y.min(b.y) - reach };
+        let high = Vec2 { x: a.x.max(b.x) + reach, y: a.y.max(b.y) + reach };
+        Path { start, end, shape, from, to, acceleration, turn_rate, turn_acceleration, low, high }
+    }
+
+    pub fn at(&self, time: f64) -> Kinematics<f64> {
+        let h = self.end - self.start;
+        if h <= 0.0 {
+            return self.from;
+        }
+        let s = ((time - self.start) / h).clamp(0.0, 1.0);
+        let (s2, s3) = (s * s, s * s * s);
+        let (b0, b1, c0, c1) = (1.0 - 3.0 * s2 + 2.0 * s3, 3.0 * s2 - 2.0 * s3, s - 2.0 * s2 + s3, s3 - s2);
+        let (d1, e0, e1) = (6.0 * (s - s2) / h, 1.0 - 4.0 * s + 3.0 * s2, 3.0 * s2 - 2.0 * s);
+        let (p, q) = (&self.from, &self.to);
+        let value = |x0: f64, v0: f64, x1: f64, v1: f64| b0 * x0 + b1 * x1 + h * (c0 * v0 + c1 * v1);
+        let slope = |x0: f64, v0: f64, x1: f64, v1: f64| d1 * (x1 - x0) + e0 * v0 + e1 * v1;
+        let vector = |f: &dyn Fn(f64, f64, f64, f64) -> f64| Vec2 {
+            x: f(p.position.x, p.velocity.x, q.position.x, q.velocity.x),
+            y: f(p.position.y, p.velocity.y, q.position.y, q.velocity.y),
+        };
+        Kinematics {
+            position: vector(&value),
+            velocity: vector(&slope),
+            yaw: value(p.yaw, p.spin, q.yaw, q.spin),
+            spin: slope(p.yaw, p.spin, q.yaw, q.spin),
+            roll: p.roll,
+        }
+    }
+
+    pub fn overlaps(&self, o: &Path) -> bool {
+        self.low.x <= o.high.x && o.low.x <= self.high.x && self.low.y <= o.high.y && o.low.y <= self.high.y
+    }
+}
+
+/// How two bodies face each other, with the rate at which the gap opens (m/s).
+pub(super) fn facing<T: Real>(
+    a: &Kinematics<T>,
+    sa: &Shape,
+    b: &Kinematics<T>,
+    sb: &Shape,
+) -> (Proximity<T>, T) {
+    let near = proximity(&Pose::new(a.position, a.yaw, sa), sa, &Pose::new(b.position, b.yaw, sb), sb);
+    let rate = near.normal.dot(point_velocity(b, near.on_b) - point_velocity(a, near.on_a));
+    (near, rate)
+}
+
+/// Velocity in the plane of the body's point that is at `point` (m/s).
+pub(super) fn point_velocity<T: Real>(k: &Kinematics<T>, point: Vec2<T>) -> Vec2<T> {
+    k.velocity + (point - k.position).perp() * k.spin
+}
+
+/// First time in `from..to` at which the two touch and approach, by conservative advancement: from a gap
+/// g that opens at rate r and whose second derivative is at least -B, none can happen before
+/// `g + r s - B s^2 / 2` vanishes. The distance of convex outlines is convex in translation, so B is the
+/// relative acceleration, seen in the turning frame of the box that carries the face.
+pub(super) fn time_of_impact(a: &Path, b: &Path, from: f64, to: f64) -> Option<f64> {
+    let radii = a.shape.bounding_radius() + b.shape.bounding_radius();
+    let bound = a.acceleration + b.acceleration;
+    let mut time = from;
+    for advance in 0.. {
+        let (ka, kb) = (a.at(time), b.at(time));
+        let delta = kb.position - ka.position;
+        let distance = delta.norm();
+        let opening = if distance > 0.0 { delta.dot(kb.velocity - ka.velocity) / distance } else { 0.0 };
+        let mut step = safe_step(distance - radii, opening, bound);
+        if distance - radii <= TOUCH {
+            let (near, rate) = facing(&ka, &a.shape, &kb, &b.shape);
+            if near.gap <= TOUCH && rate < -APPROACH {
+                return Some(time);
+            }
+            let speed = (kb.velocity - ka.velocity).norm() + bound * (to - time);
+            step = match near.feature {
+                Feature::FaceOfB => face_step(b, &kb, a, &ka, -near.normal, speed),
+                Feature::FaceOfA => face_step(a, &ka, b, &kb, near.normal, speed),
+                Feature::Points if is_round(&a.shape) => {
+                    safe_step(near.gap, rate, turning_bound(b, a, distance, speed))
+                }
+                Feature::Points => safe_step(near.gap, rate, turning_bound(a, b, distance, speed)),
+            };
+            let newton = -near.gap / rate;
+            if near.gap > TOUCH && rate < 0.0 && newton < NEWTON && time + newton < to {
+                step = step.max(newton);
+            } else if near.gap <= TOUCH {
+                step = step.max(GRAZE);
+            }
+        }
+        let floor = if advance < FREE_ADVANCES { 1e-12 } else { (to - from) * FLOOR };
+        time += step.max(floor);
+        if time >= to {
+            return None;
+        }
+    }
+    None
+}
+
+fn is_round(shape: &Shape) -> bool {
+    matches!(shape, Shape::Disc { .. } | Shape::Ball { .. })
+}
+
+/// Bound on the second derivative of a guest point's height over a face of `host` (m/s^2).
+fn turning_bound(host: &Path, guest: &Path, distance: f64, speed: f64) -> f64 {
+    let of = |p: &Path| if is_round(&p.shape) { (0.0, 0.0) } else { (p.turn_rate, p.turn_acceleration) };
+    let ((wh, ah), (wg, ag)) = (of(host), of(guest));
+    let reach = guest.shape.bounding_radius();
+    host.acceleration
+        + guest.acceleration
+        + (wg * wg + ag) * reach
+        + 2.0 * wh * (speed + wg * reach)
+        + (wh * wh + ah) * (distance + reach)
+}
+
+/// Time in which no point of `guest` can reach the face of `host` with this outward normal (s).
+fn face_step(
+    host: &Path,
+    kh: &Kinematics<f64>,
+    guest: &Path,
+    kg: &Kinematics<f64>,
+    normal: Vec2,
+    speed: f64,
+) -> f64 {
+    let delta = kg.position - kh.position;
+    let bound = turning_bound(host, guest, delta.norm(), speed);
+    let turn = Vec2::from_angle(kh.yaw);
+    let half = match half_extents(&host.shape) {
+        Some([x, y]) => {
+            if normal.dot(turn).abs() > 0.5 {
+                x
+            } else {
+                y
+            }
+        }
+        None => 0.0,
+    };
+    let step = |arm: Vec2, radius: f64| {
+        let d = delta + arm;
+        let velocity = kg.velocity + arm.perp().scaled(kg.spin) - kh.velocity;
+        safe_step(normal.dot(d) - half - radius, normal.dot(velocity) + kh.spin * normal.perp().dot(d), bound)
+    };
+    match half_extents(&guest.shape) {
+        None => step(Vec2::zero(), guest.shape.bounding_radius()),
+        Some([x, y]) => {
+            let turn = Vec2::from_angle(kg.yaw);
+            let corners = [(x, y), (-x, y), (-x, -y), (x, -y)];
+            corners.iter().map(|&(x, y)| step(Vec2 { x, y }.rotated(turn), 0.0)).fold(f64::INFINITY, f64::min)
+        }
+    }
+}
+
+/// Time in which a gap cannot close (s), infinite if it never does.
+fn safe_step(gap: f64, rate: f64, bound: f64) -> f64 {
+    if gap <= 0.0 && rate <= 0.0 {
+        return 0.0;
+    }
+    if bound <= 0.0 {
+        return if rate < 0.0 { -gap / rate } else { f64::INFINITY };
+    }
+    let root = (rate * rate + 2.0 * bound * gap.max(0.0)).sqrt();
+    if rate < 0.0 { 2.0 * gap / (root - rate) } else { (rate + root) / bound }
+}
+
+/// One side of a contact: how it answers an impulse. A wall has zero mobility.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Side<T> {
+    pub kinematics: Kinematics<T>,
+    pub inverse_mass: T,
+    pub inverse_inertia: T,
+    /// Radius of a ball, whose horizontal spin the contact can change.
+    pub ball: Option<f64>,
+}
+
+/// Impulses of one contact on a and b, and the normal impulse (N s).
+///
+/// Newton's restitution along the normal; a tangential impulse against the slip of the touching points, of at
+/// most `friction` times the normal one and never more than stops the slip (Stronge, Impact Mechanics, ch. 3).
+/// The slip of balls has a vertical part, which can turn them but not lift them.
+pub(super) fn resolve<T: Real>(
+    a: &mut Side<T>,
+    b: &mut Side<T>,
+    near: &Proximity<T>,
+    law: &ContactLaw<T>,
+) -> T {
+    let point = (near.on_a + near.on_b).scaled(0.5);
+    let n = near.normal;
+    let t = n.perp();
+    let (ra, rb) = (point - a.kinematics.position, point - b.kinematics.position);
+    let relative = point_velocity(&b.kinematics, point) - point_velocity(&a.kinematics, point);
+    let approach = -n.dot(relative);
+    let response = |p: Vec2<T>, q: Vec2<T>| {
+        (a.inverse_mass + b.inverse_mass) * p.dot(q)
+            + ra.cross(p) * ra.cross(q) * a.inverse_inertia
+            + rb.cross(p) * rb.cross(q) * b.inverse_inertia
+    };
+    let knn = response(n, n);
+    let kick = (law.restitution + 1.0) * approach;
+    let mut normal = kick / knn;
+    let mut tangential = T::zero();
+    let mut vertical = T::zero();
+    // At friction zero only its derivative matters.
+    if law.friction.value() > 0.0 || T::DIFFERENTIATES {
+        let slip_t = t.dot(relative);
+        let (mut slip_z, mut kzz) = (T::zero(), T::zero());
+        for side in [&*a, &*b] {
+            if let Some(radius) = side.ball {
+                slip_z -= side.kinematics.roll.cross(n) * radius;
+                kzz += side.inverse_inertia * (radius * radius);
+            }
+        }
+        let (ktt, knt) = (response(t, t), response(n, t));
+        let slip = (slip_t * slip_t + slip_z * slip_z).sqrt_or_zero();
+        if slip.value() > 1e-12 {
+            let (st, sz) = (slip_t / slip, slip_z / slip);
+            let (along, coupling) = (st * st * ktt + sz * sz * kzz, st * knt);
+            // Friction ends where the slip does, and never so large that the contact would add energy.
+            let stick = (slip * knn + coupling * kick) / (along * kick + slip * coupling);
+            let mu = law.friction.min(stick.max(T::zero()));
+            let mu = mu.min(passive(approach, slip, kick, knn, coupling, along));
+            normal = kick / (knn - mu * st * knt);
+            tangential = -(mu * normal * st);
+            vertical = -(mu * normal * sz);
+        }
+    }
+    let impulse = n * normal + t * tangential;
+    for (side, r, sign) in [(a, ra, -1.0), (b, rb, 1.0)] {
+        let k = &mut side.kinematics;
+        k.velocity += impulse * (side.inverse_mass * sign);
+        k.spin += r.cross(impulse) * (side.inverse_inertia * sign);
+        if let Some(radius) = side.ball {
+            // Torque r x J z^ of the vertical impulse: both sides turn the same way.
+            k.roll += n.perp() * (vertical * side.inverse_inertia * radius);
+        }
+    }
+    normal
+}
+
+/// Largest ratio of tangential to normal impulse at which the impulse does no work on the bodies:
+/// first positive root of `kick/2 (knn - 2 mu c + mu^2 k) = (approach + mu slip) (knn - mu c)`.
+fn passive<T: Real>(approach: T, slip: T, kick: T, knn: T, coupling: T, along: T) -> T {
+    let square = kick * along * 0.5 + slip * coupling;
+    let linear = approach * coupling - kick * coupling - slip * knn;
+    let constant = kick * knn * 0.5 - approach * knn;
+    let discriminant = linear * linear - square * constant * 4.0;
+    if constant.value() >= 0.0 {
+        return if linear.value() >= 0.0 || square.value() <= 0.0 { T::zero() } else { -(linear / square) };
+    }
+    if discriminant.value() <= 0.0 || (square.value() <= 0.0 && linear.value() <= 0.0) {
+        return T::constant(f64::INFINITY);
+    }
+    // The root next to zero on the positive side, in the form that does not cancel.
+    constant * -2.0 / (linear + discriminant.sqrt())
+}
+
+trait SqrtOrZero {
+    fn sqrt_or_zero(self) -> Self;
+}
+impl<T: Real> SqrtOrZero for T {
+    fn sqrt_or_zero(self) -> T {
+        if self.value() > 0.0 { self.sqrt() } else { T::zero() }
+    }
+}

@@ -1,0 +1,309 @@
+//! Motion between events: forces, dry friction by mode (sliding, rolling, rest), and the integrator.
+
+use super::footprint::footprint;
+use super::model::{BODY_VALUES, MASS, Model};
+use crate::body::{Body, Wrench};
+use crate::effects::{Hook, Hooks, Scalar, effect};
+use crate::num::{Real, Vec2};
+use crate::scene::Shape;
+
+/// Position and motion of one body.
+#[derive(Debug, Clone, Copy)]
+pub struct Kinematics<T> {
+    /// m.
+    pub position: Vec2<T>,
+    /// rad.
+    pub yaw: T,
+    /// m/s.
+    pub velocity: Vec2<T>,
+    /// rad/s about z.
+    pub spin: T,
+    /// rad/s about the horizontal axes; balls only.
+    pub roll: Vec2<T>,
+}
+
+/// Time derivative of the velocities of [`Kinematics`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rates<T> {
+    pub velocity: Vec2<T>,
+    pub spin: T,
+    pub roll: Vec2<T>,
+}
+
+/// How a body stands to the ground.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mode {
+    /// Not there yet.
+    Absent,
+    /// Held by dry friction.
+    Rest,
+    /// Its foot slides (or floats, where there is no friction).
+    Slide,
+    /// A ball whose foot does not slide.
+    Roll,
+}
+
+/// What dry friction will do to a moving body next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    Stop,
+    StartRolling,
+    StopSpinning,
+    /// Nothing yet: the stretch was cut short for accuracy.
+    Continue,
+}
+
+/// Speeds below this are rest, once friction can hold the body (m/s, at the rim).
+pub(super) const REST_SPEED: f64 = 1e-7;
+
+/// The active effects and masses of one simulation, resolved for each body.
+pub(super) struct Laws<T: Scalar> {
+    pub shapes: Vec<Shape>,
+    pub mass: Vec<T>,
+    pub inverse_mass: Vec<T>,
+    pub inverse_inertia: Vec<T>,
+    forces: Vec<PerBody<T>>,
+    pairs: Vec<PerBody<T>>,
+}
+
+/// One effect's hooks with its parameters, body by body.
+struct PerBody<T: Scalar> {
+    hooks: &'static Hooks<T>,
+    values: Vec<T>,
+    count: usize,
+}
+
+impl<T: Scalar> PerBody<T> {
+    fn of(&self, body: usize) -> &[T] {
+        &self.values[body * self.count..(body + 1) * self.count]
+    }
+}
+
+impl<T: Scalar> Laws<T> {
+    pub fn new(model: &Model, flat: &[T]) -> Self {
+        let (mut forces, mut pairs) = (vec![], vec![]);
+        let mut offset = BODY_VALUES.len() * model.bodies.len();
+        for active in &model.effects {
+            let first = offset;
+            offset += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
+            let Some(entry) = effect(&active.name).filter(|_| active.on) else { continue };
+            let (force, pair) = (entry.uses(Hook::Force), entry.uses(Hook::Pair));
+            if !force && !pair {
+                continue;
+            }
+            let mut values = vec![];
+            for body in &model.bodies {
+                let mut at = first;
+                for p in &active.parameters {
+                    values.push(match p.index(body, body) {
+                        Some(i) => flat[at + i],
+                        None => T::constant(p.prior.mean),
+                    });
+                    at += p.values.len();
+                }
+            }
+            let (hooks, count) = (T::hooks(entry), active.parameters.len());
+            let list = if force { &mut forces } else { &mut pairs };
+            list.push(PerBody { hooks, values, count });
+        }
+        let shapes: Vec<Shape> = model.bodies.iter().map(|b| b.shape).collect();
+        let one = T::constant(1.0);
+        let mass: Vec<T> = (0..shapes.len()).map(|i| flat[i * BODY_VALUES.len() + MASS]).collect();
+        let inverse_mass: Vec<T> = mass.iter().map(|&m| one / m).collect();
+        let inverse_inertia = inverse_mass.iter().zip(&shapes).map(|(&m, s)| m / s.unit_inertia()).collect();
+        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs }
+    }
+
+    /// Whether bodies act on each other at a distance.
+    pub fn has_pair_forces(&self) -> bool {
+        !self.pairs.is_empty()
+    }
+
+    pub fn body(&self, i: usize, k: &Kinematics<T>) -> Body<T> {
+        Body {
+            shape: self.shapes[i],
+            mass: self.mass[i],
+            position: k.position,
+            yaw: k.yaw,
+            velocity: k.velocity,
+            spin: k.spin,
+            roll: k.roll,
+        }
+    }
+
+    /// What the force effects do to body `i`.
+    pub fn wrench(&self, i: usize, k: &Kinematics<T>, time: T) -> Wrench<T> {
+        let body = self.body(i, k);
+        let mut out = Wrench::zero();
+        for law in &self.forces {
+            (law.hooks.force)(law.of(i), time, &body, &mut out);
+        }
+        out
+    }
+
+    /// Adds the pair forces among `members`.
+    pub fn add_pair_forces(&self, members: &[usize], k: &[Kinematics<T>], out: &mut [Wrench<T>]) {
+        for law in &self.pairs {
+            for (x, &i) in members.iter().enumerate() {
+                for (y, &j) in members.iter().enumerate().skip(x + 1) {
+                    let f = (law.hooks.pair)(law.of(i), &self.body(i, &k[x]), &self.body(j, &k[y]));
+                    out[x].force += f;
+                    out[y].force -= f;
+                }
+            }
+        }
+    }
+
+    /// Velocity of the lowest point of ball `i` against the ground (m/s).
+    pub fn slip(&self, i: usize, k: &Kinematics<T>) -> Vec2<T> {
+        k.velocity + k.roll.perp().scaled(self.shapes[i].bounding_radius())
+    }
+
+    /// Share of a force that moves the centre: 5/7 of a rolling ball.
+    pub fn compliance(&self, i: usize, mode: Mode) -> T {
+        match mode {
+            Mode::Roll => self.inverse_mass[i] * (5.0 / 7.0),
+            Mode::Slide => self.inverse_mass[i],
+            Mode::Rest | Mode::Absent => T::zero(),
+        }
+    }
+
+    /// Whether dry friction can hold the body where it is.
+    pub fn holds(&self, i: usize, w: &Wrench<T>) -> bool {
+        let (force, grip) = (w.force.value().norm(), w.grip.value());
+        if self.shapes[i].is_ball() {
+            force <= w.rolling.value() && (force == 0.0 || 2.0 / 7.0 * force <= grip)
+        } else {
+            let arm = self.shapes[i].bounding_radius();
+            force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
+        }
+    }
+
+    /// Accelerations under the wrench, dry friction resolved by mode.
+    pub fn rates(&self, i: usize, k: &Kinematics<T>, mode: Mode, w: &Wrench<T>) -> Rates<T> {
+        if matches!(mode, Mode::Rest | Mode::Absent) {
+            return Rates { velocity: Vec2::zero(), spin: T::zero(), roll: Vec2::zero() };
+        }
+        let mut rates = self.undamped(i, k, mode, w);
+        if w.damping.value() > 0.0 || T::DIFFERENTIATES {
+            rates.velocity -= k.velocity * w.damping;
+            rates.spin -= k.spin * w.damping;
+            rates.roll -= k.roll * w.damping;
+        }
+        rates
+    }
+
+    fn undamped(&self, i: usize, k: &Kinematics<T>, mode: Mode, w: &Wrench<T>) -> Rates<T> {
+        let mut force = w.force;
+        let mut torque = w.torque;
+        if k.spin.value() != 0.0 {
+            torque -= w.pivot * k.spin.value().signum();
+        }
+        let shape = &self.shapes[i];
+        let Shape::Ball { radius } = *shape else {
+            if w.grip.value() > 0.0 {
+                let (f, t) = footprint(shape, k);
+                force -= (f - f.perp() * w.skew) * w.grip;
+                torque -= (t - w.lever * f.norm()) * w.grip;
+            }
+            return Rates {
+                velocity: force * self.inverse_mass[i],
+                spin: torque * self.inverse_inertia[i],
+                roll: Vec2::zero(),
+            };
+        };
+        let spin = torque * self.inverse_inertia[i];
+        if mode == Mode::Roll {
+            let velocity = force * (self.inverse_mass[i] * (5.0 / 7.0))
+                - k.velocity.unit() * (w.rolling * self.inverse_mass[i]);
+            return Rates { velocity, spin, roll: velocity.perp().scaled(1.0 / radius) };
+        }
+        if w.grip.value() > 0.0 {
+            let friction = -(self.slip(i, k).unit() * w.grip);
+            let roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
+            Rates { velocity: (force + friction) * self.inverse_mass[i], spin, roll }
+        } else {
+            force -= k.velocity.unit() * w.rolling;
+            Rates { velocity: force * self.inverse_mass[i], spin, roll: Vec2::zero() }
+        }
+    }
+
+    /// What friction will do next to a moving body, and after which time (s), if its deceleration lasts.
+    pub fn next_change(
+        &self,
+        i: usize,
+        k: &Kinematics<T>,
+        mode: Mode,
+        w: &Wrench<T>,
+        r: &Rates<T>,
+    ) -> Option<(Change, T)> {
+        let ball = self.shapes[i].is_ball();
+        let until_zero =
+            |size: T, slope: T| (size.value() > 0.0 && slope.value() < 0.0).then(|| -(size / slope));
+        let change = if ball && mode == Mode::Slide {
+            if w.grip.value() <= 0.0 {
+                return None;
+            }
+            let slip = self.slip(i, k);
+            let slope = slip.unit().dot(r.velocity + r.roll.perp().scaled(self.shapes[i].bounding_radius()));
+            if slip.value().norm() <= REST_SPEED {
+                return Some((Change::StartRolling, T::zero()));
+            }
+            until_zero(slip.norm(), slope).map(|t| (Change::StartRolling, t))
+        } else {
+            if w.grip.value() <= 0.0 && w.rolling.value() <= 0.0 {
+                return None;
+            }
+            let lever = if ball { 0.0 } else { self.shapes[i].unit_inertia() };
+            let size = (k.velocity.norm_squared() + k.spin * k.spin * lever).norm_of_square();
+            if size.value() <= REST_SPEED {
+                return self.holds(i, w).then(|| (Change::Stop, T::zero()));
+            }
+            let slope = (k.velocity.dot(r.velocity) + k.spin * r.spin * lever) / size;
+            until_zero(size, slope).map(|t| (Change::Stop, t))
+        };
+        if w.pivot.value() > 0.0 && k.spin.value() != 0.0 && k.velocity.value().norm() > REST_SPEED {
+            let stop = until_zero(k.spin.abs(), r.spin * k.spin.value().signum());
+            if let Some(t) = stop
+                && change.as_ref().is_none_or(|(_, u)| t.value() < u.value())
+            {
+                return Some((Change::StopSpinning, t));
+            }
+        }
+        change
+    }
+}
+
+trait NormOfSquare {
+    fn norm_of_square(self) -> Self;
+}
+impl<T: Real> NormOfSquare for T {
+    /// Square root that is exactly zero, without a derivative, at zero.
+    fn norm_of_square(self) -> T {
+        if self.value() > 0.0 { self.sqrt() } else { T::zero() }
+    }
+}
+
+impl<T: Real> Kinematics<T> {
+    /// Moved on by `h` (s) at constant rates of the velocities of `at`.
+    pub(super) fn stepped(&self, at: &Kinematics<T>, r: &Rates<T>, h: T) -> Self {
+        Kinematics {
+            position: self.position + at.velocity * h,
+            yaw: self.yaw + at.spin * h,
+            velocity: self.velocity + r.velocity * h,
+            spin: self.spin + r.spin * h,
+            roll: self.roll + r.roll * h,
+        }
+    }
+
+    /// The real parts.
+    pub fn value(&self) -> Kinematics<f64> {
+        Kinematics {
+            position: self.position.value(),
+            yaw: self.yaw.value(),
+            velocity: self.velocity.value(),
+            spin: self.spin.value(),
+            roll: self.roll.value(),
+        }
+    }
+}

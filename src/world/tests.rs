@@ -1,0 +1,284 @@
+//! Properties of the simulation: conservation, exact derivatives, no tunnelling, determinism.
+
+use super::*;
+use crate::effects::{Scope, effect};
+use crate::num::{Jet, LANES, Vec2, vec2};
+use crate::scene::Shape;
+use proptest::prelude::*;
+
+fn body(id: u32, shape: Shape, position: Vec2, velocity: Vec2) -> BodySpec {
+    let state = State { position, velocity, ..State::default() };
+    BodySpec { id, material: "m".into(), shape, mass: 1.0, start: Start { time: 0.0, state, rolling: false } }
+}
+
+/// A model with these effects: name, parameter values in the spec's order.
+fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
+    let active = effects.iter().map(|(name, values)| {
+        let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &bodies);
+        for (p, v) in active.parameters.iter_mut().zip(*values) {
+            *p = Parameter::new(&p.name.clone(), Scope::Setup, Prior { mean: *v, sd: 0.0 }, &bodies);
+        }
+        active
+    });
+    let effects = active.collect();
+    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5 }
+}
+
+fn seconds(n: usize) -> Vec<f64> {
+    (0..=n).map(|f| f as f64 * 0.04).collect()
+}
+
+fn shape(kind: u8) -> Shape {
+    match kind % 4 {
+        0 => Shape::Disc { radius: 0.2 },
+        1 => Shape::Ball { radius: 0.2 },
+        2 => Shape::Square { half_side: 0.2 },
+        _ => Shape::Rectangle { half_length: 0.25, half_width: 0.15 },
+    }
+}
+
+/// Bodies on a grid, thrown about at random.
+fn crowd(seed: &[(u8, f64, f64, f64, f64, f64)]) -> Vec<BodySpec> {
+    let throw = |(i, &(kind, vx, vy, spin, yaw, mass)): (usize, &(u8, f64, f64, f64, f64, f64))| {
+        let mut b =
+            body(i as u32, shape(kind), vec2((i % 3) as f64 * 0.9, (i / 3) as f64 * 0.9), vec2(vx, vy));
+        b.start.state.spin = if b.shape.is_ball() { 0.0 } else { spin };
+        b.start.state.yaw = yaw;
+        b.mass = mass;
+        b
+    };
+    seed.iter().enumerate().map(throw).collect()
+}
+
+fn throws() -> impl Strategy<Value = Vec<(u8, f64, f64, f64, f64, f64)>> {
+    let one = (0u8..4, -2.0..2.0f64, -2.0..2.0f64, -2.0..2.0f64, -1.5..1.5f64, 0.4..2.5f64);
+    prop::collection::vec(one, 2..7)
+}
+
+fn momentum(t: &Trace, m: &Model, frame: usize) -> (Vec2, f64) {
+    let (mut p, mut l) = (vec2(0.0, 0.0), 0.0);
+    for (s, b) in t.states[frame].iter().zip(&m.bodies) {
+        let s = s.expect("present");
+        p += s.velocity.scaled(b.mass);
+        l += b.mass * (s.position.cross(s.velocity) + b.shape.unit_inertia() * s.spin);
+    }
+    (p, l)
+}
+
+fn conserves(m: &Model, tolerance: f64) -> Result<(), TestCaseError> {
+    let t = trace(m, &seconds(60));
+    let ((p0, l0), e0) = (momentum(&t, m, 0), t.energy[0]);
+    for f in 0..t.times.len() {
+        let (p, l) = momentum(&t, m, f);
+        prop_assert!((p - p0).norm() < 1e-10, "{p:?} {p0:?}");
+        prop_assert!((l - l0).abs() < tolerance * (1.0 + l0.abs()), "{l} {l0}");
+        let before = if f == 0 { e0 } else { t.energy[f - 1] };
+        prop_assert!(t.energy[f] <= before + tolerance * e0, "{before} {}", t.energy[f]);
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn impacts_keep_momentum_and_never_add_energy(seed in throws(), e in 0.4..1.0f64, mu in 0.0..0.5f64) {
+        conserves(&model(crowd(&seed), &[("restitution", &[e, 1.0]), ("contact_friction", &[mu])]), 1e-6)?;
+    }
+
+    /// Kept contacts are integrated in steps, so they keep it to the step's accuracy.
+    #[test]
+    fn pushing_keeps_momentum_and_adds_no_energy(seed in throws(), mu in 0.0..0.5f64) {
+        conserves(&model(crowd(&seed), &[("contact_friction", &[mu])]), 2e-2)?;
+    }
+
+    #[test]
+    fn bodies_never_overlap(seed in throws(), mu in 0.0..0.1f64) {
+        let m = model(crowd(&seed), &[("restitution", &[0.4, 1.0]), ("sliding_friction", &[mu])]);
+        let t = trace(&m, &seconds(60));
+        for row in &t.states {
+            for i in 0..row.len() {
+                for j in 0..i {
+                    let pose = |k: usize| {
+                        let s = row[k].expect("present");
+                        geometry::Pose::new(s.position, s.yaw, &m.bodies[k].shape)
+                    };
+                    let near = geometry::proximity(&pose(i), &m.bodies[i].shape, &pose(j), &m.bodies[j].shape);
+                    prop_assert!(near.gap > -5e-4, "{i} {j} {}", near.gap);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn turning_the_world_turns_the_result(seed in throws(), angle in -3.0..3.0f64) {
+        let effects: &[(&str, &[f64])] = &[("restitution", &[0.6, 1.0]), ("sliding_friction", &[0.05]), ("contact_friction", &[0.1])];
+        let m = model(crowd(&seed[..2]), effects);
+        let turn = Vec2::from_angle(angle);
+        let mut turned = m.clone();
+        for b in &mut turned.bodies {
+            let s = &mut b.start.state;
+            (s.position, s.velocity, s.yaw) = (s.position.rotated(turn), s.velocity.rotated(turn), s.yaw + angle);
+        }
+        let (a, b) = (trace(&m, &seconds(25)), trace(&turned, &seconds(25)));
+        for (x, y) in a.states[25].iter().zip(&b.states[25]) {
+            let (x, y) = (x.expect("present"), y.expect("present"));
+            prop_assert!((x.position.rotated(turn) - y.position).norm() < 1e-5, "{x:?} {y:?}");
+        }
+    }
+}
+
+#[test]
+fn two_equal_elastic_balls_exchange_their_velocities_and_derivatives() {
+    let balls = vec![
+        body(0, shape(1), vec2(0.0, 0.0), vec2(1.0, 0.0)),
+        body(1, shape(1), vec2(1.0, 0.0), vec2(0.0, 0.0)),
+    ];
+    let m = model(balls, &[("restitution", &[1.0, 1.0])]);
+    let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
+    flat[3] = Jet::variable(1.0, 0);
+    flat[12] = Jet::variable(0.0, 1);
+    let end = simulate(&m, &flat, &seconds(50), &Limits::default()).states.pop().expect("frames");
+    let v: Vec<Jet> = end.iter().map(|k| k.expect("present").velocity.x).collect();
+    for (k, expected) in [(0, [0.0, 1.0]), (1, [1.0, 0.0])] {
+        for lane in 0..2 {
+            assert!((v[k].d[lane] - expected[lane]).abs() < 1e-9, "{:?}", v[k]);
+        }
+    }
+    // Position of the second: x1 + v0 (T - (gap / v0)), so its derivative by v0 is T exactly.
+    assert!((end[1].expect("present").position.x.d[0] - 2.0).abs() < 1e-9);
+}
+
+fn num_const(v: f64) -> Jet {
+    crate::num::Real::constant(v)
+}
+
+/// Share of the derivatives of all positions at the end that agree with central differences.
+fn derivatives_agree(m: &Model, times: &[f64]) -> (usize, usize, String) {
+    let base = m.flatten();
+    let (mut good, mut all, mut worst) = (0, 0, String::new());
+    let limits = Limits::default();
+    for first in (0..base.len()).step_by(LANES) {
+        let lanes = first..(first + LANES).min(base.len());
+        let flat: Vec<Jet> = base
+            .iter()
+            .enumerate()
+            .map(|(i, &v)| if lanes.contains(&i) { Jet::variable(v, i - first) } else { num_const(v) })
+            .collect();
+        let jet = simulate(m, &flat, times, &limits);
+        for i in lanes {
+            let at = |h: f64| {
+                let mut flat = base.clone();
+                flat[i] += h;
+                simulate(m, &flat, times, &limits).states.pop().expect("frames")
+            };
+            let h = 1e-7;
+            let (up, down) = (at(h), at(-h));
+            for (k, row) in jet.states.last().expect("frames").iter().enumerate() {
+                let (Some(j), Some(u), Some(d)) = (row, up[k], down[k]) else { continue };
+                let numeric =
+                    [u.position.x - d.position.x, u.position.y - d.position.y].map(|v| v / (2.0 * h));
+                for (exact, numeric) in
+                    [j.position.x.d[i - first], j.position.y.d[i - first]].iter().zip(numeric)
+                {
+                    all += 1;
+                    if (exact - numeric).abs() <= 1e-4 * (1.0 + numeric.abs()) {
+                        good += 1;
+                    } else {
+                        worst += &format!("value {i} of body {k}: exact {exact}, numeric {numeric}\n");
+                    }
+                }
+            }
+        }
+    }
+    (good, all, worst)
+}
+
+#[test]
+fn derivatives_agree_with_differences_through_impacts_stops_and_rolling() {
+    let effects: &[(&str, &[f64])] = &[
+        ("sliding_friction", &[0.05]),
+        ("rolling_resistance", &[0.01]),
+        ("linear_drag", &[0.03]),
+        ("quadratic_drag", &[0.05]),
+        ("restitution", &[0.7, 1.0]),
+        ("contact_friction", &[0.1]),
+    ];
+    let mut bodies = vec![
+        body(0, shape(1), vec2(0.0, 0.0), vec2(1.5, 0.1)),
+        body(1, shape(2), vec2(1.0, 0.05), vec2(0.0, 0.0)),
+        body(2, shape(0), vec2(1.8, -0.1), vec2(-0.3, 0.0)),
+        body(3, shape(3), vec2(1.5, 1.0), vec2(0.1, -0.7)),
+    ];
+    bodies[0].start.rolling = true;
+    bodies[3].start.state.spin = 0.8;
+    bodies[2].mass = 1.7;
+    let (good, all, worst) = derivatives_agree(&model(bodies, effects), &seconds(70));
+    assert!(good as f64 >= 0.99 * all as f64, "{good} of {all}; {worst}");
+}
+
+#[test]
+fn derivatives_hold_while_bodies_push_each_other() {
+    // The disc behind brakes less than the square in front, so it keeps pushing.
+    let mut bodies = vec![
+        body(0, shape(0), vec2(0.0, 0.0), vec2(1.2, 0.0)),
+        body(1, Shape::Ball { radius: 0.2 }, vec2(0.6, 0.01), vec2(0.2, 0.0)),
+    ];
+    bodies[0].mass = 2.0;
+    let m = model(
+        bodies,
+        &[("sliding_friction", &[0.05]), ("quadratic_drag", &[0.6]), ("restitution", &[0.0, 1.0])],
+    );
+    let (good, all, worst) = derivatives_agree(&m, &seconds(40));
+    assert!(good as f64 >= 0.95 * all as f64, "{good} of {all}; {worst}");
+}
+
+#[test]
+fn a_fast_ball_does_not_pass_through_anything() {
+    for target in [shape(0), shape(2)] {
+        let bodies = vec![
+            body(0, Shape::Ball { radius: 0.03 }, vec2(-5.0, 0.01), vec2(30.0, 0.0)),
+            body(1, target, vec2(0.0, 0.0), vec2(0.0, 0.0)),
+        ];
+        let t = trace(&model(bodies, &[("restitution", &[0.5, 1.0])]), &seconds(20));
+        assert_eq!(t.events.iter().filter(|e| e.kind == EventKind::Collision).count(), 1);
+        let last = t.states[20].clone();
+        assert!(last[0].expect("present").position.x < last[1].expect("present").position.x);
+    }
+}
+
+#[test]
+fn friction_stops_a_sliding_body_where_the_textbook_says() {
+    let m = model(vec![body(0, shape(2), vec2(0.0, 0.0), vec2(1.0, 0.0))], &[("sliding_friction", &[0.1])]);
+    let t = trace(&m, &seconds(60));
+    let end = t.states[60][0].expect("present");
+    assert!((end.position.x - 1.0 / (2.0 * 0.1 * 9.81)).abs() < 1e-9 && end.velocity == vec2(0.0, 0.0));
+    let stop = t.events.iter().find(|e| e.kind == EventKind::Stop).expect("it stops");
+    assert!((stop.time - 1.0 / 0.981).abs() < 1e-9);
+}
+
+#[test]
+fn a_sliding_ball_rolls_with_five_sevenths_of_its_speed() {
+    let m = model(vec![body(0, shape(1), vec2(0.0, 0.0), vec2(2.0, 0.0))], &[("sliding_friction", &[0.2])]);
+    let end = trace(&m, &seconds(50)).states[50][0].expect("present");
+    assert!((end.velocity.x - 2.0 * 5.0 / 7.0).abs() < 1e-9, "{}", end.velocity.x);
+    assert!((end.roll.y * 0.2 - end.velocity.x).abs() < 1e-9);
+}
+
+#[test]
+fn the_same_model_gives_the_same_bits_and_jets_see_the_same_events() {
+    let bodies = crowd(&[
+        (0, 1.0, 0.3, 0.1, 0.2, 1.0),
+        (1, -1.0, 0.2, 0., 0.1, 2.0),
+        (2, 0.1, 0.5, 1., 0.3, 0.7),
+        (3, 0.2, -1., -1., 1., 1.),
+    ]);
+    let m = model(
+        bodies,
+        &[("restitution", &[0.5, 1.0]), ("sliding_friction", &[0.04]), ("contact_friction", &[0.2])],
+    );
+    assert_eq!(trace(&m, &seconds(80)), trace(&m, &seconds(80)));
+    let flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
+    let jet = simulate(&m, &flat, &seconds(80), &Limits::default());
+    assert_eq!(jet.events, trace(&m, &seconds(80)).events);
+}
