@@ -2,7 +2,7 @@
 
 mod imagine;
 
-pub use imagine::{Imagined, LikelyEvent, imagine};
+pub use imagine::{Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
 
 use crate::num::Stopped;
 use crate::world::InterventionError;
