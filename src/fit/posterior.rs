@@ -10,6 +10,14 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
+/// Draws that are kept with a fit.
+pub const DRAWS: usize = 32;
+/// A draw that fits this many deviations worse than a draw from the true posterior would is pulled in.
+const TOLERATED: f64 = 3.0;
+/// How far a draw is pulled in at once, and how often.
+const SHRINK: f64 = 0.6;
+const SHRINKS: usize = 8;
+
 /// The data identify a parameter when they leave less than this share of the prior's deviation.
 const IDENTIFIED: f64 = 0.5;
 
@@ -19,10 +27,10 @@ pub struct Posterior {
     pub estimates: Vec<Estimate>,
     /// Search-space values, bounds and whether they are logarithms, in the order of `estimates`.
     coordinates: Vec<Coordinate>,
-    /// Lower triangle, row by row, of a factor L of the covariance L L^T.
-    factor: Vec<f64>,
     /// For each scene, index in [`Model::flatten`] and in `coordinates`.
     slots: Vec<Vec<(usize, usize)>>,
+    /// Draws, as search-space values.
+    draws: Vec<Vec<f64>>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -70,6 +78,7 @@ pub struct SharedEstimate {
 impl Posterior {
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
         let normal = problem.normal(point, window);
+        let cost = normal.cost;
         let factor = covariance_factor(normal.hessian);
         let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
         let estimate = |(k, f): (usize, &Free)| {
@@ -88,10 +97,8 @@ impl Posterior {
         Posterior {
             estimates: problem.free.iter().enumerate().map(estimate).collect(),
             coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
-            factor: (0..point.len())
-                .flat_map(|k| factor.row(k).columns(0, k + 1).iter().copied().collect::<Vec<_>>())
-                .collect(),
             slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
+            draws: draws(problem, point, cost, &factor, window),
         }
     }
 
@@ -99,18 +106,46 @@ impl Posterior {
         self.estimates.iter().find(|e| e.name == name && e.scene.is_none_or(|s| s == scene))
     }
 
-    /// A model with the parameters moved by `z` deviations along the covariance's factor.
-    fn displaced(&self, scene: usize, model: &Model, z: &[f64]) -> Model {
+    /// The model of a scene at stored draw `draw`.
+    fn drawn(&self, scene: usize, model: &Model, draw: usize) -> Model {
         let mut flat = model.flatten();
         for &(slot, k) in &self.slots[scene] {
-            let first = k * (k + 1) / 2;
-            let shift: f64 = self.factor[first..first + k + 1].iter().zip(z).map(|(l, z)| l * z).sum();
-            let c = &self.coordinates[k];
-            let value = (c.value + shift).clamp(c.min, c.max);
-            flat[slot] = if c.log { value.exp() } else { value };
+            let value = self.draws[draw][k];
+            flat[slot] = if self.coordinates[k].log { value.exp() } else { value };
         }
         model.with_values(&flat)
     }
+}
+
+/// Draws from the Gaussian around `point`, pulled in while the data contradict them: through contacts the cost
+/// is not the parabola that Laplace's approximation takes it for.
+fn draws(
+    problem: &Problem,
+    point: &[f64],
+    cost: f64,
+    factor: &DMatrix<f64>,
+    window: Window,
+) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(0);
+    let n = point.len();
+    let worst = 0.5 * (n as f64 + TOLERATED * (2.0 * n as f64).sqrt());
+    let draw = |_| {
+        let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
+        let shift: DVector<f64> = factor * z;
+        let mut share = 1.0;
+        let mut drawn = point.to_vec();
+        for _ in 0..SHRINKS {
+            for (k, f) in problem.free.iter().enumerate() {
+                drawn[k] = (point[k] + share * shift[k]).clamp(f.min, f.max);
+            }
+            if problem.cost(&drawn, window) - cost <= worst * share * share {
+                return drawn;
+            }
+            share *= SHRINK;
+        }
+        point.to_vec()
+    };
+    (0..DRAWS).map(draw).collect()
 }
 
 /// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.
@@ -152,17 +187,13 @@ fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Fit {
-    /// Models of one scene drawn from the posterior; the same seed gives the same draws.
+    /// Models of one scene drawn from the posterior; the seed picks among the [`DRAWS`] kept with the fit.
     pub fn draw(&self, scene: usize, count: usize, seed: u64) -> Vec<Model> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
         let model = &self.scenes[scene].model;
-        let n = self.posterior.coordinates.len();
-        (0..count)
-            .map(|_| {
-                let z: Vec<f64> = (0..n).map(|_| StandardNormal.sample(&mut random)).collect();
-                self.posterior.displaced(scene, model, &z)
-            })
-            .collect()
+        let kept = self.posterior.draws.len();
+        let pick =
+            |i: usize| self.posterior.drawn(scene, model, (i + (seed % kept.max(1) as u64) as usize) % kept);
+        if kept == 0 { vec![] } else { (0..count.min(kept)).map(pick).collect() }
     }
 
     /// Mass and restitution of each object of a scene, in the scene's order.

@@ -4,7 +4,7 @@ use super::english::{choice_program, is_explanatory, question_program};
 use super::events::{FUTURE_FRAMES, World, world};
 use super::program::{Op, Program, Type};
 use super::run::{Facts, Halt, Step, Value, describe, describe_event, run};
-use super::{Imagined, ReasonError, imagine};
+use super::{Imagined, ReasonError, Request, imagine};
 use crate::fit::Fit;
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -160,8 +160,8 @@ impl Session<'_> {
         let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
         let frames = self.scene.times.len() + after;
         let AskOptions { rollouts, seed } = *self.options;
-        let imagined =
-            imagine(self.scene, self.fit, self.index, interventions, frames, rollouts, seed, self.stop)?;
+        let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
+        let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
         self.worlds.push(world(self.scene, &imagined));
         self.simulations.push(imagined);
         Ok(())

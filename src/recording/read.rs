@@ -2,9 +2,13 @@
 
 use super::RecordingError;
 use super::messages::{self as m, v1};
-use mcap::Summary;
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message;
 use std::collections::BTreeMap;
+
+/// Longest record or decompressed chunk (bytes): a damaged length must not take all memory.
+const MAX_RECORD: usize = 64 << 20;
 
 /// What a trace file holds, without the messages that are drawn only.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -22,30 +26,53 @@ pub struct Reading {
 
 /// Reads a whole trace file. Bytes that are none give an error, never a panic.
 pub fn read(bytes: &[u8]) -> Result<Reading, RecordingError> {
+    let options =
+        LinearReaderOptions::default().with_record_length_limit(MAX_RECORD).with_validate_chunk_crcs(true);
+    let mut reader = LinearReader::new_with_options(options);
     let mut reading = Reading::default();
-    for message in mcap::MessageStream::new(bytes)? {
-        let message = message?;
-        let topic = message.channel.topic.as_str();
-        let index = reading.counts.entry(topic.to_string()).or_default();
-        *index += 1;
-        let wrong = |source| RecordingError::Message { topic: topic.to_string(), index: *index - 1, source };
-        let data = message.data.as_ref();
-        if topic == m::STATES.name {
-            reading.frames.push(v1::TraceFrame::decode(data).map_err(wrong)?);
-        } else if topic == m::EVENTS.name {
-            reading.events.push(v1::TraceEvent::decode(data).map_err(wrong)?);
-        } else if topic == m::PARAMETERS.name {
-            reading.parameters.extend(v1::TraceParameters::decode(data).map_err(wrong)?.parameters);
-        }
-    }
-    if let Some(summary) = Summary::read(bytes)? {
-        for index in &summary.metadata_indexes {
-            reading.metadata.extend(mcap::read::metadata(bytes, index)?.metadata);
-        }
-        for index in &summary.attachment_indexes {
-            let attachment = mcap::read::attachment(bytes, index)?;
-            reading.attachments.insert(attachment.name, attachment.data.into_owned());
+    let mut topics = BTreeMap::new();
+    let mut rest = bytes;
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let (now, later) = rest.split_at(wanted.min(rest.len()));
+                let space = reader.insert(now.len());
+                space[..now.len()].copy_from_slice(now);
+                reader.notify_read(now.len());
+                rest = later;
+            }
+            LinearReadEvent::Record { opcode, data } => match mcap::parse_record(opcode, data)? {
+                Record::Channel(channel) => {
+                    topics.insert(channel.id, channel.topic);
+                }
+                Record::Message { header, data } => {
+                    let topic = topics.get(&header.channel_id).map_or("", String::as_str);
+                    reading.take(topic, &data)?;
+                }
+                Record::Metadata(metadata) => reading.metadata.extend(metadata.metadata),
+                Record::Attachment { header, data, .. } => {
+                    reading.attachments.insert(header.name, data.into_owned());
+                }
+                _ => {}
+            },
         }
     }
     Ok(reading)
+}
+
+impl Reading {
+    fn take(&mut self, topic: &str, data: &[u8]) -> Result<(), RecordingError> {
+        let count = self.counts.entry(topic.to_string()).or_default();
+        let index = *count;
+        *count += 1;
+        let wrong = |source| RecordingError::Message { topic: topic.to_string(), index, source };
+        if topic == m::STATES.name {
+            self.frames.push(v1::TraceFrame::decode(data).map_err(wrong)?);
+        } else if topic == m::EVENTS.name {
+            self.events.push(v1::TraceEvent::decode(data).map_err(wrong)?);
+        } else if topic == m::PARAMETERS.name {
+            self.parameters.extend(v1::TraceParameters::decode(data).map_err(wrong)?.parameters);
+        }
+        Ok(())
+    }
 }

@@ -58,9 +58,9 @@ const fn with(name: &'static str, params: &'static [PresetParam]) -> PresetEffec
 pub static PRESETS: &[Preset] = &[
     Preset {
         name: "clevrer",
-        doc: "Objects thrown over a floor: friction, drag, restitution by pair, balls that roll.",
+        doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
         balls_roll: true,
-        mass_sd: 0.5,
+        mass_sd: 0.4,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
             with(
@@ -74,6 +74,35 @@ pub static PRESETS: &[Preset] = &[
                     set_by("quadratic", 0.04, 0.01, Scope::Shape, &[("sphere", 0.12)]),
                 ],
             ),
+            with("restitution", &[set("coefficient", 0.25, 0.25, Scope::Pair)]),
+            with("contact_friction", &[set("mu", 0.04, 0.01, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "paper",
+        doc: "The published equations: friction by shape, quadratic drag, product law of restitution.",
+        balls_roll: false,
+        mass_sd: 0.5,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.03, 0.02, Scope::Shape)]),
+            with(
+                "damping",
+                &[set("linear", 0.0, 0.0, Scope::Setup), set("quadratic", 0.06, 0.03, Scope::Setup)],
+            ),
+            with(
+                "restitution",
+                &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.67, 0.2, Scope::Object)],
+            ),
+        ],
+    },
+    Preset {
+        name: "table",
+        doc: "Friction and restitution, balls roll; nothing else.",
+        balls_roll: true,
+        mass_sd: 0.5,
+        effects: &[
+            with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
+            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
         ],
     },
@@ -96,7 +125,7 @@ pub static PRESETS: &[Preset] = &[
         effects: &[
             with("sliding_friction", &[set("mu", 0.2, 0.05, Scope::Setup)]),
             with("rolling_resistance", &[set("mu", 0.01, 0.005, Scope::Setup)]),
-            with("restitution", &[set("coefficient", 0.9, 0.1, Scope::ShapePair)]),
+            with("restitution", &[set("coefficient", 0.9, 0.1, Scope::Setup)]),
             with("contact_friction", &[set("mu", 0.06, 0.03, Scope::Setup)]),
         ],
     },
