@@ -205,3 +205,39 @@ fn true_events_give_the_true_answers() {
     println!("{right}/{asked} right; {wrong:#?}");
     assert!(right == asked, "{right}/{asked}: {wrong:#?}");
 }
+
+#[test]
+fn a_question_is_answered_from_english_and_from_its_program() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let start = Preset::named("clevrer").unwrap().model(&scene);
+    let options = crate::fit::FitOptions { max_iterations: 2 };
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[start], &options, &never).unwrap();
+    let asked = |question: &str, choices: &[&str]| {
+        let choices = choices.iter().map(|c| c.to_string()).collect();
+        let question = Question::English { question: question.to_string(), choices };
+        ask(&scene, &fit, 0, &question, &AskOptions { rollouts: 3, seed: 1 }, &never)
+    };
+    let pair = "The cube and the brown sphere collide";
+    let answer = asked("What will happen if the cube is removed?", &[pair, pair]).unwrap();
+    assert_eq!((answer.choices.len(), answer.simulations.len()), (2, 1));
+    assert!(!answer.choices[0].correct && answer.choices[0].probability == 0.0);
+    let program = Question::Program {
+        program: answer.program.clone(),
+        choices: vec![choice_program(pair, false).unwrap()],
+    };
+    let again = ask(&scene, &fit, 0, &program, &AskOptions { rollouts: 3, seed: 1 }, &never).unwrap();
+    assert_eq!(again.choices[0].trail, answer.choices[0].trail);
+    assert!(asked("What will happen next?", &[]).unwrap().answer.is_some());
+    assert!(matches!(
+        asked("What will happen without the red object?", &[pair]),
+        Err(ReasonError::NoSuchObject { .. })
+    ));
+    let ambiguous = asked("What will happen without the cyan object?", &[pair]);
+    assert!(
+        matches!(ambiguous, Err(ReasonError::AmbiguousObject { candidates, .. }) if candidates.len() == 2)
+    );
+    assert!(matches!(
+        asked("What will not happen without the cube?", &[]),
+        Err(ReasonError::ProgramResult { .. })
+    ));
+}
