@@ -80,6 +80,10 @@ pub fn ask(
     }
     let (mut program, choices) = programs(question)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
+    if open_list && program.ops.contains(&Op::Negate) {
+        let expected = "choices for a question with \"not\"";
+        return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
+    }
     if open_list {
         // Without choices the events themselves are asked for.
         let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
@@ -150,6 +154,10 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), trail)),
+                // Simulated already, with fewer rollouts than asked for: this one has no say.
+                Err(Halt::Needs(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                    return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
+                }
                 Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
                 Err(Halt::Error(error)) => return Err(error),
             }

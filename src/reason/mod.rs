@@ -7,6 +7,8 @@ mod imagine;
 mod ops;
 mod program;
 mod run;
+#[cfg(test)]
+mod tests;
 
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{FORMS, choice_program, question_program};
