@@ -1,5 +1,12 @@
 //! What was observed of one video: objects, their tracks, the camera and the table.
 
+mod clevrer;
+mod digest;
+mod validate;
+
+pub use clevrer::{CLEVRER_CAMERA, parse};
+pub use digest::canonical_digest;
+
 use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
 
