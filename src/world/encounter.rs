@@ -169,7 +169,7 @@ impl<T: Scalar> Run<'_, T> {
             self.touching.push(Touching { a, b, pressing: true });
             self.join(a, b);
         }
-        self.pass_on(time, a, b);
+        self.pass_on(time, &self.involved(a, b));
         let changed = self.involved(a, b);
         self.predict(a);
         if solid && !self.bodies[a].group.contains(&b) {
@@ -179,8 +179,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow.
-    fn pass_on(&mut self, time: f64, a: usize, b: usize) {
-        let group = self.involved(a, b);
+    pub(super) fn pass_on(&mut self, time: f64, group: &[usize]) {
         let kept: Vec<Touching> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
         for _ in 0..BLOWS {
             let mut quiet = true;

@@ -445,7 +445,9 @@ impl<'m, T: Scalar> Run<'m, T> {
                 }
             }
             Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),
-            Some(Change::Continue) | None => {}
+            // Another corner may have come to press meanwhile.
+            Some(Change::Continue) => self.pass_on(time.value(), &group),
+            None => {}
         }
         self.release(&group);
         for &j in &group {
