@@ -155,6 +155,10 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), trail)),
+                // Simulated already, with fewer rollouts than asked for: this one has no say.
+                Err(Halt::Needs(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                    return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
+                }
                 Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
                 Err(Halt::Error(error)) => return Err(error),
             }
