@@ -60,7 +60,7 @@ struct Session<'a> {
     scene: &'a Scene,
     fit: &'a Fit,
     index: usize,
-    options: &'a AskOptions,
+    options: AskOptions,
     stop: Stop<'a>,
     worlds: Vec<World>,
     simulations: Vec<Imagined>,
@@ -98,6 +98,7 @@ pub fn ask(
     if choices.is_empty() {
         result(&program, vec![], None)?;
     }
+    let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let (worlds, simulations) = (vec![], vec![]);
     let mut session = Session { scene, fit, index, options, stop, worlds, simulations };
     let mut answer =
@@ -167,7 +168,7 @@ impl Session<'_> {
     fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
         let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
         let frames = self.scene.times.len() + after;
-        let AskOptions { rollouts, seed } = *self.options;
+        let AskOptions { rollouts, seed } = self.options;
         let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
         let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
         self.worlds.push(world(self.scene, &imagined));

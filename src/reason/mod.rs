@@ -14,6 +14,7 @@ pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{FORMS, choice_program, question_program};
 pub use events::{FUTURE_FRAMES, MOVING_SPEED};
 pub use imagine::{Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
+
 pub use program::{Op, Program, TOKENS, Type};
 pub use run::Step;
 
