@@ -12,10 +12,11 @@ pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::reason::{
-    Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, ask, imagine,
+    Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, Request, ask, imagine,
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
+
 use crate::world::Intervention;
 use memo::Memo;
 use moka::future::Cache;
@@ -228,7 +229,10 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         let Some(model) = start.start(&scene)? else {
-            return Err(EngineError::invalid(start.path, "is fitted already; name a preset or give a model file"));
+            return Err(EngineError::invalid(
+                start.path,
+                "is fitted already; name a preset or give a model file",
+            ));
         };
         let id = canonical_digest("model", &(video, &model, &options, env!("CARGO_PKG_VERSION")));
         let (engine, video) = (self.clone(), video.to_string());
@@ -254,15 +258,7 @@ impl Engine {
         }
         self.fits_run.fetch_add(1, Ordering::Relaxed);
         let job = move |stop: crate::num::Stop| {
-            let objects = scene.objects.iter().map(|o| o.id).collect::<Vec<_>>();
-            fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(|error| match error {
-                FitError::TooFewFrames { id, seen, needed, .. } => {
-                    let index = objects.iter().position(|o| *o == id).unwrap_or(0);
-                    let message = format!("object {id} is seen in {seen} frames; its motion needs {needed}");
-                    EngineError::invalid(format!("video.objects[{index}].samples"), message)
-                }
-                other => other.into(),
-            })
+            fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(EngineError::from)
         };
         let fit = self.pool.run(control, job).await?;
         let stored = StoredFit { video, id, fit };
@@ -314,16 +310,17 @@ impl Engine {
         for (i, intervention) in options.interventions.iter().enumerate() {
             edited = intervention.apply(&edited).map_err(|e| trace::refused(i, intervention, &e))?;
         }
-        let digest = canonical_digest("simulation", &(video, &fitted.id, frames, &options));
+        let SimulateOptions { interventions, rollouts, seed, .. } = options;
+        let request = Request { interventions, frames, rollouts, seed };
+        let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
         let engine = self.clone();
         let work = move |control| async move {
             let (imagined, bytes, record) = {
                 let (scene, fitted) = (scene.clone(), fitted.clone());
                 let job = move |stop: crate::num::Stop| {
-                    let (edits, rollouts, seed) = (&options.interventions, options.rollouts, options.seed);
-                    let imagined = imagine(&scene, &fitted.fit, 0, edits, frames, rollouts, seed, stop)?;
-                    let request = serde_json::json!({"simulate": &options, "frames": frames}).to_string();
-                    let (bytes, record) = trace::encode(&scene, &fitted, &imagined, seed, &request)?;
+                    let imagined = imagine(&scene, &fitted.fit, 0, &request, stop)?;
+                    let json = serde_json::json!({ "simulate": &request }).to_string();
+                    let (bytes, record) = trace::encode(&scene, &fitted, &imagined, request.seed, &json)?;
                     Ok((Imagined { ensemble: vec![], ..imagined }, bytes, record))
                 };
                 engine.pool.run(control, job).await?
@@ -345,18 +342,13 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         let fitted = self.fitted(video, choice).await?;
-        // Debug of the question: it holds strings only, which Debug tells apart.
-        let request = format!("{question:?}");
-        let digest = canonical_digest(
-            "question",
-            &(video, &fitted.id, &request, options.rollouts as u64, options.seed),
-        );
+        let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
         let work = move |control| async move {
             let model = fitted.id.clone();
             let job = move |stop: crate::num::Stop| {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
-                let request = serde_json::json!({"ask": request, "rollouts": options.rollouts}).to_string();
+                let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
                 for imagined in std::mem::take(&mut answer.simulations) {
                     files.push(trace::encode(&scene, &fitted, &imagined, options.seed, &request)?);
@@ -389,8 +381,7 @@ impl Engine {
 
 fn check_size(scene: &Scene, frames: usize, options: &SimulateOptions) -> Result<(), EngineError> {
     let mut violations = Vec::new();
-    let mut add =
-        |path: &str, message: String| violations.push(Violation { path: path.into(), message });
+    let mut add = |path: &str, message: String| violations.push(Violation { path: path.into(), message });
     let states = frames.saturating_mul(scene.objects.len());
     if frames == 0 || frames > MAX_SIMULATED_FRAMES {
         add("frames", format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}"));

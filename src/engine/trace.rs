@@ -1,8 +1,8 @@
 //! Trace files: encoded on the pool, published whole, listed and read back.
 
 use super::{Engine, EngineError, StoredFit};
-use crate::recording::{self, Recording};
 use crate::reason::Imagined;
+use crate::recording::{self, Recording};
 use crate::scene::Scene;
 use crate::store::Kind;
 use crate::world::{Intervention, InterventionError};

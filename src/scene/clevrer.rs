@@ -33,9 +33,7 @@ pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
         }
     };
     let scene = if root.is_empty() { None } else { Some(reader.scene(name, &root)) };
-    if let Err(refused) = reader.report.finish() {
-        return Err(refused);
-    }
+    reader.report.finish()?;
     let scene = scene.ok_or_else(|| one("(file)", "is empty; give an annotation"))?;
     scene.validate()?;
     Ok(scene)

@@ -1,0 +1,283 @@
+//! Answers a question about a fitted scene by running its program on every rollout.
+
+use super::english::{choice_program, is_explanatory, question_program};
+use super::events::{FUTURE_FRAMES, World, world};
+use super::program::{Op, Program, Type};
+use super::run::{Facts, Halt, Step, Value, describe, describe_event, run};
+use super::{Imagined, ReasonError, Request, imagine};
+use crate::fit::Fit;
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::world::Intervention;
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Question {
+    English { question: String, choices: Vec<String> },
+    Program { program: Vec<String>, choices: Vec<Vec<String>> },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AskOptions {
+    /// Models drawn from the posterior.
+    pub rollouts: usize,
+    pub seed: u64,
+}
+
+impl Default for AskOptions {
+    fn default() -> Self {
+        AskOptions { rollouts: 32, seed: 0 }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Of an open question.
+    pub answer: Option<String>,
+    pub choices: Vec<ChoiceAnswer>,
+    /// How sure the answer is: of an open one the share of the rollouts that give it, else of the least sure choice.
+    pub probability: f64,
+    pub trail: Vec<Step>,
+    pub program: Vec<String>,
+    /// One or two sentences.
+    pub explanation: String,
+    /// The simulations it stands on.
+    pub simulations: Vec<Imagined>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChoiceAnswer {
+    pub choice: String,
+    pub correct: bool,
+    /// Share of the rollouts in which it is correct.
+    pub probability: f64,
+    pub trail: Vec<Step>,
+}
+
+/// What is simulated so far.
+struct Session<'a> {
+    scene: &'a Scene,
+    fit: &'a Fit,
+    index: usize,
+    options: &'a AskOptions,
+    stop: Stop<'a>,
+    worlds: Vec<World>,
+    simulations: Vec<Imagined>,
+}
+
+/// Answers a question about scene `index` of the fit. Deterministic.
+pub fn ask(
+    scene: &Scene,
+    fit: &Fit,
+    index: usize,
+    question: &Question,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
+    if index >= fit.scenes.len() {
+        return Err(ReasonError::NoSuchScene { index, scenes: fit.scenes.len() });
+    }
+    let (mut program, choices) = programs(question)?;
+    let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
+    if open_list {
+        // Without choices the events themselves are asked for.
+        let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
+        program.ops.truncate(keep);
+        program.tokens.truncate(keep);
+    }
+    for (_, choice) in &choices {
+        let mut stack = vec![];
+        choice.check(&mut stack)?;
+        result(&program, stack, Some(Type::Bool))?;
+    }
+    if choices.is_empty() {
+        result(&program, vec![], None)?;
+    }
+    let (worlds, simulations) = (vec![], vec![]);
+    let mut session = Session { scene, fit, index, options, stop, worlds, simulations };
+    let mut answer =
+        if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
+    answer.program = program.tokens;
+    answer.simulations = session.simulations;
+    Ok(answer)
+}
+
+type Choices = Vec<(String, Program)>;
+
+fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
+    match question {
+        Question::English { question, choices } => {
+            let tokens = question_program(question)?;
+            let observed = is_explanatory(&tokens);
+            let choices =
+                choices.iter().map(|c| Ok((c.clone(), Program::parse(&choice_program(c, observed)?)?)));
+            Ok((Program::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
+        }
+        Question::Program { program, choices } => {
+            let choices = choices.iter().map(|c| Ok((c.join(" "), Program::parse(c)?)));
+            Ok((Program::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
+        }
+    }
+}
+
+/// Checks that the program leaves one value, of the wanted type.
+fn result(program: &Program, mut stack: Vec<Type>, wanted: Option<Type>) -> Result<(), ReasonError> {
+    program.check(&mut stack)?;
+    match stack[..] {
+        [one] if wanted.is_none_or(|w| w == one) => Ok(()),
+        _ => {
+            let expected = if wanted.is_some() { "yes or no for each choice" } else { "one value" };
+            Err(ReasonError::ProgramResult { expected, found: format!("{stack:?}") })
+        }
+    }
+}
+
+impl Session<'_> {
+    /// Runs the programs one after the other on a rollout, simulating what they ask for.
+    fn evaluate(
+        &mut self,
+        programs: &[&Program],
+        rollout: usize,
+    ) -> Result<(Option<Value>, Vec<Step>), ReasonError> {
+        loop {
+            let facts = Facts { scene: self.scene, worlds: &self.worlds, rollout };
+            let mut trail = vec![];
+            let outcome = programs.iter().try_fold(vec![], |stack, program| {
+                let (stack, steps) = run(program, facts, stack)?;
+                trail.extend(steps);
+                Ok(stack)
+            });
+            match outcome {
+                Ok(mut stack) => return Ok((stack.pop(), trail)),
+                Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
+                Err(Halt::Error(error)) => return Err(error),
+            }
+        }
+    }
+
+    fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
+        let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
+        let frames = self.scene.times.len() + after;
+        let AskOptions { rollouts, seed } = *self.options;
+        let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
+        let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
+        self.worlds.push(world(self.scene, &imagined));
+        self.simulations.push(imagined);
+        Ok(())
+    }
+
+    /// Values over the ensemble (the best rollout alone where there is none), and the best rollout's trail.
+    fn over_rollouts(&mut self, programs: &[&Program]) -> Result<(Vec<Value>, Vec<Step>), ReasonError> {
+        let best = self.evaluate(programs, 0);
+        let mut values = vec![];
+        for rollout in 1..=self.options.rollouts {
+            match self.evaluate(programs, rollout) {
+                Ok((value, _)) => values.extend(value),
+                // This rollout has no such event, so it has no say.
+                Err(ReasonError::NoSingleEvent { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        match best {
+            Ok((value, trail)) => {
+                if values.is_empty() {
+                    values.extend(value);
+                }
+                Ok((values, trail))
+            }
+            Err(ReasonError::NoSingleEvent { .. }) if !values.is_empty() => Ok((values, vec![])),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn choices(&mut self, program: &Program, choices: &Choices) -> Result<Answer, ReasonError> {
+        let mut answers = vec![];
+        for (text, choice) in choices {
+            let (values, trail) = self.over_rollouts(&[choice, program])?;
+            let yes = values.iter().filter(|v| **v == Value::Bool(true)).count();
+            let probability = yes as f64 / values.len().max(1) as f64;
+            answers.push(ChoiceAnswer {
+                choice: text.clone(),
+                correct: probability >= 0.5,
+                probability,
+                trail,
+            });
+        }
+        let sure = |c: &ChoiceAnswer| if c.correct { c.probability } else { 1.0 - c.probability };
+        let right: Vec<String> = answers
+            .iter()
+            .filter(|c| c.correct)
+            .map(|c| format!("\"{}\" ({:.0} %)", c.choice, 100.0 * c.probability))
+            .collect();
+        let right = if right.is_empty() { "none of the choices".to_string() } else { right.join(", ") };
+        Ok(Answer {
+            answer: None,
+            probability: answers.iter().map(sure).fold(1.0, f64::min),
+            explanation: format!(
+                "Over {} simulated rollouts, correct: {right}.",
+                self.options.rollouts.max(1)
+            ),
+            trail: answers.first().map(|c| c.trail.clone()).unwrap_or_default(),
+            choices: answers,
+            program: vec![],
+            simulations: vec![],
+        })
+    }
+
+    fn open(&mut self, program: &Program) -> Result<Answer, ReasonError> {
+        let (values, trail) = self.over_rollouts(&[program])?;
+        let (answer, probability) = if matches!(values.first(), Some(Value::Events(_))) {
+            self.likely_events(&values)
+        } else {
+            let mut tally: Vec<(String, usize)> = vec![];
+            for value in &values {
+                let text = describe(self.scene, value);
+                match tally.iter_mut().find(|(t, _)| *t == text) {
+                    Some((_, n)) => *n += 1,
+                    None => tally.push((text, 1)),
+                }
+            }
+            // The first among equals, so that the order of rollouts decides and nothing else.
+            let most = tally.iter().rev().max_by_key(|(_, n)| *n).cloned().unwrap_or_default();
+            (most.0, most.1 as f64 / values.len().max(1) as f64)
+        };
+        Ok(Answer {
+            explanation: format!("{answer}: in {:.0} % of {} rollouts.", 100.0 * probability, values.len()),
+            answer: Some(answer),
+            choices: vec![],
+            probability,
+            trail,
+            program: vec![],
+            simulations: vec![],
+        })
+    }
+
+    /// Events that at least half of the rollouts show, in words, and the share of the least likely of them.
+    fn likely_events(&self, values: &[Value]) -> (String, f64) {
+        let mut tally: Vec<(super::events::Happening, usize)> = vec![];
+        for value in values {
+            let Value::Events(events) = value else { continue };
+            for (k, event) in events.iter().enumerate() {
+                if events.iter().take(k).any(|e| e.is_like(event)) {
+                    continue;
+                }
+                match tally.iter_mut().find(|(e, _)| e.is_like(event)) {
+                    Some((_, n)) => *n += 1,
+                    None => tally.push((event.clone(), 1)),
+                }
+            }
+        }
+        let share = |n: usize| n as f64 / values.len().max(1) as f64;
+        let likely: Vec<_> = tally.iter().filter(|(_, n)| share(*n) >= 0.5).collect();
+        if likely.is_empty() {
+            let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
+            return ("nothing is likely to happen".to_string(), 1.0 - most);
+        }
+        let words = likely
+            .iter()
+            .map(|(e, n)| format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)));
+        let least = likely.iter().map(|(_, n)| share(*n)).fold(1.0, f64::min);
+        (words.collect::<Vec<_>>().join("; "), least)
+    }
+}
