@@ -2,6 +2,7 @@
 
 pub mod api;
 pub mod body;
+pub mod cli;
 pub mod effects;
 pub mod engine;
 pub mod fit;
