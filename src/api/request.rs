@@ -37,9 +37,7 @@ impl Report {
 
     pub fn vector(&mut self, path: &str, vector: Option<v1::Vector>) -> Vec2 {
         match vector {
-            Some(v) => {
-                vec2(self.finite(&format!("{path}.x"), v.x), self.finite(&format!("{path}.y"), v.y))
-            }
+            Some(v) => vec2(self.finite(&format!("{path}.x"), v.x), self.finite(&format!("{path}.y"), v.y)),
             None => {
                 self.add(path, "is missing");
                 vec2(0.0, 0.0)

@@ -150,12 +150,7 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
             image_width: c.image_size[0],
             image_height: c.image_size[1],
         }),
-        table: scene.table.map(|t| v1::Table {
-            x_min: t.x[0],
-            x_max: t.x[1],
-            y_min: t.y[0],
-            y_max: t.y[1],
-        }),
+        table: scene.table.map(|t| v1::Table { x_min: t.x[0], x_max: t.x[1], y_min: t.y[0], y_max: t.y[1] }),
         noise_sigma: scene.noise_sigma,
         objects: objects.collect(),
     }
@@ -177,7 +172,9 @@ fn shape(shape: &crate::scene::Shape) -> v1::Shape {
         Shape::Disc { radius } => Kind::Disc(Disc { radius }),
         Shape::Ball { radius } => Kind::Ball(Ball { radius }),
         Shape::Square { half_side } => Kind::Square(Square { half_side }),
-        Shape::Rectangle { half_length, half_width } => Kind::Rectangle(Rectangle { half_length, half_width }),
+        Shape::Rectangle { half_length, half_width } => {
+            Kind::Rectangle(Rectangle { half_length, half_width })
+        }
     };
     v1::Shape { kind: Some(kind) }
 }
