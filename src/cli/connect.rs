@@ -43,7 +43,12 @@ pub async fn start(listen: &str, data_dir: &Path, config: Option<&Path>) -> Resu
         .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
     let address = listener.local_addr().map_err(Failure::other)?;
     let shutdown = CancellationToken::new();
-    let task = tokio::spawn(serve(listener, data_dir.to_path_buf(), config.map(Path::to_path_buf), shutdown.clone()));
+    let task = tokio::spawn(serve(
+        listener,
+        data_dir.to_path_buf(),
+        config.map(Path::to_path_buf),
+        shutdown.clone(),
+    ));
     Ok(Service { address, shutdown, task })
 }
 

@@ -11,7 +11,10 @@ use std::path::{Path, PathBuf};
 const SCENE: &str = include_str!("../../tests/data/clevrer/scene_00000/observed.json");
 const PREDICTIVE: (&str, [&str; 2]) = (
     "Which event will happen next?",
-    ["The cyan metal cube collides with the metal cylinder", "The brown object collides with the cyan metal cube"],
+    [
+        "The cyan metal cube collides with the metal cylinder",
+        "The brown object collides with the cyan metal cube",
+    ],
 );
 const COUNTERFACTUAL: (&str, [&str; 2]) = (
     "Which event will happen without the rubber object?",

@@ -39,8 +39,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         let began = Instant::now();
         let video = connection.post(scene).await.map_err(|e| e.at(&scene.name))?;
         let progress = |fraction: f64| bar.set_position(100 * i as u64 + (100.0 * fraction) as u64);
-        let model =
-            connection.fit(&video, start.clone(), progress).await.map_err(|e| e.at(&scene.name))?;
+        let model = connection.fit(&video, start.clone(), progress).await.map_err(|e| e.at(&scene.name))?;
         ratios.push(model.rmse / model.noise_sigma);
         tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(scene, id)));
         fitted.insert(scene.name.clone(), to_json(&model, began.elapsed().as_secs_f64()));
@@ -119,9 +118,10 @@ fn to_json(model: &Model, seconds: f64) -> Value {
 }
 
 fn number(e: Option<&Estimate>) -> Value {
-    e.map_or(Value::Null, |e| {
-        json!({ "value": e.value, "sd": e.sd, "unit": e.unit, "identified": e.identified })
-    })
+    e.map_or(
+        Value::Null,
+        |e| json!({ "value": e.value, "sd": e.sd, "unit": e.unit, "identified": e.identified }),
+    )
 }
 
 /// One value as a number, several as lists beside what each applies to.
@@ -145,7 +145,8 @@ fn summary(mut ratios: Vec<f64>) -> String {
     ratios.sort_by(f64::total_cmp);
     let at = |i: usize| ratios.get(i).copied().unwrap_or(f64::NAN);
     let middle = ratios.len() / 2;
-    let median = if ratios.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.wrapping_sub(1)) + at(middle)) };
+    let median =
+        if ratios.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.wrapping_sub(1)) + at(middle)) };
     let worst = ratios.last().copied().unwrap_or(f64::NAN);
     format!("{} scenes: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
 }
@@ -156,7 +157,10 @@ mod tests {
 
     #[test]
     fn the_summary_has_median_and_worst() {
-        assert_eq!(summary(vec![3.0, 1.0, 1.5, 1.1]), "4 scenes: rmse over noise 1.300 (median), 3.000 (worst)");
+        assert_eq!(
+            summary(vec![3.0, 1.0, 1.5, 1.1]),
+            "4 scenes: rmse over noise 1.300 (median), 3.000 (worst)"
+        );
         assert_eq!(summary(vec![1.2]), "1 scenes: rmse over noise 1.200 (median), 1.200 (worst)");
     }
 }

@@ -44,7 +44,8 @@ pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
         format!("  {}\n", cells.collect::<Vec<_>>().join("  ").trim_end())
     };
     let header: Vec<String> = header.iter().map(|h| h.to_string()).collect();
-    let rule = format!("  {}\n", "─".repeat(widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1)));
+    let rule =
+        format!("  {}\n", "─".repeat(widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1)));
     line(&header) + &rule + &rows.iter().map(|row| line(row)).collect::<String>()
 }
 
