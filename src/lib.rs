@@ -3,6 +3,7 @@
 pub mod api;
 pub mod body;
 pub mod cli;
+pub mod config;
 pub mod effects;
 pub mod engine;
 pub mod fit;
@@ -11,4 +12,5 @@ pub mod reason;
 pub mod recording;
 pub mod scene;
 pub mod store;
+pub mod telemetry;
 pub mod world;

@@ -176,6 +176,7 @@ impl Sub for Jet {
 impl Mul for Jet {
     type Output = Jet;
     #[inline(always)]
+    #[allow(clippy::suspicious_arithmetic_impl)] // the product rule
     fn mul(self, o: Jet) -> Jet {
         self.zip(o, self.v * o.v, |a, b| a * o.v + self.v * b)
     }

@@ -3,6 +3,7 @@
 use super::Target;
 use super::error::Failure;
 use super::video;
+use crate::api;
 use crate::api::v1::models_client::ModelsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
@@ -10,9 +11,12 @@ use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
     CreateVideoRequest, DownloadTraceRequest, FitModelRequest, Model, ModelChoice, fit_model_response,
 };
+use crate::config::Config;
+use crate::engine::Engine;
 use crate::scene::Scene;
 use std::net::SocketAddr;
 use std::path::Path;
+use std::sync::Arc;
 use tempfile::TempDir;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -37,18 +41,18 @@ impl Service {
 }
 
 /// Starts the service; it serves when this returns.
-pub async fn start(listen: &str, data_dir: &Path, config: Option<&Path>) -> Result<Service, Failure> {
+pub async fn start(config: &Config) -> Result<Service, Failure> {
+    let listen = config.listen;
     let listener = tokio::net::TcpListener::bind(listen)
         .await
         .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
     let address = listener.local_addr().map_err(Failure::other)?;
-    let shutdown = CancellationToken::new();
-    let task = tokio::spawn(serve(
-        listener,
-        data_dir.to_path_buf(),
-        config.map(Path::to_path_buf),
-        shutdown.clone(),
-    ));
+    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(Failure::other)?;
+    let (shutdown, limits) = (CancellationToken::new(), config.limits());
+    let stop = shutdown.clone().cancelled_owned();
+    let task = tokio::spawn(async move {
+        api::serve(listener, Arc::new(engine), limits, stop).await.map_err(Failure::other)
+    });
     Ok(Service { address, shutdown, task })
 }
 
@@ -81,7 +85,9 @@ impl Connection {
             None => Some(TempDir::new().map_err(Failure::other)?),
         };
         let folder = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref());
-        let service = start("127.0.0.1:0", folder.unwrap_or(Path::new("vrdp-data")), None).await?;
+        let data_dir = folder.unwrap_or(Path::new("vrdp-data")).to_path_buf();
+        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
+        let service = start(&Config { listen, data_dir, ..Config::default() }).await?;
         let channel = remote(&format!("http://{}", service.address)).await?;
         Ok(Connection { channel, service: Some(service), _home: home })
     }
@@ -140,13 +146,4 @@ impl Connection {
         }
         Ok(bytes)
     }
-}
-
-async fn serve(
-    _listener: tokio::net::TcpListener,
-    _data_dir: std::path::PathBuf,
-    _config: Option<std::path::PathBuf>,
-    _shutdown: CancellationToken,
-) -> Result<(), Failure> {
-    Err(Failure::other("the service is not joined to the command line yet"))
 }

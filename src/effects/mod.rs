@@ -8,6 +8,8 @@ mod quadratic_drag;
 mod restitution;
 mod rolling_resistance;
 mod sliding_friction;
+#[cfg(test)]
+mod tests;
 
 use crate::body::{Body, Contact, ContactLaw, Wrench};
 use crate::num::{Jet, Real, Vec2};

@@ -5,6 +5,8 @@ mod posterior;
 mod problem;
 mod solve;
 mod start;
+#[cfg(test)]
+mod tests;
 
 pub use posterior::{Estimate, ObjectEstimate, Posterior, SharedEstimate};
 

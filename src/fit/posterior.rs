@@ -187,6 +187,11 @@ fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Fit {
+    /// How many draws the fit keeps.
+    pub fn draws(&self) -> usize {
+        self.posterior.draws.len()
+    }
+
     /// Models of one scene drawn from the posterior; the seed picks among the [`DRAWS`] kept with the fit.
     pub fn draw(&self, scene: usize, count: usize, seed: u64) -> Vec<Model> {
         let model = &self.scenes[scene].model;

@@ -60,7 +60,7 @@ struct Session<'a> {
     scene: &'a Scene,
     fit: &'a Fit,
     index: usize,
-    options: &'a AskOptions,
+    options: AskOptions,
     stop: Stop<'a>,
     worlds: Vec<World>,
     simulations: Vec<Imagined>,
@@ -80,6 +80,10 @@ pub fn ask(
     }
     let (mut program, choices) = programs(question)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
+    if open_list && program.ops.contains(&Op::Negate) {
+        let expected = "choices for a question with \"not\"";
+        return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
+    }
     if open_list {
         // Without choices the events themselves are asked for.
         let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
@@ -94,6 +98,7 @@ pub fn ask(
     if choices.is_empty() {
         result(&program, vec![], None)?;
     }
+    let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let (worlds, simulations) = (vec![], vec![]);
     let mut session = Session { scene, fit, index, options, stop, worlds, simulations };
     let mut answer =
@@ -150,6 +155,10 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), trail)),
+                // Simulated already, with fewer rollouts than asked for: this one has no say.
+                Err(Halt::Needs(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                    return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
+                }
                 Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
                 Err(Halt::Error(error)) => return Err(error),
             }
@@ -159,7 +168,7 @@ impl Session<'_> {
     fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
         let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
         let frames = self.scene.times.len() + after;
-        let AskOptions { rollouts, seed } = *self.options;
+        let AskOptions { rollouts, seed } = self.options;
         let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
         let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
         self.worlds.push(world(self.scene, &imagined));

@@ -92,14 +92,8 @@ fn observed(scene: &Scene, object: usize, trace: &Trace) -> Vec<usize> {
     let mut frames: Vec<usize> = samples.iter().map(|s| s.frame).collect();
     if frames.last().is_some_and(|last| *last + 1 == scene.times.len()) {
         let next = seen(scene, object, trace).into_iter().filter(|f| *f >= scene.times.len());
-        let mut end = scene.times.len();
-        for frame in next {
-            if frame != end {
-                break;
-            }
-            frames.push(frame);
-            end += 1;
-        }
+        let next = (scene.times.len()..).zip(next).take_while(|(due, frame)| due == frame);
+        frames.extend(next.map(|(_, frame)| frame));
     }
     frames
 }

@@ -7,11 +7,14 @@ mod imagine;
 mod ops;
 mod program;
 mod run;
+#[cfg(test)]
+mod tests;
 
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{FORMS, choice_program, question_program};
 pub use events::{FUTURE_FRAMES, MOVING_SPEED};
 pub use imagine::{Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
+
 pub use program::{Op, Program, TOKENS, Type};
 pub use run::Step;
 

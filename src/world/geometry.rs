@@ -1,5 +1,6 @@
 //! Gap between two outlines: distance, normal, and the points that touch first.
 
+use super::motion::Kinematics;
 use crate::num::{Real, Vec2, vec2};
 use crate::scene::Shape;
 
@@ -11,6 +12,10 @@ pub(super) struct Pose<T> {
 }
 
 impl<T: Real> Pose<T> {
+    pub fn of(k: &Kinematics<T>, shape: &Shape) -> Self {
+        Pose::new(k.position, k.yaw, shape)
+    }
+
     pub fn new(position: Vec2<T>, yaw: T, shape: &Shape) -> Self {
         let turn = match shape {
             Shape::Disc { .. } | Shape::Ball { .. } => vec2(T::constant(1.0), T::zero()),
@@ -117,10 +122,34 @@ fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64
     }
 }
 
+/// The points at which two outlines can press on each other: both ends of the edge where box meets box.
+pub(super) fn manifold<T: Real>(
+    a: &Pose<T>,
+    sa: &Shape,
+    b: &Pose<T>,
+    sb: &Shape,
+) -> [Option<Proximity<T>>; 2] {
+    let (Some(ha), Some(hb)) = (half_extents(sa), half_extents(sb)) else {
+        return [Some(proximity(a, sa, b, sb)), None];
+    };
+    let (fa, fb) = (best_face(a, ha, b, hb), best_face(b, hb, a, ha));
+    if fa.0 >= fb.0 {
+        let face = facing_edge(a, ha, fa.1, b, hb);
+        [0, 1].map(|k| Some(face.point(k)))
+    } else {
+        let face = facing_edge(b, hb, fb.1, a, ha);
+        [0, 1].map(|k| Some(swapped(face.point(k))))
+    }
+}
+
 /// Two boxes, by the separating-axis theorem.
 fn boxes<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> Proximity<T> {
     let (fa, fb) = (best_face(a, ha, b, hb), best_face(b, hb, a, ha));
-    if fa.0 >= fb.0 { face_contact(a, ha, fa.1, b, hb) } else { swapped(face_contact(b, hb, fb.1, a, ha)) }
+    if fa.0 >= fb.0 {
+        facing_edge(a, ha, fa.1, b, hb).blended()
+    } else {
+        swapped(facing_edge(b, hb, fb.1, a, ha).blended())
+    }
 }
 
 /// The face of `a` (axis, sign) that separates `b` most, by real parts.
@@ -139,14 +168,26 @@ fn best_face<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> (
     best
 }
 
-/// Contact of `b` against one face of `a`: the edge of `b` that faces it, clipped to the face.
-fn face_contact<T: Real>(
+/// An edge of one box before a face of another: its two ends, clipped to the face.
+struct FacingEdge<T> {
+    normal: Vec2<T>,
+    tangent: Vec2<T>,
+    /// Middle of the face.
+    middle: Vec2<T>,
+    /// Place along the face and height over it of either end (m).
+    sides: [T; 2],
+    heights: [T; 2],
+    /// Height of the lower end before clipping.
+    gap: T,
+}
+
+fn facing_edge<T: Real>(
     a: &Pose<T>,
     ha: [f64; 2],
     (axis, sign): (usize, f64),
     b: &Pose<T>,
     hb: [f64; 2],
-) -> Proximity<T> {
+) -> FacingEdge<T> {
     let direction = if axis == 0 { a.turn } else { a.turn.perp() };
     let normal = direction.scaled(sign);
     let tangent = normal.perp();
@@ -164,22 +205,39 @@ fn face_contact<T: Real>(
     let ends = corners.map(|c| b.position - a.position + Vec2::constant(c).rotated(b.turn));
     let heights = ends.map(|e| normal.dot(e) - ha[axis]);
     let sides = ends.map(|e| tangent.dot(e));
-    let gap = heights[0].min(heights[1]);
-    // Clip the edge to the face, then weight the two ends by how nearly they touch.
     let span = sides[1] - sides[0];
-    let at = |side: T, k: usize| -> (T, T) {
-        let clipped = side.value().clamp(-width, width);
-        if clipped == side.value() || span.value().abs() < 1e-12 {
-            return (side, heights[k]);
+    let clip = |k: usize| -> (T, T) {
+        let clipped = sides[k].value().clamp(-width, width);
+        if clipped == sides[k].value() || span.value().abs() < 1e-12 {
+            return (sides[k], heights[k]);
         }
         let side = T::constant(clipped);
         (side, heights[0] + (heights[1] - heights[0]) * ((side - sides[0]) / span))
     };
-    let ((s0, h0), (s1, h1)) = (at(sides[0], 0), at(sides[1], 1));
-    let weight = ((h0 - h1) / COMPLIANCE).tanh() * 0.5 + 0.5; // of end 1
-    let side = s0 + (s1 - s0) * weight;
-    let on_a = a.position + normal.scaled(ha[axis]) + tangent * side;
-    Proximity { gap, normal, on_a, on_b: on_a + normal * gap, feature: Feature::FaceOfA }
+    let ((s0, h0), (s1, h1)) = (clip(0), clip(1));
+    let gap = heights[0].min(heights[1]);
+    let middle = a.position + normal.scaled(ha[axis]);
+    FacingEdge { normal, tangent, middle, sides: [s0, s1], heights: [h0, h1], gap }
+}
+
+impl<T: Real> FacingEdge<T> {
+    /// The contact at one end.
+    fn point(&self, k: usize) -> Proximity<T> {
+        self.at(self.sides[k], self.heights[k])
+    }
+
+    /// One contact for both ends, weighted by how nearly they touch.
+    fn blended(&self) -> Proximity<T> {
+        let ([s0, s1], [h0, h1]) = (self.sides, self.heights);
+        let weight = ((h0 - h1) / COMPLIANCE).tanh() * 0.5 + 0.5; // of end 1
+        self.at(s0 + (s1 - s0) * weight, self.gap)
+    }
+
+    fn at(&self, side: T, gap: T) -> Proximity<T> {
+        let on_a = self.middle + self.tangent * side;
+        let on_b = on_a + self.normal * gap;
+        Proximity { gap, normal: self.normal, on_a, on_b, feature: Feature::FaceOfA }
+    }
 }
 
 #[cfg(test)]

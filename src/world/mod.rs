@@ -1,5 +1,6 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
+mod encounter;
 mod footprint;
 mod geometry;
 mod impact;
@@ -7,6 +8,7 @@ mod intervene;
 mod model;
 mod motion;
 mod preset;
+mod pressing;
 mod simulate;
 mod trace;
 

@@ -168,14 +168,14 @@ impl<T: Scalar> Laws<T> {
         }
     }
 
-    /// Whether dry friction can hold the body where it is.
+    /// Whether dry friction holds the body where it is: at least some of it, and no force beyond it.
     pub fn holds(&self, i: usize, w: &Wrench<T>) -> bool {
-        let (force, grip) = (w.force.value().norm(), w.grip.value());
+        let (force, grip, rolling) = (w.force.value().norm(), w.grip.value(), w.rolling.value());
         if self.shapes[i].is_ball() {
-            force <= w.rolling.value() && (force == 0.0 || 2.0 / 7.0 * force <= grip)
+            rolling > 0.0 && force <= rolling && 2.0 / 7.0 * force <= grip
         } else {
             let arm = self.shapes[i].bounding_radius();
-            force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
+            grip > 0.0 && force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
         }
     }
 

@@ -1,0 +1,167 @@
+//! The fit on simulated videos whose truth is known, and what it refuses.
+
+use super::*;
+use crate::num::{never, vec2};
+use crate::scene::{Object, Sample, Shape, Track, WorldKind};
+use crate::world::{Preset, trace};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+const SIGMA: f64 = 0.004;
+
+fn objects() -> Vec<Object> {
+    let one = |id, shape| Object { id, color: "red".into(), material: "rubber".into(), shape, mass: None };
+    vec![
+        one(0, Shape::Disc { radius: 0.2 }),
+        one(1, Shape::Ball { radius: 0.2 }),
+        one(7, Shape::Square { half_side: 0.2 }),
+    ]
+}
+
+/// A video of three objects, two of which meet the third; `masses` and the effects' values are as given.
+fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
+    let mut scene = Scene {
+        name: name.into(),
+        setup: None,
+        world: WorldKind::Table,
+        fps: 25.0,
+        times: (0..100).map(|f| f as f64 * 0.04).collect(),
+        camera: None,
+        table: None,
+        noise_sigma: None,
+        tracks: vec![Track::default(); 3],
+        objects: objects(),
+    };
+    let mut model = Preset::for_world(scene.world).model(&scene);
+    let start = [(0.0, 0.0, 0.0, 0.0), (-2.0, 0.1, 1.2, 0.0), (0.3, -2.0, -0.1, 1.3)];
+    for ((body, (x, y, vx, vy)), mass) in model.bodies.iter_mut().zip(start).zip(masses) {
+        body.mass = mass;
+        body.start.state.position = vec2(x, y);
+        body.start.state.velocity = vec2(vx, vy);
+    }
+    let truth = trace(&model, &scene.times);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = move |sd: f64| -> f64 {
+        let z: f64 = StandardNormal.sample(&mut random);
+        sd * z
+    };
+    for (frame, row) in truth.states.iter().enumerate() {
+        for (track, state) in scene.tracks.iter_mut().zip(row) {
+            let s = state.expect("all are there from the start");
+            let position = s.position + vec2(noise(SIGMA), noise(SIGMA));
+            track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)) });
+        }
+    }
+    (scene, model)
+}
+
+fn fitted(scenes: &[Scene]) -> Fit {
+    let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+    fit(scenes, &models, &FitOptions::default(), &never).expect("it fits")
+}
+
+#[test]
+fn it_finds_the_truth_within_what_it_says_it_knows() {
+    let (mut inside, mut all) = (0, 0);
+    for seed in 0..6 {
+        let (scene, truth) = film("a", seed, [1.0, 1.6, 0.7]);
+        let fit = fitted(std::slice::from_ref(&scene));
+        let found = &fit.scenes[0];
+        assert!(found.adequate && (found.noise_sigma / SIGMA - 1.0).abs() < 0.2, "{found:?}");
+        assert!((0.8..1.25).contains(&found.reduced_chi_square), "{}", found.reduced_chi_square);
+        for (e, value) in
+            fit.posterior.estimates.iter().filter_map(|e| Some((e, true_value(&truth, &e.name)?)))
+        {
+            all += 1;
+            inside += usize::from((e.value - value).abs() <= 2.0 * e.sd + 1e-9);
+            assert!(
+                (e.value - value).abs() <= 6.0 * e.sd + 1e-9,
+                "{}: {} ± {}, {value}",
+                e.name,
+                e.value,
+                e.sd
+            );
+        }
+    }
+    // Two deviations hold 95 % of a normal law.
+    assert!(inside as f64 >= 0.85 * all as f64, "{inside} of {all}");
+}
+
+/// The true value of a start velocity or shared parameter; masses are relative, so their ratios are looked at below.
+fn true_value(model: &Model, name: &str) -> Option<f64> {
+    for body in &model.bodies {
+        if name == format!("objects[{}].vx", body.id) {
+            return Some(body.start.state.velocity.x);
+        }
+    }
+    for active in &model.effects {
+        for p in &active.parameters {
+            for (label, value) in p.labels.iter().zip(&p.values) {
+                let suffix = if label.is_empty() { String::new() } else { format!("[{label}]") };
+                if name == format!("{}.{}{suffix}", active.name, p.name) {
+                    return Some(*value);
+                }
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn mass_ratios_of_objects_that_met_are_known_and_others_are_not() {
+    let (scene, truth) = film("a", 3, [1.0, 1.6, 0.7]);
+    let fit = fitted(&[scene]);
+    let masses: Vec<f64> = fit.objects(0).iter().map(|o| o.mass.value).collect();
+    for (k, body) in truth.bodies.iter().enumerate() {
+        let ratio = masses[k] / masses[0] / (body.mass / truth.bodies[0].mass);
+        assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
+    }
+    assert!(
+        fit.objects(0).iter().all(|o| !o.mass.identified),
+        "one scale is free, so no mass is known alone"
+    );
+}
+
+#[test]
+fn videos_of_one_set_up_share_its_physics() {
+    let (a, _) = film("a", 1, [1.0, 1.6, 0.7]);
+    let (b, _) = film("b", 2, [2.0, 1.0, 0.5]);
+    let (alone, both) = (fitted(std::slice::from_ref(&a)), fitted(&[a, b]));
+    let sd = |f: &Fit| {
+        f.posterior.estimates.iter().find(|e| e.name == "sliding_friction.mu[rubber]").map(|e| e.sd)
+    };
+    assert!(sd(&both) < sd(&alone), "{:?} {:?}", sd(&both), sd(&alone));
+    let shared = both.posterior.estimates.iter().filter(|e| e.name == "rolling_resistance.mu").count();
+    assert_eq!((shared, both.scenes.len()), (1, 2));
+}
+
+#[test]
+fn the_same_fit_gives_the_same_bits_and_draws() {
+    let (scene, _) = film("a", 5, [1.0, 1.0, 1.0]);
+    let (a, b) = (fitted(std::slice::from_ref(&scene)), fitted(&[scene]));
+    assert_eq!(a, b);
+    let draws = a.draw(0, 5, 9);
+    assert_eq!(draws, b.draw(0, 5, 9));
+    assert!(draws.len() == 5 && draws[0] != draws[1]);
+}
+
+#[test]
+fn what_cannot_be_fitted_says_why() {
+    let (scene, model) = film("a", 1, [1.0; 3]);
+    let options = FitOptions::default();
+    assert_eq!(fit(&[], &[], &options, &never), Err(FitError::NoScene));
+    let one = std::slice::from_ref(&scene);
+    assert!(matches!(fit(one, &[], &options, &never), Err(FitError::Count { .. })));
+    let mut short = scene.clone();
+    short.tracks.iter_mut().for_each(|t| t.samples.clear());
+    let refused =
+        fit(&[short], std::slice::from_ref(&model), &options, &never).expect_err("nothing was seen");
+    assert!(refused.to_string().contains("film longer"), "{refused}");
+    let mut fewer = model;
+    fewer.remove_body(0);
+    assert!(matches!(fit(one, &[fewer], &options, &never), Err(FitError::Mismatch { .. })));
+    let stop = |_: f64| Err(Stopped);
+    let start = Preset::for_world(scene.world).model(&scene);
+    assert_eq!(fit(one, &[start], &options, &stop), Err(FitError::Stopped(Stopped)));
+}

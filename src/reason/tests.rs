@@ -1,0 +1,243 @@
+//! Tests of the question language on real questions: types, English, and answers on the true events.
+
+use super::english::{choice_program, question_program};
+use super::events::{Happening, Kind, Past, World};
+use super::program::{Program, Type};
+use super::run::{Facts, Halt, Value, describe, run};
+use super::*;
+use crate::num::never;
+use crate::scene::{Scene, parse};
+use crate::world::{Intervention, Preset};
+use serde_json::Value as Json;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The committed scenes, and the benchmark's where it lies beside the repository.
+fn scenes() -> Vec<PathBuf> {
+    let folders = ["tests/data/clevrer", "../shared/data/clevrer/dev", "../shared/data/clevrer/dev_bounce"];
+    let entries =
+        folders.iter().flat_map(|f| std::fs::read_dir(root().join(f)).into_iter().flatten().flatten());
+    let mut scenes: Vec<PathBuf> =
+        entries.map(|e| e.path()).filter(|p| p.join("questions.json").exists()).collect();
+    scenes.sort();
+    scenes
+}
+
+fn json(path: &Path) -> Json {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn list(value: &Json) -> Vec<Json> {
+    value.as_array().cloned().unwrap_or_default()
+}
+
+fn tokens(value: &Json) -> Vec<String> {
+    list(value).iter().map(|t| t.as_str().unwrap().to_string()).collect()
+}
+
+fn observed(folder: &Path) -> Scene {
+    parse("scene", &std::fs::read_to_string(folder.join("observed.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn every_program_of_the_data_type_checks() {
+    let mut questions: Vec<Json> =
+        scenes().iter().flat_map(|s| list(&json(&s.join("questions.json"))["questions"])).collect();
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/explanatory.jsonl"))
+        .unwrap_or_default();
+    questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
+    for q in &questions {
+        let program = Program::parse(&tokens(&q["program"])).unwrap();
+        let choices = list(&q["choices"]);
+        for c in &choices {
+            let mut stack = vec![];
+            Program::parse(&tokens(&c["program"])).unwrap().check(&mut stack).unwrap();
+            program.check(&mut stack).unwrap();
+            assert_eq!(stack, [Type::Bool]);
+        }
+        if choices.is_empty() {
+            let mut stack = vec![];
+            program.check(&mut stack).unwrap();
+            assert_eq!(stack.len(), 1);
+        }
+    }
+    println!("{} questions", questions.len());
+}
+
+#[test]
+fn english_gives_the_programs_of_the_data() {
+    let mut questions: Vec<Json> =
+        scenes().iter().flat_map(|s| list(&json(&s.join("questions.json"))["questions"])).collect();
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/explanatory.jsonl"))
+        .unwrap_or_default();
+    questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
+    let mut checked = 0;
+    for q in questions.iter().filter(|q| q["question_type"] != "descriptive") {
+        let text = q["question"].as_str().unwrap();
+        assert_eq!(question_program(text), Ok(tokens(&q["program"])), "{text}");
+        for c in list(&q["choices"]) {
+            let text = c["choice"].as_str().unwrap();
+            let observed = q["question_type"] == "explanatory";
+            assert_eq!(choice_program(text, observed), Ok(tokens(&c["program"])), "{text}");
+        }
+        checked += 1;
+    }
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/counterfactual.jsonl"))
+        .unwrap_or_default();
+    for line in extra.lines() {
+        let q: Json = serde_json::from_str(line).unwrap();
+        let text = q["question"].as_str().unwrap();
+        let program = question_program(text).unwrap();
+        assert_eq!(program.last().map(String::as_str) == Some("negate"), text.contains(" not "), "{text}");
+        let phrase: String = program
+            .iter()
+            .filter(|t| q["removed"][1].as_str().unwrap().contains(t.as_str()))
+            .cloned()
+            .collect();
+        assert!(!phrase.is_empty(), "{text}");
+        checked += 1;
+    }
+    println!("{checked} questions");
+}
+
+#[test]
+fn english_is_lenient_but_never_guesses() {
+    let same = |a: &str, b: &str| assert_eq!(question_program(a).unwrap(), question_program(b).unwrap());
+    same(
+        "WHAT WILL HAPPEN without the grey metallic ball",
+        "What will happen without the gray metal sphere?",
+    );
+    same(
+        "If the red block were much heavier, what would happen?",
+        "What would happen if the red cube were heavier?",
+    );
+    for bad in [
+        "What is the meaning of life?",
+        "What will happen if the red is removed and added?",
+        "",
+        "what will happen without the frog?",
+    ] {
+        assert!(matches!(question_program(bad), Err(ReasonError::NotUnderstood { .. })), "{bad}");
+    }
+}
+
+/// The events of one true world.
+fn past(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> Past {
+    let index = |v: &Json| scene.object_index(v.as_u64().unwrap() as u32).unwrap();
+    let mut events: Vec<Happening> = list(collisions)
+        .iter()
+        .map(|c| {
+            let mut objects: Vec<usize> = list(&c["object_ids"]).iter().map(index).collect();
+            objects.sort_unstable();
+            Happening { kind: Kind::Collision, frame: c["frame_id"].as_u64().unwrap() as usize, objects }
+        })
+        .collect();
+    if plain {
+        events.extend(list(&truth["in_out"]).iter().map(|e| Happening {
+            kind: if e["type"] == "in" { Kind::In } else { Kind::Out },
+            frame: e["frame_id"].as_u64().unwrap() as usize,
+            objects: vec![index(&e["object_id"])],
+        }));
+    }
+    events.sort_by_key(|e| e.frame);
+    let moving = scene
+        .tracks
+        .iter()
+        .enumerate()
+        .map(|(i, track)| {
+            (0..scene.times.len())
+                .map(|f| {
+                    let s = &truth["trajectory"][f][i];
+                    let speed = s[3].as_f64()?.hypot(s[4].as_f64()?);
+                    track.samples.iter().any(|s| s.frame == f).then_some(speed > MOVING_SPEED)
+                })
+                .collect()
+        })
+        .collect();
+    Past { events, moving }
+}
+
+#[test]
+fn true_events_give_the_true_answers() {
+    let (mut right, mut asked, mut wrong) = (0, 0, vec![]);
+    for folder in scenes() {
+        let (scene, truth) = (observed(&folder), json(&folder.join("truth.json")));
+        let mut worlds = vec![World {
+            interventions: vec![],
+            rollouts: vec![past(&scene, &truth, &truth["collisions"], true)],
+        }];
+        for c in list(&truth["counterfactuals"]) {
+            let id = |v: &Json| v.as_u64().unwrap() as u32;
+            let change = match c["mass_factor"].as_f64() {
+                None => Intervention::Remove { id: id(&c["remove"]) },
+                Some(factor) => Intervention::ScaleMass { id: id(&c["object"]), factor },
+            };
+            worlds.push(World {
+                interventions: vec![change],
+                rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
+            });
+        }
+        let facts = Facts { scene: &scene, worlds: &worlds, rollout: 0 };
+        for q in list(&json(&folder.join("questions.json"))["questions"]) {
+            let program = Program::parse(&tokens(&q["program"])).unwrap();
+            let choices = list(&q["choices"]);
+            let ok = if choices.is_empty() {
+                let out: Result<_, Halt> = run(&program, facts, vec![]);
+                out.is_ok_and(|(s, _)| describe(&scene, s.last().unwrap()) == q["answer"].as_str().unwrap())
+            } else {
+                choices.iter().all(|c| {
+                    let (stack, _) =
+                        run(&Program::parse(&tokens(&c["program"])).unwrap(), facts, vec![]).unwrap();
+                    let (stack, _) = run(&program, facts, stack).unwrap();
+                    (stack == [Value::Bool(true)]) == (c["answer"] == "correct")
+                })
+            };
+            asked += 1;
+            right += ok as usize;
+            if !ok {
+                wrong.push(format!("{} {}", folder.display(), q["question"]));
+            }
+        }
+    }
+    println!("{right}/{asked} right; {wrong:#?}");
+    assert!(right == asked, "{right}/{asked}: {wrong:#?}");
+}
+
+#[test]
+fn a_question_is_answered_from_english_and_from_its_program() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let start = Preset::named("clevrer").unwrap().model(&scene);
+    let options = crate::fit::FitOptions { max_iterations: 2 };
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[start], &options, &never).unwrap();
+    let asked = |question: &str, choices: &[&str]| {
+        let choices = choices.iter().map(|c| c.to_string()).collect();
+        let question = Question::English { question: question.to_string(), choices };
+        ask(&scene, &fit, 0, &question, &AskOptions { rollouts: 3, seed: 1 }, &never)
+    };
+    let pair = "The cube and the brown sphere collide";
+    let answer = asked("What will happen if the cube is removed?", &[pair, pair]).unwrap();
+    assert_eq!((answer.choices.len(), answer.simulations.len()), (2, 1));
+    assert!(!answer.choices[0].correct && answer.choices[0].probability == 0.0);
+    let program = Question::Program {
+        program: answer.program.clone(),
+        choices: vec![choice_program(pair, false).unwrap()],
+    };
+    let again = ask(&scene, &fit, 0, &program, &AskOptions { rollouts: 3, seed: 1 }, &never).unwrap();
+    assert_eq!(again.choices[0].trail, answer.choices[0].trail);
+    assert!(asked("What will happen next?", &[]).unwrap().answer.is_some());
+    assert!(matches!(
+        asked("What will happen without the red object?", &[pair]),
+        Err(ReasonError::NoSuchObject { .. })
+    ));
+    let ambiguous = asked("What will happen without the cyan object?", &[pair]);
+    assert!(
+        matches!(ambiguous, Err(ReasonError::AmbiguousObject { candidates, .. }) if candidates.len() == 2)
+    );
+    assert!(matches!(
+        asked("What will not happen without the cube?", &[]),
+        Err(ReasonError::ProgramResult { .. })
+    ));
+}

@@ -1,0 +1,303 @@
+//! Encounters: which pairs meet when, and what their impulses do.
+
+use super::geometry::{Pose, Proximity, manifold};
+use super::impact::{APPROACH, Path, Side, facing, point_velocity, resolve, time_of_impact};
+use super::motion::{Change, Kinematics, Mode};
+use super::pressing::Touching;
+use super::simulate::{ContactEffect, Run};
+use super::trace::{Event, EventKind};
+use crate::body::{Contact, ContactLaw};
+use crate::effects::Scalar;
+use crate::scene::Shape;
+
+/// Contacts slower than this do not rebound (m/s): the hop would be under 0.2 mm.
+const REBOUND_SPEED: f64 = 0.01;
+/// Impacts of one pair within this time (s) are told as one event.
+const SAME_CONTACT: f64 = 0.1;
+/// Rounds of blows among kept contacts at one impact, and the approach speed that still counts (m/s).
+const BLOWS: usize = 64;
+const BLOW_SPEED: f64 = 1e-8;
+/// Gap at which a kept contact's point takes part in blows (m).
+const CLOSED: f64 = 1e-5;
+
+impl<T: Scalar> Run<'_, T> {
+    /// Candidate pairs by sweep and prune along x, then their times of impact.
+    pub(super) fn find_impacts(&mut self) {
+        self.impacts.clear();
+        let bodies = &self.bodies;
+        self.order.sort_by(|&i, &j| bodies[i].path.low.x.total_cmp(&bodies[j].path.low.x).then(i.cmp(&j)));
+        let mut found = vec![];
+        for (x, &i) in self.order.iter().enumerate() {
+            for &j in &self.order[x + 1..] {
+                if self.bodies[j].path.low.x > self.bodies[i].path.high.x {
+                    break;
+                }
+                found.extend(self.impact_of(i.min(j), i.max(j)));
+            }
+            found.extend((0..self.walls.len()).filter_map(|w| self.impact_of(i, self.bodies.len() + w)));
+        }
+        self.impacts = found;
+    }
+
+    /// New times of impact for bodies whose motion has changed.
+    pub(super) fn refresh(&mut self, changed: &[usize]) {
+        let mut impacts = std::mem::take(&mut self.impacts);
+        impacts.retain(|(_, a, b)| !changed.contains(a) && !changed.contains(b));
+        for &i in changed {
+            for j in 0..self.bodies.len() + self.walls.len() {
+                if j != i && !(changed.contains(&j) && j < i) {
+                    impacts.extend(self.impact_of(i.min(j), i.max(j)));
+                }
+            }
+        }
+        self.impacts = impacts;
+    }
+
+    fn impact_of(&self, a: usize, b: usize) -> Option<(f64, usize, usize)> {
+        let body = &self.bodies[a];
+        let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
+        if body.mode == Mode::Absent || self.touching.iter().any(|t| t.a == a && t.b == b) {
+            return None;
+        }
+        let other = match self.bodies.get(b) {
+            Some(o) if o.mode == Mode::Absent || (still(o.mode) && still(body.mode)) => return None,
+            Some(o) => o.path,
+            None if still(body.mode) => return None,
+            None => {
+                let (shape, still) = self.walls[b - self.bodies.len()];
+                Path::new(shape, body.path.start, body.path.end, still, still)
+            }
+        };
+        if !body.path.overlaps(&other) {
+            return None;
+        }
+        let (from, to) = (body.path.start.max(other.start), body.path.end.min(other.end));
+        if from >= to {
+            return None;
+        }
+        time_of_impact(&body.path, &other, from, to).map(|t| (t, a, b))
+    }
+
+    /// Moves the group of `i` to `time`; without a value, `time` may carry derivatives only.
+    fn move_group(&mut self, i: usize, time: f64) {
+        let group = self.bodies[i].group.clone();
+        let since = self.bodies[i].since;
+        let start: Vec<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let h = T::constant(time) - since;
+        if !group.iter().all(|&j| matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent)) && h.value() > 0.0
+        {
+            let midpoint =
+                group.iter().any(|&j| self.bodies[j].change.is_some_and(|c| c != Change::Continue));
+            let first = self.rates_at(&group, &start, since);
+            let end = self.integrate(&group, &start, &first, since, h, midpoint);
+            for (x, &j) in group.iter().enumerate() {
+                self.bodies[j].from = end[x];
+            }
+        }
+        for &j in &group {
+            self.bodies[j].since = T::constant(time);
+            self.bodies[j].change = None;
+        }
+    }
+
+    /// Moves the group of `i` by an infinitesimal time: values stay, derivatives change.
+    fn shift_group(&mut self, i: usize, by: T) {
+        let group = self.bodies[i].group.clone();
+        let k: Vec<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let time = self.bodies[i].since;
+        let rates = self.rates_at(&group, &k, time);
+        for (x, &j) in group.iter().enumerate() {
+            if !matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent) {
+                self.bodies[j].from = k[x].stepped(&k[x], &rates[x], by);
+            }
+            self.bodies[j].since += by;
+        }
+    }
+
+    fn facing_now(&self, a: usize, b: usize) -> (Proximity<T>, T) {
+        facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b))
+    }
+
+    pub(super) fn impact(&mut self, mut time: f64, a: usize, b: usize) {
+        let solid = b < self.bodies.len();
+        let together = solid && self.bodies[a].group.contains(&b);
+        let earliest =
+            self.bodies[a].path.start.max(if solid { self.bodies[b].path.start } else { f64::MIN });
+        // The path's cubic is off by the step's fourth power: one Newton step on the true motion.
+        let saved: Vec<(usize, Kinematics<T>, T, Option<Change>)> = self
+            .involved(a, b)
+            .iter()
+            .map(|&j| (j, self.bodies[j].from, self.bodies[j].since, self.bodies[j].change))
+            .collect();
+        for attempt in 0..3 {
+            self.move_group(a, time);
+            if solid && !together {
+                self.move_group(b, time);
+            }
+            let (near, rate) = self.facing_now(a, b);
+            let (gap, rate) = (near.gap.value(), rate.value());
+            let better = time - gap / rate;
+            if attempt == 2
+                || gap.abs() < 1e-11
+                || rate > -1e-4
+                || better < earliest
+                || better > self.step_end
+            {
+                break;
+            }
+            for (j, from, since, change) in &saved {
+                let body = &mut self.bodies[*j];
+                (body.from, body.since, body.change) = (*from, *since, *change);
+            }
+            time = better;
+        }
+        if T::DIFFERENTIATES {
+            // The time of impact moves with the parameters: implicit function theorem on gap = 0.
+            let (near, rate) = self.facing_now(a, b);
+            if rate.value() < -1e-6 {
+                let shift = -(near.gap.infinitesimal() / rate).infinitesimal();
+                self.shift_group(a, shift);
+                if solid && !together {
+                    self.shift_group(b, shift);
+                }
+            }
+        }
+        let (near, _) = self.facing_now(a, b);
+        self.bounce(time, a, b, &near);
+        let (near, rate) = self.facing_now(a, b);
+        if rate.value() < REBOUND_SPEED * 0.1 && near.gap.value() < 1e-6 && rate.value() > -APPROACH.sqrt() {
+            self.touching.push(Touching { a, b, pressing: true });
+            self.join(a, b);
+        }
+        self.pass_on(time, &self.involved(a, b));
+        let changed = self.involved(a, b);
+        self.predict(a);
+        if solid && !self.bodies[a].group.contains(&b) {
+            self.predict(b);
+        }
+        self.refresh(&changed);
+    }
+
+    /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow.
+    pub(super) fn pass_on(&mut self, time: f64, group: &[usize]) {
+        let kept: Vec<Touching> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
+        for _ in 0..BLOWS {
+            let mut quiet = true;
+            for t in &kept {
+                for point in 0..2 {
+                    let Some(near) = self.points_now(t.a, t.b)[point] else { continue };
+                    let approach = self.approach_at(t.a, t.b, &near);
+                    if near.gap.value() < CLOSED && approach.value() > BLOW_SPEED {
+                        self.bounce(time, t.a, t.b, &near);
+                        quiet = false;
+                    }
+                }
+            }
+            if quiet {
+                return;
+            }
+        }
+    }
+
+    fn points_now(&self, a: usize, b: usize) -> [Option<Proximity<T>>; 2] {
+        let (sa, sb) = (self.shape(a), self.shape(b));
+        manifold(&Pose::of(&self.kinematics(a), sa), sa, &Pose::of(&self.kinematics(b), sb), sb)
+    }
+
+    /// Speed at which the gap closes (m/s).
+    fn approach_at(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
+        let velocity = |i: usize, point| point_velocity(&self.kinematics(i), point);
+        near.normal.dot(velocity(a, near.on_a) - velocity(b, near.on_b))
+    }
+
+    fn involved(&self, a: usize, b: usize) -> Vec<usize> {
+        let mut all = self.bodies[a].group.clone();
+        if let Some(other) = self.bodies.get(b) {
+            all.extend(other.group.iter().filter(|j| !self.bodies[a].group.contains(j)));
+        }
+        all
+    }
+
+    /// Applies the impulses of the contact and notes the event.
+    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) {
+        let approach = self.approach_at(a, b, near);
+        let point = (near.on_a + near.on_b).scaled(0.5);
+        let body = |run: &Self, i: usize| run.laws.body(i, &run.bodies[i].from);
+        let other = (b < self.bodies.len()).then(|| body(self, b));
+        let contact = Contact { a: body(self, a), b: other, normal: near.normal, point, approach };
+        let mut law = ContactLaw::plain();
+        for effect in &self.contact_effects {
+            let (pa, pb) = (self.contact_values(effect, a, b), self.contact_values(effect, b, a));
+            (effect.hook)(&pa, &pb, &contact, &mut law);
+        }
+        if approach.value() < REBOUND_SPEED {
+            law.restitution = T::zero();
+        }
+        let mut side_a = self.side(a);
+        let mut side_b = self.side(b);
+        let impulse = resolve(&mut side_a, &mut side_b, near, &law);
+        for (i, side) in [(a, side_a), (b, side_b)] {
+            if i < self.bodies.len() {
+                self.bodies[i].from = side.kinematics;
+                self.bodies[i].mode = Mode::Slide;
+            }
+        }
+        let id = |i: usize| self.model.bodies.get(i).map(|body| body.id);
+        let objects: Vec<u32> = [id(a), id(b)].into_iter().flatten().collect();
+        let wall = self.model.walls.get(b.wrapping_sub(self.bodies.len())).map(|w| w.name.clone());
+        let earlier = self.events.iter_mut().rev().take_while(|e| e.time > time - SAME_CONTACT);
+        let same = earlier
+            .filter(|e| e.kind == EventKind::Collision)
+            .find(|e| e.objects == objects && e.wall == wall);
+        if let Some(event) = same {
+            event.impulse = event.impulse.map(|j| j + impulse.value());
+            return;
+        }
+        self.events.push(Event {
+            kind: EventKind::Collision,
+            time,
+            objects,
+            position: point.value(),
+            normal: Some(near.normal.value()),
+            impulse: Some(impulse.value()),
+            wall,
+        });
+    }
+
+    fn side(&self, i: usize) -> Side<T> {
+        match self.bodies.get(i) {
+            Some(body) => Side {
+                kinematics: body.from,
+                inverse_mass: self.laws.inverse_mass[i],
+                inverse_inertia: self.laws.inverse_inertia[i],
+                ball: match self.laws.shapes[i] {
+                    Shape::Ball { radius } => Some(radius),
+                    _ => None,
+                },
+            },
+            None => Side {
+                kinematics: self.kinematics(i),
+                inverse_mass: T::zero(),
+                inverse_inertia: T::zero(),
+                ball: None,
+            },
+        }
+    }
+
+    /// Parameters of a contact effect as they apply to body `i` when it touches `j`.
+    fn contact_values(&self, effect: &ContactEffect<T>, i: usize, j: usize) -> Vec<T> {
+        let body = |k: usize| self.model.bodies.get(k);
+        let (Some(this), other) = (body(i).or(body(j)), body(j).or(body(i))) else { return vec![] };
+        let other = other.unwrap_or(this);
+        let mut first = effect.first;
+        let mut values = Vec::with_capacity(effect.parameters.len());
+        for p in effect.parameters {
+            values.push(match p.index(this, other) {
+                Some(k) => self.flat[first + k],
+                None => T::constant(p.prior.mean),
+            });
+            first += p.values.len();
+        }
+        values
+    }
+}
