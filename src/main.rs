@@ -1,1 +1,5 @@
-fn main() {}
+//! The `vrdp` program.
+
+fn main() -> std::process::ExitCode {
+    vrdp::cli::main()
+}

@@ -1,0 +1,176 @@
+//! Domain values to replies: models, effects, simulations, answers, traces.
+
+use super::v1;
+use crate::effects::{EFFECTS, Scope};
+use crate::engine::{Answered, Simulated, StoredFit, TraceRecord};
+use crate::fit::{Estimate, Outcome};
+use crate::reason::{ChoiceAnswer, Imagined, LikelyEvent, Step};
+use crate::world::EventKind;
+
+pub fn model_name(video: &str, id: &str) -> String {
+    format!("videos/{video}/models/{id}")
+}
+
+pub fn trace_name(id: &str) -> String {
+    format!("traces/{id}")
+}
+
+pub fn model(stored: &StoredFit) -> v1::Model {
+    let name = model_name(&stored.video, &stored.id);
+    let Some(scene) = stored.fit.scenes.first() else {
+        return v1::Model { name, ..v1::Model::default() };
+    };
+    let objects = stored.fit.objects(0).into_iter().map(|o| v1::ObjectEstimate {
+        object_id: o.id,
+        mass: Some(estimate(&o.mass)),
+        restitution: Some(estimate(&o.restitution)),
+    });
+    let shared = stored.fit.shared(0).into_iter().map(|s| v1::SharedEstimate {
+        effect: s.effect,
+        parameter: s.parameter,
+        labels: s.labels,
+        values: s.values.iter().map(estimate).collect(),
+    });
+    v1::Model {
+        name,
+        revision: 0,
+        preset: scene.model.preset.clone(),
+        rmse: scene.rmse,
+        noise_sigma: scene.noise_sigma,
+        noise_yaw: scene.noise_yaw,
+        reduced_chi_square: scene.reduced_chi_square,
+        degrees_of_freedom: scene.degrees_of_freedom as u64,
+        identified: stored.fit.posterior.estimates.iter().all(|e| e.identified),
+        adequate: scene.adequate,
+        converged: stored.fit.outcome == Outcome::Converged,
+        iterations: stored.fit.iterations as u64,
+        objects: objects.collect(),
+        shared: shared.collect(),
+        // A model is plain data with string keys, which JSON always takes.
+        model_json: serde_json::to_string(&scene.model).unwrap_or_default(),
+    }
+}
+
+fn estimate(e: &Estimate) -> v1::Estimate {
+    v1::Estimate { value: e.value, sd: e.sd, unit: e.unit.clone(), identified: e.identified }
+}
+
+pub fn effects() -> Vec<v1::Effect> {
+    let effect = |e: &crate::effects::EffectEntry| v1::Effect {
+        name: e.spec.name.into(),
+        description: e.spec.doc.into(),
+        source: e.spec.source.into(),
+        parameters: e.spec.params.iter().map(parameter).collect(),
+    };
+    EFFECTS.iter().map(effect).collect()
+}
+
+fn parameter(p: &crate::effects::ParamSpec) -> v1::EffectParameter {
+    let scope = match p.scope {
+        Scope::Setup => "setup",
+        Scope::Material => "material",
+        Scope::Shape => "shape",
+        Scope::Object => "object",
+        Scope::ShapePair => "shape_pair",
+        Scope::Pair => "pair",
+    };
+    v1::EffectParameter {
+        name: p.name.into(),
+        description: p.doc.into(),
+        unit: p.unit.into(),
+        default_value: p.default,
+        min: p.min,
+        max: p.max,
+        scope: scope.into(),
+    }
+}
+
+pub fn simulation(video: &str, done: &Simulated) -> v1::SimulateResponse {
+    v1::SimulateResponse {
+        video: format!("videos/{video}"),
+        model: model_name(video, &done.model),
+        fps: done.fps,
+        observed_frames: done.imagined.observed_frames as u32,
+        frames: frames(&done.imagined),
+        events: done.imagined.events.iter().map(event).collect(),
+        trace: trace_name(&done.trace),
+    }
+}
+
+fn frames(imagined: &Imagined) -> Vec<v1::SimulatedFrame> {
+    let best = &imagined.best;
+    let rows = best.states.iter().zip(&best.times).zip(&imagined.sd).enumerate();
+    let frame = |(i, ((states, time), sds)): (usize, ((&Vec<_>, &f64), &Vec<Option<f64>>))| {
+        let bodies = states.iter().zip(&best.ids).zip(sds);
+        let object = |((state, id), sd): ((&Option<crate::world::State>, &u32), &Option<f64>)| {
+            state.map(|s| v1::ObjectState {
+                object_id: *id,
+                x: s.position.x,
+                y: s.position.y,
+                yaw: s.yaw,
+                vx: s.velocity.x,
+                vy: s.velocity.y,
+                spin: s.spin,
+                sd: sd.unwrap_or(0.0),
+            })
+        };
+        v1::SimulatedFrame { frame: i as u32, time: *time, objects: bodies.filter_map(object).collect() }
+    };
+    rows.map(frame).collect()
+}
+
+fn event(likely: &LikelyEvent) -> v1::SimulatedEvent {
+    let kind = match likely.event.kind {
+        EventKind::Collision => v1::EventKind::Collision,
+        EventKind::Enter => v1::EventKind::Enter,
+        EventKind::Exit => v1::EventKind::Exit,
+        EventKind::Stop => v1::EventKind::Stop,
+    };
+    v1::SimulatedEvent {
+        kind: kind.into(),
+        frame: likely.frame as u32,
+        time: likely.event.time,
+        object_ids: likely.event.objects.clone(),
+        probability: likely.probability,
+        wall: likely.event.wall.clone().unwrap_or_default(),
+    }
+}
+
+pub fn answer(video: &str, done: &Answered) -> v1::AskResponse {
+    let answer = &done.answer;
+    v1::AskResponse {
+        answer: answer.answer.clone(),
+        probability: answer.probability,
+        choices: answer.choices.iter().map(choice).collect(),
+        trail: answer.trail.iter().map(step).collect(),
+        program: Some(v1::Program { tokens: answer.program.clone() }),
+        explanation: answer.explanation.clone(),
+        traces: done.traces.iter().map(|id| trace_name(id)).collect(),
+        model: model_name(video, &done.model),
+    }
+}
+
+fn choice(c: &ChoiceAnswer) -> v1::ChoiceAnswer {
+    v1::ChoiceAnswer {
+        choice: c.choice.clone(),
+        correct: c.correct,
+        probability: c.probability,
+        trail: c.trail.iter().map(step).collect(),
+    }
+}
+
+fn step(s: &Step) -> v1::Step {
+    v1::Step { token: s.token.clone(), text: s.result.clone() }
+}
+
+pub fn trace(record: TraceRecord) -> v1::Trace {
+    v1::Trace {
+        name: trace_name(&record.id),
+        video: format!("videos/{}", record.video),
+        model: model_name(&record.video, &record.model),
+        size_bytes: record.size_bytes,
+        frames: record.frames,
+        seed: record.seed,
+        interventions: record.interventions,
+    }
+}

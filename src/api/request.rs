@@ -1,0 +1,276 @@
+//! Requests to domain values: names, pages, choices of models, interventions; all violations at once.
+
+use super::v1;
+use crate::engine::{Choice, ChoiceKind, DEFAULT_ROLLOUTS, EngineError, MAX_ROLLOUTS, SimulateOptions};
+use crate::num::{Vec2, vec2};
+use crate::reason::{AskOptions, Question};
+use crate::scene::{Shape, Violation};
+use crate::world::{BodySpec, Intervention, Start, State};
+
+/// Results on a page where none or too many are asked for.
+const DEFAULT_PAGE: usize = 50;
+const MAX_PAGE: usize = 1000;
+/// Most interventions and choices of one request.
+const MAX_LIST: usize = 100;
+/// Longest English text (bytes).
+const MAX_TEXT: usize = 2000;
+
+/// Collects what is wrong with a request.
+#[derive(Default)]
+pub struct Report(pub Vec<Violation>);
+
+impl Report {
+    pub fn add(&mut self, path: impl Into<String>, message: impl Into<String>) {
+        self.0.push(Violation { path: path.into(), message: message.into() });
+    }
+
+    pub fn finish<T>(self, value: T) -> Result<T, EngineError> {
+        if self.0.is_empty() { Ok(value) } else { Err(EngineError::Invalid(self.0)) }
+    }
+
+    pub fn finite(&mut self, path: &str, value: f64) -> f64 {
+        if !value.is_finite() {
+            self.add(path, format!("is {value}; give a finite number"));
+        }
+        value
+    }
+
+    pub fn vector(&mut self, path: &str, vector: Option<v1::Vector>) -> Vec2 {
+        match vector {
+            Some(v) => vec2(self.finite(&format!("{path}.x"), v.x), self.finite(&format!("{path}.y"), v.y)),
+            None => {
+                self.add(path, "is missing");
+                vec2(0.0, 0.0)
+            }
+        }
+    }
+
+    pub fn shape(&mut self, path: &str, shape: Option<v1::Shape>) -> Shape {
+        use v1::shape::Kind;
+        match shape.and_then(|s| s.kind) {
+            Some(Kind::Disc(v1::shape::Disc { radius })) => Shape::Disc { radius },
+            Some(Kind::Ball(v1::shape::Ball { radius })) => Shape::Ball { radius },
+            Some(Kind::Square(v1::shape::Square { half_side })) => Shape::Square { half_side },
+            Some(Kind::Rectangle(v1::shape::Rectangle { half_length, half_width })) => {
+                Shape::Rectangle { half_length, half_width }
+            }
+            None => {
+                self.add(path, "is missing or unknown; give disc, ball, square or rectangle");
+                Shape::Disc { radius: crate::scene::DEFAULT_SIZE }
+            }
+        }
+    }
+
+    fn id(&mut self, path: &str, name: &str, collection: &str) -> String {
+        match name.strip_prefix(collection).and_then(|n| n.strip_prefix('/')).filter(|id| is_id(id)) {
+            Some(id) => id.to_string(),
+            None => {
+                self.add(path, format!("is {name:?}; must be {collection}/{{id}}"));
+                String::new()
+            }
+        }
+    }
+
+    fn choice(&mut self, path: &'static str, choice: Option<v1::ModelChoice>, video: &str) -> Choice {
+        use v1::model_choice::Choice as Given;
+        let kind = match choice.and_then(|c| c.choice) {
+            None => ChoiceKind::Default,
+            Some(Given::Preset(name)) => ChoiceKind::Preset(name),
+            Some(Given::ModelJson(text)) => ChoiceKind::File(text),
+            Some(Given::Model(name)) => match model_ids(&name) {
+                Some((of, id)) if of == video => ChoiceKind::Fitted(id.to_string()),
+                _ => {
+                    let message = format!("is {name:?}; must be videos/{video}/models/{{id}}");
+                    self.add(format!("{path}.model"), message);
+                    ChoiceKind::Default
+                }
+            },
+        };
+        Choice { path, kind }
+    }
+
+    fn rollouts(&mut self, rollouts: Option<u32>) -> usize {
+        let rollouts = rollouts.map_or(DEFAULT_ROLLOUTS, |n| n as usize);
+        if rollouts > MAX_ROLLOUTS {
+            self.add("rollouts", format!("is {rollouts}; must be at most {MAX_ROLLOUTS}"));
+        }
+        rollouts
+    }
+
+    fn text(&mut self, path: &str, text: String) -> String {
+        if text.trim().is_empty() {
+            self.add(path, "is empty");
+        } else if text.len() > MAX_TEXT {
+            self.add(path, format!("has {} bytes; at most {MAX_TEXT} are allowed", text.len()));
+        }
+        text
+    }
+}
+
+fn is_id(id: &str) -> bool {
+    (1..=64).contains(&id.len()) && id.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
+}
+
+fn model_ids(name: &str) -> Option<(&str, &str)> {
+    let (video, model) = name.strip_prefix("videos/")?.split_once("/models/")?;
+    (is_id(video) && is_id(model)).then_some((video, model))
+}
+
+/// Id of a video named in field `path`.
+pub fn video_id(path: &str, name: &str) -> Result<String, EngineError> {
+    let mut report = Report::default();
+    let id = report.id(path, name, "videos");
+    report.finish(id)
+}
+
+/// Id of a trace named in field `path`.
+pub fn trace_id(path: &str, name: &str) -> Result<String, EngineError> {
+    let mut report = Report::default();
+    let id = report.id(path, name, "traces");
+    report.finish(id)
+}
+
+/// Ids of a model's video and of the model.
+pub fn model_name(name: &str) -> Result<(String, String), EngineError> {
+    match model_ids(name) {
+        Some((video, model)) => Ok((video.to_string(), model.to_string())),
+        None => {
+            Err(EngineError::invalid("name", format!("is {name:?}; must be videos/{{id}}/models/{{id}}")))
+        }
+    }
+}
+
+/// Size of a page and the id it begins after.
+pub fn page(size: i32, token: String) -> Result<(usize, String), EngineError> {
+    let mut report = Report::default();
+    if size < 0 {
+        report.add("page_size", format!("is {size}; must not be negative"));
+    }
+    if !token.is_empty() && !is_id(&token) {
+        report.add("page_token", "is none that this service gave");
+    }
+    let size = match size.max(0) as usize {
+        0 => DEFAULT_PAGE,
+        n => n.min(MAX_PAGE),
+    };
+    report.finish((size, token))
+}
+
+/// Video and start of a fit.
+pub fn fit(parent: &str, start: Option<v1::ModelChoice>) -> Result<(String, Choice), EngineError> {
+    let mut report = Report::default();
+    let video = report.id("parent", parent, "videos");
+    let choice = report.choice("start", start, &video);
+    report.finish((video, choice))
+}
+
+pub fn simulate(request: v1::SimulateRequest) -> Result<(String, Choice, SimulateOptions), EngineError> {
+    let mut report = Report::default();
+    let video = report.id("video", &request.video, "videos");
+    let choice = report.choice("model", request.model, &video);
+    let rollouts = report.rollouts(request.rollouts);
+    if request.interventions.len() > MAX_LIST {
+        report.add("interventions", format!("are {}; at most {MAX_LIST}", request.interventions.len()));
+    }
+    let interventions = request
+        .interventions
+        .into_iter()
+        .take(MAX_LIST)
+        .enumerate()
+        .filter_map(|(i, given)| intervention(&mut report, &format!("interventions[{i}]"), given))
+        .collect();
+    let frames = (request.frames > 0).then_some(request.frames as usize);
+    report.finish((video, choice, SimulateOptions { interventions, frames, rollouts, seed: request.seed }))
+}
+
+fn intervention(r: &mut Report, path: &str, given: v1::Intervention) -> Option<Intervention> {
+    use v1::intervention::Kind;
+    let Some(kind) = given.kind else {
+        r.add(path, "is empty or unknown; say what to do");
+        return None;
+    };
+    Some(match kind {
+        Kind::Remove(g) => Intervention::Remove { id: g.object_id },
+        Kind::ScaleMass(g) => {
+            if !(g.factor.is_finite() && g.factor > 0.0) {
+                r.add(
+                    format!("{path}.scale_mass.factor"),
+                    format!("is {}; must be finite and above 0", g.factor),
+                );
+            }
+            Intervention::ScaleMass { id: g.object_id, factor: g.factor }
+        }
+        Kind::SetVelocity(g) => {
+            let velocity = r.vector(&format!("{path}.set_velocity.velocity"), g.velocity);
+            Intervention::SetVelocity { id: g.object_id, velocity }
+        }
+        Kind::Place(g) => {
+            let position = r.vector(&format!("{path}.place.position"), g.position);
+            let yaw = g.yaw.map(|yaw| r.finite(&format!("{path}.place.yaw"), yaw));
+            Intervention::Place { id: g.object_id, position, yaw }
+        }
+        Kind::Add(g) => {
+            let at = |field: &str| format!("{path}.add.{field}");
+            let shape = r.shape(&at("shape"), g.shape);
+            let radius = shape.bounding_radius();
+            if !(radius.is_finite() && radius > 0.0 && shape.unit_inertia() > 0.0) {
+                r.add(at("shape"), "must be finite and above 0 in size");
+            }
+            let mass = g.mass.unwrap_or(1.0);
+            if !(mass.is_finite() && mass > 0.0) {
+                r.add(at("mass"), format!("is {mass}; must be finite and above 0"));
+            }
+            let state = State {
+                position: r.vector(&at("position"), g.position),
+                yaw: r.finite(&at("yaw"), g.yaw),
+                velocity: r.vector(&at("velocity"), Some(g.velocity.unwrap_or_default())),
+                ..State::default()
+            };
+            let time = r.finite(&at("start_time"), g.start_time);
+            let start = Start { time, state, rolling: shape.is_ball() };
+            Intervention::Add { body: BodySpec { id: g.object_id, material: g.material, shape, mass, start } }
+        }
+        Kind::SwitchEffect(g) => Intervention::SwitchEffect { name: g.effect, on: g.on },
+    })
+}
+
+pub fn ask(request: v1::AskRequest) -> Result<(String, Choice, Question, AskOptions), EngineError> {
+    use v1::ask_request::Question as Given;
+    use v1::choice::Choice as One;
+    let mut r = Report::default();
+    let video = r.id("video", &request.video, "videos");
+    let choice = r.choice("model", request.model, &video);
+    let options = AskOptions { rollouts: r.rollouts(request.rollouts), seed: request.seed };
+    if request.choices.len() > MAX_LIST {
+        r.add("choices", format!("are {}; at most {MAX_LIST}", request.choices.len()));
+    }
+    let given = request.choices.into_iter().take(MAX_LIST).map(|c| c.choice).enumerate();
+    let question = match request.question {
+        Some(Given::Text(text)) => {
+            let question = r.text("text", text);
+            let mut choices = Vec::new();
+            for (i, one) in given {
+                match one {
+                    Some(One::Text(text)) => choices.push(r.text(&format!("choices[{i}].text"), text)),
+                    _ => r.add(format!("choices[{i}].text"), "is missing; the question is English"),
+                }
+            }
+            Question::English { question, choices }
+        }
+        Some(Given::Program(program)) => {
+            let mut choices = Vec::new();
+            for (i, one) in given {
+                match one {
+                    Some(One::Program(program)) => choices.push(program.tokens),
+                    _ => r.add(format!("choices[{i}].program"), "is missing; the question is a program"),
+                }
+            }
+            Question::Program { program: program.tokens, choices }
+        }
+        None => {
+            r.add("question", "is missing; give text or program");
+            Question::Program { program: vec![], choices: vec![] }
+        }
+    };
+    r.finish((video, choice, question, options))
+}

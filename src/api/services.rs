@@ -1,0 +1,198 @@
+//! The four services: each call is converted, handed to the engine, and converted back.
+
+use super::status::{error, status};
+use super::{reply, request, v1, video};
+use crate::engine::{Engine, EngineError, Update};
+use crate::fit::FitOptions;
+use futures_util::stream::{self, BoxStream, StreamExt};
+use std::sync::Arc;
+use tonic::{Request, Response, Status, Streaming};
+
+/// Questions of one stream that are worked on at a time.
+const QUESTIONS_AT_ONCE: usize = 4;
+/// Most iterations that a caller may ask a fit for.
+const MAX_ITERATIONS: u32 = 10_000;
+
+type Reply<T> = Result<Response<T>, Status>;
+type Items<T> = BoxStream<'static, Result<T, Status>>;
+
+/// All services over one engine.
+#[derive(Clone)]
+pub struct Services(pub Arc<Engine>);
+
+#[tonic::async_trait]
+impl v1::videos_server::Videos for Services {
+    async fn create_video(&self, request: Request<v1::CreateVideoRequest>) -> Reply<v1::Video> {
+        let given = request.into_inner();
+        let (id, scene) = self.0.create_video(move || video::scene(given.video)).await.map_err(status)?;
+        tracing::info!(video = id, request_id = given.request_id, "video created");
+        Ok(Response::new(video::video(&id, &scene, true)))
+    }
+
+    async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> Reply<v1::Video> {
+        let id = request::video_id("name", &request.into_inner().name).map_err(status)?;
+        let scene = self.0.video(&id).await.map_err(status)?;
+        Ok(Response::new(video::video(&id, &scene, true)))
+    }
+
+    async fn list_videos(&self, request: Request<v1::ListVideosRequest>) -> Reply<v1::ListVideosResponse> {
+        let given = request.into_inner();
+        let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
+        let mut rows = self.0.videos(&after, size + 1).await.map_err(status)?;
+        let next_page_token = cut(&mut rows, size, |(id, _)| id);
+        let videos = rows.iter().map(|(id, scene)| video::video(id, scene, false)).collect();
+        Ok(Response::new(v1::ListVideosResponse { videos, next_page_token }))
+    }
+
+    async fn delete_video(&self, request: Request<v1::DeleteVideoRequest>) -> Reply<()> {
+        let id = request::video_id("name", &request.into_inner().name).map_err(status)?;
+        self.0.delete_video(&id).await.map_err(status)?;
+        Ok(Response::new(()))
+    }
+}
+
+#[tonic::async_trait]
+impl v1::models_server::Models for Services {
+    type FitModelStream = Items<v1::FitModelResponse>;
+
+    async fn fit_model(&self, request: Request<v1::FitModelRequest>) -> Reply<Self::FitModelStream> {
+        use v1::fit_model_response::Event;
+        let given = request.into_inner();
+        let (video, start) = request::fit(&given.parent, given.start).map_err(status)?;
+        let mut options = FitOptions::default();
+        match given.max_iterations {
+            0 => {}
+            n if n <= MAX_ITERATIONS => options.max_iterations = n as usize,
+            n => {
+                let message = format!("is {n}; must be at most {MAX_ITERATIONS}");
+                return Err(status(EngineError::invalid("max_iterations", message)));
+            }
+        }
+        let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
+        // The stream owns the place at the fit: a caller who leaves gives it up.
+        let updates = stream::unfold(Some(waiting), |waiting| async move {
+            let mut waiting = waiting?;
+            let update = match waiting.ready() {
+                Some(outcome) => Update::Done(outcome),
+                None => waiting.next().await,
+            };
+            let event = |event| Ok(v1::FitModelResponse { event: Some(event) });
+            Some(match update {
+                Update::Progress(fraction) => {
+                    (event(Event::Progress(v1::FitProgress { fraction })), Some(waiting))
+                }
+                Update::Done(Ok(fit)) => (event(Event::Model(reply::model(&fit))), None),
+                Update::Done(Err(error)) => (Err(status(error)), None),
+            })
+        });
+        Ok(Response::new(updates.boxed()))
+    }
+
+    async fn get_model(&self, request: Request<v1::GetModelRequest>) -> Reply<v1::Model> {
+        let (video, id) = request::model_name(&request.into_inner().name).map_err(status)?;
+        let fit = self.0.model(&video, &id).await.map_err(status)?;
+        Ok(Response::new(reply::model(&fit)))
+    }
+
+    async fn list_models(&self, request: Request<v1::ListModelsRequest>) -> Reply<v1::ListModelsResponse> {
+        let given = request.into_inner();
+        let video = request::video_id("parent", &given.parent).map_err(status)?;
+        let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
+        let mut rows = self.0.models(&video, &after, size + 1).await.map_err(status)?;
+        let next_page_token = cut(&mut rows, size, |fit| &fit.id);
+        let models = rows.iter().map(reply::model).collect();
+        Ok(Response::new(v1::ListModelsResponse { models, next_page_token }))
+    }
+
+    async fn list_effects(&self, _: Request<v1::ListEffectsRequest>) -> Reply<v1::ListEffectsResponse> {
+        Ok(Response::new(v1::ListEffectsResponse { effects: reply::effects() }))
+    }
+}
+
+#[tonic::async_trait]
+impl v1::reasoning_server::Reasoning for Services {
+    type AskManyStream = Items<v1::AskManyResponse>;
+
+    async fn simulate(&self, request: Request<v1::SimulateRequest>) -> Reply<v1::SimulateResponse> {
+        let (video, choice, options) = request::simulate(request.into_inner()).map_err(status)?;
+        let done = self.0.simulate(&video, &choice, options).await.map_err(status)?;
+        Ok(Response::new(reply::simulation(&video, &done)))
+    }
+
+    async fn ask(&self, request: Request<v1::AskRequest>) -> Reply<v1::AskResponse> {
+        Ok(Response::new(answer(&self.0, request.into_inner()).await.map_err(status)?))
+    }
+
+    async fn ask_many(&self, request: Request<Streaming<v1::AskRequest>>) -> Reply<Self::AskManyStream> {
+        use v1::ask_many_response::Result as One;
+        let engine = self.0.clone();
+        let answers = request.into_inner().enumerate().map(move |(index, given)| {
+            let engine = engine.clone();
+            async move {
+                let result = match answer(&engine, given?).await {
+                    Ok(response) => One::Response(response),
+                    Err(failed) => One::Error(error(failed)),
+                };
+                Ok(v1::AskManyResponse { index: index as u64, result: Some(result) })
+            }
+        });
+        Ok(Response::new(answers.buffered(QUESTIONS_AT_ONCE).boxed()))
+    }
+}
+
+async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskResponse, EngineError> {
+    let (video, choice, question, options) = request::ask(given)?;
+    let done = engine.ask(&video, &choice, question, options).await?;
+    Ok(reply::answer(&video, &done))
+}
+
+#[tonic::async_trait]
+impl v1::traces_server::Traces for Services {
+    type DownloadTraceStream = Items<v1::DownloadTraceResponse>;
+
+    async fn list_traces(&self, request: Request<v1::ListTracesRequest>) -> Reply<v1::ListTracesResponse> {
+        let given = request.into_inner();
+        let video = match given.video.as_str() {
+            "" => None,
+            name => Some(request::video_id("video", name).map_err(status)?),
+        };
+        let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
+        let mut rows = self.0.traces(video, &after, size + 1).await.map_err(status)?;
+        let next_page_token = cut(&mut rows, size, |record| &record.id);
+        let traces = rows.into_iter().map(reply::trace).collect();
+        Ok(Response::new(v1::ListTracesResponse { traces, next_page_token }))
+    }
+
+    async fn download_trace(
+        &self,
+        request: Request<v1::DownloadTraceRequest>,
+    ) -> Reply<Self::DownloadTraceStream> {
+        let id = request::trace_id("name", &request.into_inner().name).map_err(status)?;
+        let record = self.0.trace(&id).await.map_err(status)?;
+        let engine = self.0.clone();
+        let chunks = stream::unfold(Some(0), move |offset: Option<u64>| {
+            let (engine, record) = (engine.clone(), record.clone());
+            async move {
+                let offset = offset?;
+                match engine.read_trace(&record, offset).await {
+                    Ok(data) if data.is_empty() => None,
+                    Ok(data) => {
+                        let next = offset + data.len() as u64;
+                        Some((Ok(v1::DownloadTraceResponse { offset, data: data.into() }), Some(next)))
+                    }
+                    Err(error) => Some((Err(status(error)), None)),
+                }
+            }
+        });
+        Ok(Response::new(chunks.boxed()))
+    }
+}
+
+/// Cuts the rows to a page; the token of the next one, if there is more.
+fn cut<T>(rows: &mut Vec<T>, size: usize, id: impl Fn(&T) -> &String) -> String {
+    if rows.len() <= size {
+        return String::new();
+    }
+    rows.truncate(size);
+    rows.last().map(|row| id(row).clone()).unwrap_or_default()
+}

@@ -1,0 +1,180 @@
+//! Videos: message to scene and back, with the paths of violations in terms of the message.
+
+use super::request::Report;
+use super::v1;
+use crate::engine::EngineError;
+use crate::num::vec2;
+use crate::scene::{Camera, MAX_FRAMES, Object, Sample, Scene, Table, Track, Violation, WorldKind};
+
+/// Frame rate where none is given (1/s).
+const DEFAULT_FPS: f64 = 25.0;
+
+/// The scene of a message; everything that is wrong with it at once.
+pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
+    let Some(video) = video else {
+        return Err(EngineError::invalid("video", "is missing"));
+    };
+    let mut r = Report::default();
+    let world = match v1::World::try_from(video.world) {
+        Ok(v1::World::Unspecified | v1::World::Clevrer) => WorldKind::Clevrer,
+        Ok(v1::World::Table) => WorldKind::Table,
+        Ok(v1::World::AirTable) => WorldKind::AirTable,
+        Ok(v1::World::Billiards) => WorldKind::Billiards,
+        Err(_) => {
+            r.add("video.world", format!("is {}, which is no world", video.world));
+            WorldKind::Clevrer
+        }
+    };
+    let camera = video.camera.and_then(|camera| {
+        let matrix: Option<[f64; 12]> = camera.matrix.as_slice().try_into().ok();
+        match matrix {
+            Some(m) => Some(Camera {
+                matrix: [0, 4, 8].map(|row| [0, 1, 2, 3].map(|column| m[row + column])),
+                image_size: [camera.image_width, camera.image_height],
+            }),
+            None => {
+                r.add("video.camera.matrix", format!("has {} numbers; give 12", camera.matrix.len()));
+                None
+            }
+        }
+    });
+    let fps = if video.fps == 0.0 { DEFAULT_FPS } else { video.fps };
+    let (mut objects, mut tracks) = (Vec::new(), Vec::new());
+    for (i, object) in video.objects.into_iter().enumerate() {
+        let shape = r.shape(&format!("video.objects[{i}].shape"), object.shape);
+        let mut samples = Vec::new();
+        for (k, sample) in object.samples.into_iter().enumerate() {
+            let position = match sample.place {
+                Some(v1::sample::Place::Position(p)) => vec2(p.x, p.y),
+                None => {
+                    r.add(format!("video.objects[{i}].samples[{k}].position"), "is missing");
+                    vec2(0.0, 0.0)
+                }
+            };
+            samples.push(Sample { frame: sample.frame as usize, position, yaw: sample.yaw });
+        }
+        let (id, color, material, mass) = (object.id, object.color, object.material, object.mass);
+        objects.push(Object { id, color, material, shape, mass });
+        tracks.push(Track { samples });
+    }
+    let times = if video.times.is_empty() {
+        let last = tracks.iter().flat_map(|t| &t.samples).map(|s| s.frame + 1).max().unwrap_or(0);
+        // One more than allowed is enough to be refused.
+        (0..last.min(MAX_FRAMES + 1)).map(|frame| frame as f64 / fps).collect()
+    } else {
+        video.times
+    };
+    let scene = Scene {
+        name: if video.display_name.is_empty() { "video".into() } else { video.display_name },
+        setup: Some(video.setup).filter(|s| !s.is_empty()),
+        world,
+        fps,
+        times,
+        camera,
+        table: video.table.map(|t| Table { x: [t.x_min, t.x_max], y: [t.y_min, t.y_max] }),
+        noise_sigma: video.noise_sigma,
+        objects,
+        tracks,
+    };
+    if let Err(error) = scene.validate() {
+        r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
+    }
+    r.finish(scene)
+}
+
+/// The violation in terms of the message.
+fn violation(scene: &Scene, violation: Violation) -> Violation {
+    let path = &violation.path;
+    let renamed = match path.as_str() {
+        "name" => "display_name".to_string(),
+        "camera.image_size[0]" => "camera.image_width".to_string(),
+        "camera.image_size[1]" => "camera.image_height".to_string(),
+        "table.x[0]" => "table.x_min".to_string(),
+        "table.x[1]" | "table.x" => "table.x_max".to_string(),
+        "table.y[0]" => "table.y_min".to_string(),
+        "table.y[1]" | "table.y" => "table.y_max".to_string(),
+        _ => match (path.strip_prefix("camera.matrix"), path.rsplit_once('.')) {
+            (Some(_), _) => {
+                let digits: Vec<u32> = path.chars().filter_map(|c| c.to_digit(10)).collect();
+                let index = digits.iter().fold(0, |sum, d| 4 * sum + d);
+                format!("camera.matrix[{index}]")
+            }
+            (None, Some((at, axis @ ("x" | "y")))) if at.contains("samples[") => {
+                format!("{at}.position.{axis}")
+            }
+            (None, Some((at, size @ ("size" | "half_length" | "half_width")))) => {
+                format!("{at}.shape.{}", size_field(scene, at, size))
+            }
+            _ => path.clone(),
+        },
+    };
+    Violation { path: format!("video.{renamed}"), message: violation.message }
+}
+
+fn size_field(scene: &Scene, at: &str, size: &str) -> String {
+    use crate::scene::Shape;
+    let index = at.trim_start_matches("objects[").trim_end_matches(']').parse::<usize>().ok();
+    match index.and_then(|i| scene.objects.get(i)).map(|o| o.shape) {
+        Some(Shape::Disc { .. }) => "disc.radius".into(),
+        Some(Shape::Ball { .. }) => "ball.radius".into(),
+        Some(Shape::Square { .. }) => "square.half_side".into(),
+        _ => format!("rectangle.{size}"),
+    }
+}
+
+/// The message of a scene; without its times and samples in a list.
+pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
+    let world = match scene.world {
+        WorldKind::Clevrer => v1::World::Clevrer,
+        WorldKind::Table => v1::World::Table,
+        WorldKind::AirTable => v1::World::AirTable,
+        WorldKind::Billiards => v1::World::Billiards,
+    };
+    let objects = scene.objects.iter().zip(&scene.tracks).map(|(object, track)| v1::Object {
+        id: object.id,
+        color: object.color.clone(),
+        material: object.material.clone(),
+        shape: Some(shape(&object.shape)),
+        mass: object.mass,
+        samples: if whole { track.samples.iter().map(sample).collect() } else { vec![] },
+    });
+    v1::Video {
+        name: format!("videos/{id}"),
+        display_name: scene.name.clone(),
+        setup: scene.setup.clone().unwrap_or_default(),
+        world: world.into(),
+        fps: scene.fps,
+        times: if whole { scene.times.clone() } else { vec![] },
+        camera: scene.camera.map(|c| v1::Camera {
+            matrix: c.matrix.concat(),
+            image_width: c.image_size[0],
+            image_height: c.image_size[1],
+        }),
+        table: scene.table.map(|t| v1::Table { x_min: t.x[0], x_max: t.x[1], y_min: t.y[0], y_max: t.y[1] }),
+        noise_sigma: scene.noise_sigma,
+        objects: objects.collect(),
+    }
+}
+
+fn sample(sample: &Sample) -> v1::Sample {
+    let position = v1::Vector { x: sample.position.x, y: sample.position.y };
+    v1::Sample {
+        frame: sample.frame as u32,
+        place: Some(v1::sample::Place::Position(position)),
+        yaw: sample.yaw,
+    }
+}
+
+fn shape(shape: &crate::scene::Shape) -> v1::Shape {
+    use crate::scene::Shape;
+    use v1::shape::{Ball, Disc, Kind, Rectangle, Square};
+    let kind = match *shape {
+        Shape::Disc { radius } => Kind::Disc(Disc { radius }),
+        Shape::Ball { radius } => Kind::Ball(Ball { radius }),
+        Shape::Square { half_side } => Kind::Square(Square { half_side }),
+        Shape::Rectangle { half_length, half_width } => {
+            Kind::Rectangle(Rectangle { half_length, half_width })
+        }
+    };
+    v1::Shape { kind: Some(kind) }
+}

@@ -1,0 +1,149 @@
+//! Reaches the service: a remote one, or one started inside this process on a loopback port.
+
+use super::Target;
+use super::error::Failure;
+use super::video;
+use crate::api;
+use crate::api::v1::models_client::ModelsClient;
+use crate::api::v1::reasoning_client::ReasoningClient;
+use crate::api::v1::traces_client::TracesClient;
+use crate::api::v1::videos_client::VideosClient;
+use crate::api::v1::{
+    CreateVideoRequest, DownloadTraceRequest, FitModelRequest, Model, ModelChoice, fit_model_response,
+};
+use crate::config::Config;
+use crate::engine::Engine;
+use crate::scene::Scene;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::{Channel, Endpoint};
+
+/// Largest message that a client takes: a long simulation, whole.
+const MAX_MESSAGE: usize = 64 << 20;
+
+/// A running service of this process.
+pub struct Service {
+    pub address: SocketAddr,
+    shutdown: CancellationToken,
+    task: JoinHandle<Result<(), Failure>>,
+}
+
+impl Service {
+    /// Lets it finish what it is doing and waits.
+    pub async fn stop(self) -> Result<(), Failure> {
+        self.shutdown.cancel();
+        self.task.await.map_err(Failure::other)?
+    }
+}
+
+/// Starts the service; it serves when this returns.
+pub async fn start(config: &Config) -> Result<Service, Failure> {
+    let listen = config.listen;
+    let listener = tokio::net::TcpListener::bind(listen)
+        .await
+        .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
+    let address = listener.local_addr().map_err(Failure::other)?;
+    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(Failure::other)?;
+    let (shutdown, limits) = (CancellationToken::new(), config.limits());
+    let stop = shutdown.clone().cancelled_owned();
+    let task = tokio::spawn(async move {
+        api::serve(listener, Arc::new(engine), limits, stop).await.map_err(Failure::other)
+    });
+    Ok(Service { address, shutdown, task })
+}
+
+/// A channel to a service elsewhere.
+pub async fn remote(url: &str) -> Result<Channel, Failure> {
+    let endpoint = Endpoint::from_shared(url.to_string())
+        .map_err(|e| Failure::input(format!("--server {url}: {e}; write it as http://HOST:PORT")))?;
+    let wrong = |e: tonic::transport::Error| {
+        let cause = std::error::Error::source(&e).map_or(e.to_string(), |s| s.to_string());
+        Failure::other(format!("{url}: {cause}; is the service running?"))
+    };
+    endpoint.connect().await.map_err(wrong)
+}
+
+/// The service as a command sees it.
+pub struct Connection {
+    channel: Channel,
+    service: Option<Service>,
+    /// Deleted last.
+    _home: Option<TempDir>,
+}
+
+impl Connection {
+    pub async fn open(target: &Target) -> Result<Connection, Failure> {
+        if let Some(url) = &target.server {
+            return Ok(Connection { channel: remote(url).await?, service: None, _home: None });
+        }
+        let home = match &target.data_dir {
+            Some(_) => None,
+            None => Some(TempDir::new().map_err(Failure::other)?),
+        };
+        let folder = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref());
+        let data_dir = folder.unwrap_or(Path::new("vrdp-data")).to_path_buf();
+        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
+        let service = start(&Config { listen, data_dir, ..Config::default() }).await?;
+        let channel = remote(&format!("http://{}", service.address)).await?;
+        Ok(Connection { channel, service: Some(service), _home: home })
+    }
+
+    /// Where the service listens, if it is ours.
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.service.as_ref().map(|s| s.address)
+    }
+
+    pub async fn close(self) -> Result<(), Failure> {
+        drop(self.channel);
+        match self.service {
+            Some(service) => service.stop().await,
+            None => Ok(()),
+        }
+    }
+
+    /// Posts a scene; gives the name of its video.
+    pub async fn post(&self, scene: &Scene) -> Result<String, Failure> {
+        let request = CreateVideoRequest { video: Some(video::video(scene)), request_id: String::new() };
+        let mut client = VideosClient::new(self.channel.clone()).max_encoding_message_size(MAX_MESSAGE);
+        Ok(client.create_video(request).await?.into_inner().name)
+    }
+
+    /// Fits a model to a video that was posted, and hears of its progress.
+    pub async fn fit(
+        &self,
+        video: &str,
+        start: Option<ModelChoice>,
+        progress: impl Fn(f64),
+    ) -> Result<Model, Failure> {
+        let request = FitModelRequest { parent: video.into(), start, ..Default::default() };
+        let mut client = ModelsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE);
+        let mut stream = client.fit_model(request).await?.into_inner();
+        while let Some(message) = stream.message().await? {
+            match message.event {
+                Some(fit_model_response::Event::Progress(p)) => progress(p.fraction),
+                Some(fit_model_response::Event::Model(model)) => return Ok(model),
+                None => {}
+            }
+        }
+        Err(Failure::other("the service ended the fit without a model"))
+    }
+
+    pub fn reasoning(&self) -> ReasoningClient<Channel> {
+        ReasoningClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
+    }
+
+    /// The MCAP file of a trace.
+    pub async fn download(&self, trace: &str) -> Result<Vec<u8>, Failure> {
+        let request = DownloadTraceRequest { name: trace.into() };
+        let mut stream = TracesClient::new(self.channel.clone()).download_trace(request).await?.into_inner();
+        let mut bytes = Vec::new();
+        while let Some(chunk) = stream.message().await? {
+            bytes.extend_from_slice(&chunk.data);
+        }
+        Ok(bytes)
+    }
+}

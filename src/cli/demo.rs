@@ -1,0 +1,72 @@
+//! `demo`: shows the way from a video to answers on a real scene, over real gRPC.
+
+use super::connect::Connection;
+use super::error::Failure;
+use super::{Target, ask, fit, output, simulate};
+use crate::api::v1::{AskResponse, SimulateRequest};
+use crate::scene::parse;
+use std::path::{Path, PathBuf};
+
+/// A scene that the Bullet engine simulated, as CLEVRER does; it works wherever the program is.
+const SCENE: &str = include_str!("../../tests/data/clevrer/scene_00000/observed.json");
+const PREDICTIVE: (&str, [&str; 2]) = (
+    "Which event will happen next?",
+    [
+        "The cyan metal cube collides with the metal cylinder",
+        "The brown object collides with the cyan metal cube",
+    ],
+);
+const COUNTERFACTUAL: (&str, [&str; 2]) = (
+    "Which event will happen without the rubber object?",
+    ["The cyan cube collides with the cyan cylinder", "The cyan cylinder and the brown metal object collide"],
+);
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Where the traces go.
+    #[arg(long, value_name = "DIR", default_value = "demo-out")]
+    out: PathBuf,
+}
+
+pub async fn run(args: Args) -> Result<(), Failure> {
+    let place = args.out.display().to_string();
+    std::fs::create_dir_all(&args.out).map_err(|e| Failure::other(e).at(&place))?;
+    let scene = parse("scene_00000", SCENE).map_err(Failure::other)?;
+    let connection = Connection::open(&Target { server: None, data_dir: None }).await?;
+    if let Some(address) = connection.address() {
+        output::print(&format!("vrdp serves gRPC on {address}\n\n"))?;
+    }
+    let video = connection.post(&scene).await?;
+    let model = connection.fit(&video, None, |_| {}).await?;
+    let seen = format!("1  Fit: {} objects, {} frames", scene.objects.len(), scene.times.len());
+    let table = fit::table(&model, |id| fit::name(&scene, id));
+    output::print(&format!("{seen} (in brackets: the data do not determine it)\n\n{table}\n"))?;
+
+    let request = SimulateRequest { video: video.clone(), ..Default::default() };
+    let mut reply = connection.reasoning().simulate(request).await?.into_inner();
+    let end = reply.observed_frames;
+    reply.events.retain(|event| event.frame >= end);
+    let events = simulate::events(&scene, &reply.events);
+    output::print(&format!("2  Predict: what comes after the video ends\n\n{events}\n"))?;
+    let mut traces = vec![save(&connection, &reply.trace, &args.out, "prediction.mcap").await?];
+
+    for (number, file, (question, choices)) in
+        [(3, "predictive", PREDICTIVE), (4, "counterfactual", COUNTERFACTUAL)]
+    {
+        let request = ask::request(video.clone(), question, &choices);
+        let answer: AskResponse = connection.reasoning().ask(request).await?.into_inner();
+        output::print(&format!("{number}  Ask: {question}\n\n{}\n", ask::text(&answer)))?;
+        for (i, trace) in answer.traces.iter().enumerate() {
+            traces.push(save(&connection, trace, &args.out, &format!("{file}_{}.mcap", i + 1)).await?);
+        }
+    }
+    let traces: String = traces.iter().map(|path| format!("  {}\n", path.display())).collect();
+    output::print(&format!("Traces (open them in Foxglove or Rerun):\n{traces}"))?;
+    connection.close().await
+}
+
+async fn save(connection: &Connection, trace: &str, out: &Path, file: &str) -> Result<PathBuf, Failure> {
+    let path = out.join(file);
+    output::file(&path, &connection.download(trace).await?)?;
+    Ok(path)
+}

@@ -1,0 +1,63 @@
+//! What can go wrong in a command, and the exit status that says so.
+
+use std::fmt;
+use tonic_types::StatusExt;
+
+/// A command that failed.
+#[derive(Debug)]
+pub enum Failure {
+    /// The input or the usage is wrong: what, where, what to do.
+    Input(String),
+    /// Anything else.
+    Other(String),
+}
+
+impl Failure {
+    pub fn input(message: impl Into<String>) -> Self {
+        Failure::Input(message.into())
+    }
+
+    pub fn other(message: impl fmt::Display) -> Self {
+        Failure::Other(message.to_string())
+    }
+
+    /// With the name of what failed in front.
+    pub fn at(self, place: &str) -> Self {
+        match self {
+            Failure::Input(message) => Failure::Input(format!("{place}: {message}")),
+            Failure::Other(message) => Failure::Other(format!("{place}: {message}")),
+        }
+    }
+
+    pub fn status(&self) -> u8 {
+        match self {
+            Failure::Input(_) => 2,
+            Failure::Other(_) => 1,
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Failure::Input(message) | Failure::Other(message) => f.write_str(message),
+        }
+    }
+}
+
+impl From<tonic::Status> for Failure {
+    fn from(status: tonic::Status) -> Self {
+        let mut message = status.message().to_string();
+        if let Some(bad) = status.get_details_bad_request() {
+            for violation in bad.field_violations {
+                message.push_str(&format!("\n  {}: {}", violation.field, violation.description));
+            }
+        }
+        match status.code() {
+            tonic::Code::InvalidArgument | tonic::Code::NotFound | tonic::Code::OutOfRange => {
+                Failure::Input(message)
+            }
+            code => Failure::Other(format!("{message} ({code:?})")),
+        }
+    }
+}

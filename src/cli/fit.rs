@@ -1,0 +1,166 @@
+//! `fit`: fits a model to each scene, one by one.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{input, output};
+use crate::api::v1::{Estimate, Model, SharedEstimate};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scene files, scene folders, or folders of scene folders.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Preset or model file [default: what suits the scene's world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    let scenes = input::scenes(&args.scenes)?;
+    let start = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let bar = ProgressBar::new(100 * scenes.len() as u64);
+    if let Ok(style) = ProgressStyle::with_template("{msg:20} {bar:40} {percent:>3} %") {
+        bar.set_style(style);
+    }
+    let mut fitted = Map::new();
+    let mut ratios = Vec::with_capacity(scenes.len());
+    let mut tables = String::new();
+    for (i, scene) in scenes.iter().enumerate() {
+        bar.set_message(scene.name.clone());
+        let began = Instant::now();
+        let video = connection.post(scene).await.map_err(|e| e.at(&scene.name))?;
+        let progress = |fraction: f64| bar.set_position(100 * i as u64 + (100.0 * fraction) as u64);
+        let model = connection.fit(&video, start.clone(), progress).await.map_err(|e| e.at(&scene.name))?;
+        ratios.push(model.rmse / model.noise_sigma);
+        tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(scene, id)));
+        fitted.insert(scene.name.clone(), to_json(&model, began.elapsed().as_secs_f64()));
+    }
+    bar.finish_and_clear();
+    let summary = summary(ratios);
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &json!({ "scenes": fitted }))?,
+        None => output::print(&tables)?,
+    }
+    match args.json.as_deref() {
+        Some("-") => eprintln!("{summary}"),
+        _ => output::print(&format!("{summary}\n"))?,
+    }
+    connection.close().await
+}
+
+/// What people call an object of a scene.
+pub fn name(scene: &crate::scene::Scene, id: u32) -> String {
+    match scene.objects.iter().find(|o| o.id == id) {
+        Some(o) => format!("{id} {} {} {}", o.color, o.material, o.shape.word()),
+        None => id.to_string(),
+    }
+}
+
+/// The fit as a person reads it.
+pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
+    let rows: Vec<Vec<String>> = model
+        .objects
+        .iter()
+        .map(|o| vec![name(o.object_id), estimate(o.mass.as_ref()), estimate(o.restitution.as_ref())])
+        .collect();
+    format!(
+        "{}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        output::table(&["object", "mass", "restitution"], &rows),
+        1e3 * model.noise_sigma,
+        1e3 * model.rmse,
+        model.reduced_chi_square,
+        if model.adequate { "" } else { ": more than the noise explains" },
+    )
+}
+
+fn estimate(estimate: Option<&Estimate>) -> String {
+    match estimate {
+        Some(e) if e.identified => format!("{:.3} ± {:.3}", e.value, e.sd),
+        Some(e) => format!("({:.3} ± {:.3})", e.value, e.sd),
+        None => "-".into(),
+    }
+}
+
+fn to_json(model: &Model, seconds: f64) -> Value {
+    let objects: Vec<Value> = model
+        .objects
+        .iter()
+        .map(|o| {
+            let (mass, restitution) = (number(o.mass.as_ref()), number(o.restitution.as_ref()));
+            json!({ "object_id": o.object_id, "mass": mass, "restitution": restitution })
+        })
+        .collect();
+    let mut shared: Map<String, Value> = Map::new();
+    for parameter in &model.shared {
+        let effect = shared.entry(parameter.effect.clone()).or_insert_with(|| json!({}));
+        effect[&parameter.parameter] = vector(parameter);
+    }
+    json!({
+        "model_id": model.name.rsplit('/').next().unwrap_or_default(),
+        "revision": model.revision,
+        "rmse_m": model.rmse,
+        "noise_sigma_m": model.noise_sigma,
+        "reduced_chi_square": model.reduced_chi_square,
+        "identified": model.identified,
+        "seconds": seconds,
+        "objects": objects,
+        "shared": shared,
+    })
+}
+
+fn number(e: Option<&Estimate>) -> Value {
+    e.map_or(
+        Value::Null,
+        |e| json!({ "value": e.value, "sd": e.sd, "unit": e.unit, "identified": e.identified }),
+    )
+}
+
+/// One value as a number, several as lists beside what each applies to.
+fn vector(shared: &SharedEstimate) -> Value {
+    let scalar = shared.labels.len() <= 1 && shared.labels.iter().all(String::is_empty);
+    if scalar {
+        return number(shared.values.first());
+    }
+    let list = |f: &dyn Fn(&Estimate) -> Value| shared.values.iter().map(f).collect::<Vec<_>>();
+    json!({
+        "labels": shared.labels,
+        "value": list(&|e| json!(e.value)),
+        "sd": list(&|e| json!(e.sd)),
+        "unit": shared.values.first().map_or("", |e| e.unit.as_str()),
+        "identified": list(&|e| json!(e.identified)),
+    })
+}
+
+/// Median and worst of rmse over noise.
+fn summary(mut ratios: Vec<f64>) -> String {
+    ratios.sort_by(f64::total_cmp);
+    let at = |i: usize| ratios.get(i).copied().unwrap_or(f64::NAN);
+    let middle = ratios.len() / 2;
+    let median =
+        if ratios.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.wrapping_sub(1)) + at(middle)) };
+    let worst = ratios.last().copied().unwrap_or(f64::NAN);
+    format!("{} scenes: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_summary_has_median_and_worst() {
+        assert_eq!(
+            summary(vec![3.0, 1.0, 1.5, 1.1]),
+            "4 scenes: rmse over noise 1.300 (median), 3.000 (worst)"
+        );
+        assert_eq!(summary(vec![1.2]), "1 scenes: rmse over noise 1.200 (median), 1.200 (worst)");
+    }
+}

@@ -1,0 +1,22 @@
+//! `health`: asks a service whether it serves, for a container's health check.
+
+use super::Target;
+use super::connect::remote;
+use super::error::Failure;
+use super::output::print;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
+
+/// Where `serve` listens unless it is told otherwise.
+const DEFAULT_SERVER: &str = "http://127.0.0.1:50051";
+
+pub async fn run(target: &Target) -> Result<(), Failure> {
+    let url = target.server.as_deref().unwrap_or(DEFAULT_SERVER);
+    let channel = remote(url).await?;
+    let request = HealthCheckRequest { service: String::new() };
+    let reply = HealthClient::new(channel).check(request).await.map_err(|s| Failure::other(s.message()))?;
+    match reply.into_inner().status() {
+        ServingStatus::Serving => print("serving\n"),
+        status => Err(Failure::other(format!("{url} says {}", status.as_str_name()))),
+    }
+}

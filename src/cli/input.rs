@@ -1,0 +1,139 @@
+//! Reads what a command is given: scenes, models, and `ID=VALUE` pairs.
+
+use super::error::Failure;
+use crate::api::v1::{ModelChoice, model_choice};
+use crate::scene::{Scene, parse};
+use crate::world::Preset;
+use std::cmp::Ordering;
+use std::path::{Path, PathBuf};
+
+/// Name of a scene's file in its folder.
+const OBSERVED: &str = "observed.json";
+
+/// The scenes that the paths stand for: files, folders with an observed.json, folders of such folders.
+pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Scene>, Failure> {
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_file() || path.join(OBSERVED).is_file() {
+            files.push(path.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(path)
+            .map_err(|e| Failure::input(format!("{}: {e}; give a scene file or folder", path.display())))?;
+        let mut folders: Vec<PathBuf> =
+            entries.flatten().map(|e| e.path()).filter(|p| p.join(OBSERVED).is_file()).collect();
+        if folders.is_empty() {
+            let message = format!("{}: no {OBSERVED} here or one folder below", path.display());
+            return Err(Failure::input(message));
+        }
+        folders.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+        files.extend(folders);
+    }
+    let scenes = files.iter().map(|path| scene(path)).collect::<Result<Vec<_>, _>>()?;
+    for (i, scene) in scenes.iter().enumerate() {
+        if scenes[..i].iter().any(|s| s.name == scene.name) {
+            let message = format!("two scenes are named {}; fit them one at a time", scene.name);
+            return Err(Failure::input(message));
+        }
+    }
+    Ok(scenes)
+}
+
+/// One scene: a file, or a folder with an observed.json; named after the folder, or the file's stem.
+pub fn scene(path: &Path) -> Result<Scene, Failure> {
+    let (file, name) = match path.is_dir() {
+        true => (path.join(OBSERVED), path.canonicalize().ok().and_then(|p| last(p.file_name()))),
+        false if path.file_name().is_some_and(|f| f == OBSERVED) => {
+            let whole = path.canonicalize().unwrap_or(path.to_path_buf());
+            (path.to_path_buf(), whole.parent().and_then(|p| last(p.file_name())))
+        }
+        false => (path.to_path_buf(), last(path.file_stem())),
+    };
+    let place = file.display().to_string();
+    let text = std::fs::read_to_string(&file)
+        .map_err(|e| Failure::input(format!("{place}: {e}; give a scene file or folder")))?;
+    parse(&name.unwrap_or("scene".into()), &text).map_err(|e| Failure::input(e.to_string()).at(&place))
+}
+
+fn last(name: Option<&std::ffi::OsStr>) -> Option<String> {
+    name.map(|name| name.to_string_lossy().into_owned())
+}
+
+/// Orders `scene_2` before `scene_10`.
+fn natural(a: &str, b: &str) -> Ordering {
+    let (mut a, mut b) = (a, b);
+    loop {
+        let digits = |s: &str| s.bytes().take_while(u8::is_ascii_digit).count();
+        let (m, n) = (digits(a), digits(b));
+        if m > 0 && n > 0 {
+            let (x, y) = (a[..m].trim_start_matches('0'), b[..n].trim_start_matches('0'));
+            let order = x.len().cmp(&y.len()).then(x.cmp(y)).then(m.cmp(&n));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (a, b) = (&a[m..], &b[n..]);
+            continue;
+        }
+        let (mut x, mut y) = (a.chars(), b.chars());
+        match (x.next(), y.next()) {
+            (Some(p), Some(q)) if p == q => (a, b) = (x.as_str(), y.as_str()),
+            (p, q) => return p.cmp(&q),
+        }
+    }
+}
+
+/// `--model`: the name of a preset, or a model file.
+pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
+    let Some(choice) = choice else { return Ok(None) };
+    let kind = if Preset::named(choice).is_some() {
+        model_choice::Choice::Preset(choice.into())
+    } else {
+        let text = std::fs::read_to_string(choice).map_err(|e| {
+            let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
+            let known = known.join(", ");
+            Failure::input(format!("--model {choice}: neither a preset ({known}) nor a readable file ({e})"))
+        })?;
+        model_choice::Choice::ModelJson(text)
+    };
+    Ok(Some(ModelChoice { choice: Some(kind) }))
+}
+
+/// `ID=VALUE`, for clap.
+pub fn id_and_number(text: &str) -> Result<(u32, f64), String> {
+    let (id, value) = text.split_once('=').ok_or("write ID=FACTOR, such as 3=5")?;
+    Ok((id.parse().map_err(|e| format!("id {id}: {e}"))?, number(value)?))
+}
+
+/// `ID=VX,VY`, for clap.
+pub fn id_and_vector(text: &str) -> Result<(u32, [f64; 2]), String> {
+    let wrong = "write ID=VX,VY, such as 3=0.5,-1";
+    let (id, value) = text.split_once('=').ok_or(wrong)?;
+    let (x, y) = value.split_once(',').ok_or(wrong)?;
+    Ok((id.parse().map_err(|e| format!("id {id}: {e}"))?, [number(x)?, number(y)?]))
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|e| format!("{text}: {e}"))?;
+    if value.is_finite() { Ok(value) } else { Err(format!("{text} is not finite")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_in_natural_order() {
+        let mut names = ["s10", "s2", "s02", "s", "t1"];
+        names.sort_by(|a, b| natural(a, b));
+        assert_eq!(names, ["s", "s2", "s02", "s10", "t1"]);
+    }
+
+    #[test]
+    fn pairs_are_read_or_explained() {
+        assert_eq!(id_and_number("3=0.2"), Ok((3, 0.2)));
+        assert_eq!(id_and_vector("3=0.5,-1"), Ok((3, [0.5, -1.0])));
+        for wrong in ["3", "x=1", "3=", "3=nan", "-1=2"] {
+            assert!(id_and_number(wrong).is_err(), "{wrong}");
+        }
+    }
+}

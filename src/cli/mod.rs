@@ -1,0 +1,95 @@
+//! The command line: every command is a client of the service, in this process or remote.
+
+mod ask;
+mod connect;
+mod demo;
+mod error;
+mod fit;
+mod health;
+mod input;
+mod output;
+mod serve;
+mod simulate;
+mod video;
+
+use clap::{Parser, Subcommand};
+use error::Failure;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+#[derive(Parser)]
+#[command(name = "vrdp", version, about = "Understands the physics in a video.")]
+struct Cli {
+    #[command(flatten)]
+    target: Target,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Where the service is.
+#[derive(clap::Args, Clone)]
+struct Target {
+    /// A running service, such as http://127.0.0.1:50051 [default: one inside this process]
+    #[arg(long, global = true, value_name = "URL")]
+    server: Option<String>,
+    /// Folder of the store [default: a temporary folder; for `serve`: vrdp-data]
+    #[arg(long, global = true, value_name = "DIR")]
+    data_dir: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs the service until SIGTERM.
+    Serve(serve::Args),
+    /// Shows what it does on a real scene, over real gRPC.
+    Demo(demo::Args),
+    /// Fits a model to each scene.
+    Fit(fit::Args),
+    /// Predicts, or imagines what would have been.
+    Simulate(simulate::Args),
+    /// Answers a question about a scene.
+    Ask(ask::Args),
+    /// Whether a service is serving (exit status 0 or 1).
+    Health,
+}
+
+/// Parses the arguments and runs the command: 0 done, 2 bad input or usage, 1 anything else.
+pub fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => {
+            eprintln!("error: {error}");
+            return ExitCode::from(1);
+        }
+    };
+    match runtime.block_on(run(cli)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(failure.status())
+        }
+    }
+}
+
+async fn run(cli: Cli) -> Result<(), Failure> {
+    match cli.command {
+        Command::Serve(args) => serve::run(&cli.target, args).await,
+        Command::Demo(args) => demo::run(args).await,
+        Command::Fit(args) => fit::run(&cli.target, args).await,
+        Command::Simulate(args) => simulate::run(&cli.target, args).await,
+        Command::Ask(args) => ask::run(&cli.target, args).await,
+        Command::Health => health::run(&cli.target).await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,139 @@
+//! `simulate`: predicts, or imagines what would have been under interventions.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{input, output};
+use crate::api::v1::intervention::{Kind, Remove, ScaleMass, SetVelocity};
+use crate::api::v1::{EventKind, Intervention, SimulateRequest, SimulateResponse, SimulatedEvent, Vector};
+use crate::scene::Scene;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    /// Takes an object out.
+    #[arg(long, value_name = "ID")]
+    remove: Vec<u32>,
+    /// Multiplies an object's mass.
+    #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
+    mass: Vec<(u32, f64)>,
+    /// Gives an object another velocity at its start (m/s).
+    #[arg(long, value_name = "ID=VX,VY", value_parser = input::id_and_vector, allow_hyphen_values = true)]
+    velocity: Vec<(u32, [f64; 2])>,
+    /// Frames from frame 0 on [default: those observed and 60 more].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Preset or model file [default: what suits the scene's world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Writes the trace.
+    #[arg(long, value_name = "FILE.mcap")]
+    trace: Option<PathBuf>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    let scene = input::scene(&args.scene)?;
+    let model = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let video = connection.post(&scene).await?;
+    let request = SimulateRequest {
+        video,
+        model,
+        interventions: interventions(&args),
+        frames: args.frames.unwrap_or(0),
+        ..Default::default()
+    };
+    let reply = connection.reasoning().simulate(request).await?.into_inner();
+    let mut trace = reply.trace.clone();
+    if let Some(path) = &args.trace {
+        output::file(path, &connection.download(&reply.trace).await?)?;
+        trace = path.display().to_string();
+    }
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&scene, &reply, &trace))?,
+        None => output::print(&format!("{}\n  trace {trace}\n", events(&scene, &reply.events)))?,
+    }
+    connection.close().await
+}
+
+fn interventions(args: &Args) -> Vec<Intervention> {
+    let remove = args.remove.iter().map(|&object_id| Kind::Remove(Remove { object_id }));
+    let mass = args.mass.iter().map(|&(object_id, factor)| Kind::ScaleMass(ScaleMass { object_id, factor }));
+    let velocity = args.velocity.iter().map(|&(object_id, [x, y])| {
+        Kind::SetVelocity(SetVelocity { object_id, velocity: Some(Vector { x, y }) })
+    });
+    remove.chain(mass).chain(velocity).map(|kind| Intervention { kind: Some(kind) }).collect()
+}
+
+fn word(event: &SimulatedEvent) -> &'static str {
+    match event.kind() {
+        EventKind::Collision => "collision",
+        EventKind::Enter => "enter",
+        EventKind::Exit => "exit",
+        EventKind::Stop => "stop",
+        EventKind::Unspecified => "unknown",
+    }
+}
+
+/// Events as a person reads them.
+pub fn events(scene: &Scene, events: &[SimulatedEvent]) -> String {
+    let rows: Vec<Vec<String>> = events
+        .iter()
+        .map(|event| {
+            let objects = event.object_ids.iter().map(|id| super::fit::name(scene, *id));
+            let wall = (!event.wall.is_empty()).then(|| format!("wall {}", event.wall));
+            let who: Vec<String> = objects.chain(wall).collect();
+            vec![
+                format!("{:<9}  {}", word(event), who.join(" and ")),
+                event.frame.to_string(),
+                format!("{:.2} s", event.time),
+                format!("{:.0} %", 100.0 * event.probability),
+            ]
+        })
+        .collect();
+    output::table(&["event", "frame", "time", "probability"], &rows)
+}
+
+fn to_json(scene: &Scene, reply: &SimulateResponse, trace: &str) -> Value {
+    let frames: Vec<Value> = reply
+        .frames
+        .iter()
+        .map(|frame| {
+            let objects: Vec<Value> = frame
+                .objects
+                .iter()
+                .map(|o| {
+                    json!({
+                        "object_id": o.object_id, "x": o.x, "y": o.y, "yaw": o.yaw,
+                        "vx": o.vx, "vy": o.vy, "spin": o.spin, "sd_m": o.sd,
+                    })
+                })
+                .collect();
+            json!({ "frame": frame.frame, "objects": objects })
+        })
+        .collect();
+    let events: Vec<Value> = reply
+        .events
+        .iter()
+        .map(|e| {
+            json!({
+                "kind": word(e), "frame": e.frame, "time_s": e.time,
+                "object_ids": e.object_ids, "probability": e.probability,
+            })
+        })
+        .collect();
+    json!({
+        "scene": scene.name,
+        "fps": reply.fps,
+        "observed_frames": reply.observed_frames,
+        "frames": frames,
+        "events": events,
+        "trace": trace,
+    })
+}

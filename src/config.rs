@@ -1,0 +1,143 @@
+//! Settings: defaults, below a file, below the environment (`VRDP_`), below flags; unknown keys are refused.
+
+use crate::api::Limits;
+use crate::engine::Capacity;
+use figment::Figment;
+use figment::providers::{Env, Format, Serialized, Toml};
+use serde::{Deserialize, Serialize};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How much later than the engine the server gives up on a call: the engine's error says more.
+const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Address of the gRPC service.
+    pub listen: SocketAddr,
+    /// Serve beyond loopback though nothing is encrypted or authenticated.
+    pub insecure: bool,
+    /// One folder, one process.
+    pub data_dir: PathBuf,
+    /// CPU threads.
+    pub workers: usize,
+    /// Jobs that may wait for a thread.
+    pub queue: usize,
+    /// Longest that one piece of work may take (s), its wait included.
+    pub request_timeout_s: u64,
+    /// Filter, such as `info` or `vrdp=debug`.
+    pub log: String,
+    pub log_json: bool,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Config {
+            listen: SocketAddr::from(([127, 0, 0, 1], 50051)),
+            insecure: false,
+            data_dir: "vrdp-data".into(),
+            workers: std::thread::available_parallelism().map_or(1, |n| n.get()),
+            queue: 256,
+            request_timeout_s: 300,
+            log: "info".into(),
+            log_json: false,
+        }
+    }
+}
+
+/// What the command line says; what it does not say stays as it was.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Flags {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub listen: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub insecure: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub data_dir: Option<PathBuf>,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    #[error("configuration: {0}")]
+    Read(#[from] Box<figment::Error>),
+    #[error("configuration file {0} does not exist")]
+    NoFile(PathBuf),
+    #[error("configuration: {key} is {value}; it must be {allowed}")]
+    Range { key: &'static str, value: u64, allowed: &'static str },
+    #[error("{0} can be reached from outside and nothing is encrypted; listen on loopback or say --insecure")]
+    Exposed(SocketAddr),
+}
+
+impl Config {
+    pub fn load(file: Option<&Path>, flags: Flags) -> Result<Config, ConfigError> {
+        let mut figment = Figment::from(Serialized::defaults(Config::default()));
+        if let Some(file) = file {
+            if !file.is_file() {
+                return Err(ConfigError::NoFile(file.to_path_buf()));
+            }
+            figment = figment.merge(Toml::file_exact(file));
+        }
+        let figment = figment.merge(Env::prefixed("VRDP_")).merge(Serialized::defaults(flags));
+        let config: Config = figment.extract().map_err(Box::new)?;
+        config.check()?;
+        Ok(config)
+    }
+
+    fn check(&self) -> Result<(), ConfigError> {
+        let within = |key, value: u64, low: u64, high: u64, allowed| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(ConfigError::Range { key, value, allowed })
+            }
+        };
+        within("workers", self.workers as u64, 1, 1024, "1 to 1024")?;
+        within("queue", self.queue as u64, 0, 100_000, "0 to 100000")?;
+        within("request_timeout_s", self.request_timeout_s, 1, 86_400, "1 to 86400")?;
+        if !self.insecure && !self.listen.ip().is_loopback() {
+            return Err(ConfigError::Exposed(self.listen));
+        }
+        Ok(())
+    }
+
+    pub fn capacity(&self) -> Capacity {
+        let job_timeout = Duration::from_secs(self.request_timeout_s);
+        Capacity { workers: self.workers, queue: self.queue, job_timeout }
+    }
+
+    pub fn limits(&self) -> Limits {
+        Limits { timeout: self.capacity().job_timeout + TIMEOUT_MARGIN, ..Limits::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(file: &str, flags: Flags, expected: Result<impl Fn(&Config) -> bool, &str>) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("vrdp.toml");
+        std::fs::write(&path, file).unwrap();
+        match (Config::load(Some(&path), flags), expected) {
+            (Ok(config), Ok(holds)) => assert!(holds(&config), "{config:?}"),
+            (Err(error), Err(text)) => assert!(error.to_string().contains(text), "{error}"),
+            (Ok(config), Err(text)) => panic!("{config:?} instead of {text}"),
+            (Err(error), Ok(_)) => panic!("{error}"),
+        }
+    }
+
+    #[test]
+    fn flags_win_over_the_file_and_nonsense_is_refused() {
+        type Never = fn(&Config) -> bool;
+        let listen = |text: &str| Flags { listen: Some(text.into()), ..Flags::default() };
+        check("queue = 3", Flags::default(), Ok(|c: &Config| c.queue == 3 && c.listen.port() == 50051));
+        check("listen = '127.0.0.1:1'", listen("[::1]:2"), Ok(|c: &Config| c.listen.port() == 2));
+        check("quue = 3", Flags::default(), Err::<Never, _>("quue"));
+        check("workers = 0", Flags::default(), Err::<Never, _>("workers is 0"));
+        check("", listen("0.0.0.0:1"), Err::<Never, _>("--insecure"));
+        let open = Flags { insecure: Some(true), ..listen("0.0.0.0:1") };
+        check("", open, Ok(|c: &Config| c.insecure));
+    }
+}

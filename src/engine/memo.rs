@@ -1,0 +1,223 @@
+//! Results by key: each is worked out once however many ask at once, and recent ones stay in memory.
+
+use super::EngineError;
+use super::pool::Control;
+use moka::future::Cache;
+use std::collections::HashMap;
+use std::future::Future;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+use tokio::sync::watch;
+use tokio_util::sync::CancellationToken;
+
+/// Smallest step of progress that is reported: a watcher needs no more.
+const PROGRESS_STEP: f64 = 0.005;
+
+type Outcome<T> = Result<Arc<T>, EngineError>;
+
+pub struct Memo<T> {
+    cache: Cache<String, Arc<T>>,
+    flights: Flights<T>,
+}
+
+type Flights<T> = Arc<Mutex<HashMap<String, Arc<Flight<T>>>>>;
+
+/// One piece of work and those who wait for it.
+struct Flight<T> {
+    stage: watch::Sender<Stage<T>>,
+    token: CancellationToken,
+    /// Changed under the lock of `flights` only.
+    callers: Mutex<usize>,
+}
+
+enum Stage<T> {
+    Running(f64),
+    Done(Outcome<T>),
+}
+
+/// What a caller hears next.
+pub enum Update<T> {
+    Progress(f64),
+    Done(Outcome<T>),
+}
+
+/// A caller's place at a flight. When the last one is dropped, the work stops.
+pub struct Waiting<T> {
+    key: String,
+    flights: Flights<T>,
+    flight: Arc<Flight<T>>,
+    stage: watch::Receiver<Stage<T>>,
+}
+
+impl<T: Send + Sync + 'static> Memo<T> {
+    /// Keeps up to `capacity` results in memory.
+    pub fn new(capacity: u64) -> Self {
+        Memo { cache: Cache::new(capacity), flights: Arc::default() }
+    }
+
+    /// Joins the work under `key`, or starts it. It runs in a task of its own: no caller carries it.
+    pub async fn join<F, W>(&self, key: String, deadline: Instant, work: F) -> Waiting<T>
+    where
+        F: FnOnce(Control) -> W + Send,
+        W: Future<Output = Result<T, EngineError>> + Send + 'static,
+    {
+        let known = self.cache.get(&key).await;
+        let mut flights = locked(&self.flights);
+        if let Some(flight) = flights.get(&key).filter(|_| known.is_none()) {
+            *locked(&flight.callers) += 1;
+            return self.waiting(key, flight.clone());
+        }
+        let stage = match &known {
+            Some(value) => Stage::Done(Ok(value.clone())),
+            None => Stage::Running(0.0),
+        };
+        let flight = Arc::new(Flight {
+            stage: watch::Sender::new(stage),
+            token: CancellationToken::new(),
+            callers: Mutex::new(1),
+        });
+        let waiting = self.waiting(key.clone(), flight.clone());
+        if known.is_some() {
+            return waiting;
+        }
+        flights.insert(key.clone(), flight.clone());
+        drop(flights);
+        let listener = flight.clone();
+        let progress = move |fraction: f64| {
+            listener.stage.send_if_modified(|stage| match stage {
+                Stage::Running(at) if fraction >= *at + PROGRESS_STEP => {
+                    *at = fraction.min(1.0);
+                    true
+                }
+                _ => false,
+            });
+        };
+        let control = Control { token: flight.token.clone(), deadline, progress: Arc::new(progress) };
+        let (cache, flights, work) = (self.cache.clone(), self.flights.clone(), work(control));
+        tokio::spawn(async move {
+            // It may have been finished between our look into the cache and the lock.
+            let task = match cache.get(&key).await {
+                Some(value) => Ok(Ok(value)),
+                None => tokio::spawn(work).await.map(|result| result.map(Arc::new)),
+            };
+            let outcome = task.unwrap_or_else(|error| {
+                Err(EngineError::Internal { id: "task".into(), message: error.to_string() })
+            });
+            if let Ok(value) = &outcome {
+                cache.insert(key.clone(), value.clone()).await;
+            }
+            forget(&flights, &key, &flight);
+            flight.stage.send_replace(Stage::Done(outcome));
+        });
+        waiting
+    }
+
+    fn waiting(&self, key: String, flight: Arc<Flight<T>>) -> Waiting<T> {
+        let stage = flight.stage.subscribe();
+        Waiting { key, flights: self.flights.clone(), stage, flight }
+    }
+}
+
+fn forget<T>(flights: &Flights<T>, key: &str, flight: &Arc<Flight<T>>) {
+    let mut flights = locked(flights);
+    if flights.get(key).is_some_and(|f| Arc::ptr_eq(f, flight)) {
+        flights.remove(key);
+    }
+}
+
+impl<T> Waiting<T> {
+    /// Waits for the next news: some progress, or the end.
+    pub async fn next(&mut self) -> Update<T> {
+        let gone = self.stage.changed().await.is_err();
+        let update = match &*self.stage.borrow_and_update() {
+            Stage::Running(fraction) if !gone => Update::Progress(*fraction),
+            Stage::Running(_) => Update::Done(Err(EngineError::Cancelled)),
+            Stage::Done(outcome) => Update::Done(outcome.clone()),
+        };
+        update
+    }
+
+    /// Waits for the end.
+    pub async fn finish(mut self) -> Outcome<T> {
+        match self.stage.wait_for(|stage| matches!(stage, Stage::Done(_))).await.as_deref() {
+            Ok(Stage::Done(outcome)) => outcome.clone(),
+            _ => Err(EngineError::Cancelled),
+        }
+    }
+
+    /// The end, if it is there already.
+    pub fn ready(&self) -> Option<Outcome<T>> {
+        match &*self.stage.borrow() {
+            Stage::Done(outcome) => Some(outcome.clone()),
+            Stage::Running(_) => None,
+        }
+    }
+}
+
+impl<T> Drop for Waiting<T> {
+    fn drop(&mut self) {
+        let mut flights = locked(&self.flights);
+        let mut callers = locked(&self.flight.callers);
+        *callers -= 1;
+        // The key is free at once: who comes next starts anew and never joins work that is being stopped.
+        if *callers == 0 && flights.get(&self.key).is_some_and(|f| Arc::ptr_eq(f, &self.flight)) {
+            flights.remove(&self.key);
+            self.flight.token.cancel();
+        }
+    }
+}
+
+/// No code panics while it holds these locks, and the maps stay whole if one did.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::time::Duration;
+
+    fn later() -> Instant {
+        Instant::now() + Duration::from_secs(3600)
+    }
+
+    #[tokio::test]
+    async fn equal_work_is_done_once_though_the_first_caller_leaves() {
+        let memo = Memo::<usize>::new(9);
+        let runs = Arc::new(AtomicUsize::new(0));
+        let gate = Arc::new(tokio::sync::Semaphore::new(0));
+        let mut callers = Vec::new();
+        for _ in 0..100 {
+            let (runs, gate) = (runs.clone(), gate.clone());
+            let join = memo.join("k".into(), later(), |_| async move {
+                runs.fetch_add(1, Ordering::SeqCst);
+                let _open = gate.acquire().await;
+                Ok(5)
+            });
+            callers.push(join.await);
+        }
+        drop(callers.remove(0));
+        gate.add_permits(1);
+        for caller in callers {
+            assert_eq!(*caller.finish().await.unwrap(), 5);
+        }
+        assert_eq!(runs.load(Ordering::SeqCst), 1);
+        assert!(locked(&memo.flights).is_empty());
+    }
+
+    #[tokio::test]
+    async fn work_that_nobody_waits_for_is_stopped_and_never_joined() {
+        let memo = Memo::<usize>::new(9);
+        let (send, receive) = tokio::sync::oneshot::channel();
+        let first = memo.join("k".into(), later(), |control| async move {
+            control.token.cancelled().await;
+            let _ = send.send(());
+            Err(EngineError::Cancelled)
+        });
+        drop(first.await);
+        let second = memo.join("k".into(), later(), |_| async { Ok(2) }).await;
+        receive.await.unwrap();
+        assert_eq!(*second.finish().await.unwrap(), 2);
+    }
+}

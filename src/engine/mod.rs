@@ -1,0 +1,401 @@
+//! Joins core and edges: finds or makes what a request needs, once, on the CPU pool, and keeps it.
+
+mod memo;
+mod pool;
+mod start;
+mod trace;
+
+pub use memo::{Update, Waiting};
+pub use pool::Control;
+pub use start::{Choice, ChoiceKind};
+pub use trace::TraceRecord;
+
+use crate::fit::{Fit, FitError, FitOptions, fit};
+use crate::reason::{
+    Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, Request, ask, imagine,
+};
+use crate::scene::{Scene, Violation, canonical_digest};
+use crate::store::{Kind, Store, StoreError};
+
+use crate::world::Intervention;
+use memo::Memo;
+use moka::future::Cache;
+use pool::Pool;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Frames after the video that a simulation has where none are asked for.
+pub const DEFAULT_FUTURE_FRAMES: usize = 60;
+/// Rollouts where none are asked for.
+pub const DEFAULT_ROLLOUTS: usize = 32;
+/// Most rollouts of one request: a probability is known to 2 % by then.
+pub const MAX_ROLLOUTS: usize = 1000;
+/// Most object states in one reply: about 16 MB on the wire.
+pub const MAX_REPLY_STATES: usize = 200_000;
+/// Most object states over all rollouts of a request: about 300 MB in memory.
+pub const MAX_ROLLOUT_STATES: usize = 4_000_000;
+/// Results that stay in memory, each kind; all can be read or made again.
+const CACHED: u64 = 256;
+
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum EngineError {
+    #[error("the request is not valid")]
+    Invalid(Vec<Violation>),
+    #[error("{name} does not exist")]
+    NotFound { name: String },
+    #[error("the queue is full ({capacity} jobs); try again later")]
+    Overloaded { capacity: usize },
+    #[error("cancelled by the caller")]
+    Cancelled,
+    #[error("the deadline passed before the work was done")]
+    DeadlineExceeded,
+    #[error(transparent)]
+    Store(StoreError),
+    #[error("internal error {id}")]
+    Internal { id: String, message: String },
+    #[error(transparent)]
+    Fit(FitError),
+    #[error(transparent)]
+    Reason(ReasonError),
+    #[error("the trace cannot be written: {0}")]
+    Recording(String),
+}
+
+impl EngineError {
+    pub fn invalid(path: impl Into<String>, message: impl Into<String>) -> Self {
+        EngineError::Invalid(vec![Violation { path: path.into(), message: message.into() }])
+    }
+
+    fn is_stopped(&self) -> bool {
+        matches!(self, EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)))
+    }
+}
+
+impl From<FitError> for EngineError {
+    fn from(error: FitError) -> Self {
+        EngineError::Fit(error)
+    }
+}
+impl From<ReasonError> for EngineError {
+    fn from(error: ReasonError) -> Self {
+        EngineError::Reason(error)
+    }
+}
+impl From<StoreError> for EngineError {
+    fn from(error: StoreError) -> Self {
+        EngineError::Store(error)
+    }
+}
+
+/// How much an engine may do at once.
+#[derive(Debug, Clone, Copy)]
+pub struct Capacity {
+    pub workers: usize,
+    /// Jobs that may wait for a worker.
+    pub queue: usize,
+    /// Longest that one piece of work may take, its wait included.
+    pub job_timeout: Duration,
+}
+
+/// A fit as it is kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StoredFit {
+    pub video: String,
+    pub id: String,
+    /// Of one scene, the video.
+    pub fit: Fit,
+}
+
+/// A simulation with its published trace.
+#[derive(Debug)]
+pub struct Simulated {
+    pub model: String,
+    pub fps: f64,
+    /// Without its ensemble.
+    pub imagined: Imagined,
+    pub trace: String,
+}
+
+/// An answer with its published traces.
+#[derive(Debug)]
+pub struct Answered {
+    pub model: String,
+    /// Without its simulations.
+    pub answer: Answer,
+    pub traces: Vec<String>,
+}
+
+/// What a simulation is asked for.
+#[derive(Debug, Clone, Serialize)]
+pub struct SimulateOptions {
+    pub interventions: Vec<Intervention>,
+    /// `None`: those of the video and [`DEFAULT_FUTURE_FRAMES`] more.
+    pub frames: Option<usize>,
+    pub rollouts: usize,
+    pub seed: u64,
+}
+
+pub struct Engine {
+    store: Store,
+    pool: Pool,
+    job_timeout: Duration,
+    scenes: Cache<String, Arc<Scene>>,
+    fits: Memo<StoredFit>,
+    simulations: Memo<Simulated>,
+    answers: Memo<Answered>,
+    /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
+    epoch: AtomicU64,
+    fits_run: AtomicU64,
+}
+
+impl Engine {
+    /// An engine on a data folder that it has for itself.
+    pub fn open(data_dir: &Path, capacity: Capacity) -> Result<Engine, EngineError> {
+        Ok(Engine {
+            store: Store::open(data_dir)?,
+            pool: Pool::new(capacity.workers, capacity.queue)?,
+            job_timeout: capacity.job_timeout,
+            scenes: Cache::new(CACHED),
+            fits: Memo::new(CACHED),
+            simulations: Memo::new(CACHED),
+            answers: Memo::new(CACHED),
+            epoch: AtomicU64::new(0),
+            fits_run: AtomicU64::new(0),
+        })
+    }
+
+    /// Fits that were computed, and not found.
+    pub fn fits_run(&self) -> u64 {
+        self.fits_run.load(Ordering::Relaxed)
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::now() + self.job_timeout
+    }
+
+    fn key(&self, id: &str) -> String {
+        format!("{}/{id}", self.epoch.load(Ordering::SeqCst))
+    }
+
+    /// Stores the scene that `make` gives (on the CPU pool) and returns its id; the same scene again changes nothing.
+    pub async fn create_video<F>(&self, make: F) -> Result<(String, Arc<Scene>), EngineError>
+    where
+        F: FnOnce() -> Result<Scene, EngineError> + Send + 'static,
+    {
+        let control =
+            Control { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) };
+        let made = self.pool.run(control, move |_| {
+            let scene = make()?;
+            Ok((scene.digest(), scene))
+        });
+        let (id, scene) = made.await?;
+        self.store.put_video(&id, &scene).await?;
+        Ok((id, Arc::new(scene)))
+    }
+
+    pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {
+        let key = self.key(id);
+        if let Some(scene) = self.scenes.get(&key).await {
+            return Ok(scene);
+        }
+        let found = self.store.get::<Scene>(Kind::Videos, id).await?;
+        let scene = Arc::new(found.ok_or_else(|| no_video(id))?);
+        self.scenes.insert(key, scene.clone()).await;
+        Ok(scene)
+    }
+
+    /// Up to `limit` videos after `after`, by id.
+    pub async fn videos(&self, after: &str, limit: usize) -> Result<Vec<(String, Scene)>, EngineError> {
+        Ok(self.store.list(Kind::Videos, "", after, limit, |_: &Scene| true).await?)
+    }
+
+    /// Deletes a video with its models and traces.
+    pub async fn delete_video(&self, id: &str) -> Result<(), EngineError> {
+        let found = self.store.delete_video(id).await;
+        self.epoch.fetch_add(1, Ordering::SeqCst);
+        if found? { Ok(()) } else { Err(no_video(id)) }
+    }
+
+    /// Fits a model to a video, unless that was done before; the result is stored before it is given.
+    pub async fn fit(
+        self: &Arc<Self>,
+        video: &str,
+        start: &Choice,
+        options: FitOptions,
+    ) -> Result<Waiting<StoredFit>, EngineError> {
+        let key = self.key("");
+        let scene = self.video(video).await?;
+        let Some(model) = start.start(&scene)? else {
+            return Err(EngineError::invalid(
+                start.path,
+                "is fitted already; name a preset or give a model file",
+            ));
+        };
+        let id = canonical_digest("model", &(video, &model, &options, env!("CARGO_PKG_VERSION")));
+        let (engine, video) = (self.clone(), video.to_string());
+        let work = {
+            let id = id.clone();
+            move |control| async move { engine.run_fit(video, id, scene, model, options, control).await }
+        };
+        Ok(self.fits.join(format!("{key}{id}"), self.deadline(), work).await)
+    }
+
+    async fn run_fit(
+        &self,
+        video: String,
+        id: String,
+        scene: Arc<Scene>,
+        model: crate::world::Model,
+        options: FitOptions,
+        control: Control,
+    ) -> Result<StoredFit, EngineError> {
+        let key = format!("{video}/{id}");
+        if let Some(found) = self.store.get(Kind::Fits, &key).await? {
+            return Ok(found);
+        }
+        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        let job = move |stop: crate::num::Stop| {
+            fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(EngineError::from)
+        };
+        let fit = self.pool.run(control, job).await?;
+        let stored = StoredFit { video, id, fit };
+        self.put_of_video(Kind::Fits, &stored.video, &key, &stored).await?;
+        Ok(stored)
+    }
+
+    /// A model that was fitted.
+    pub async fn model(&self, video: &str, id: &str) -> Result<StoredFit, EngineError> {
+        let found = self.store.get(Kind::Fits, &format!("{video}/{id}")).await?;
+        found.ok_or_else(|| EngineError::NotFound { name: format!("videos/{video}/models/{id}") })
+    }
+
+    /// Up to `limit` models of a video after the one with the id `after`, by id.
+    pub async fn models(
+        &self,
+        video: &str,
+        after: &str,
+        limit: usize,
+    ) -> Result<Vec<StoredFit>, EngineError> {
+        self.video(video).await?;
+        let prefix = format!("{video}/");
+        let after = format!("{prefix}{after}");
+        let rows = self.store.list(Kind::Fits, &prefix, &after, limit, |_: &StoredFit| true).await?;
+        Ok(rows.into_iter().map(|(_, fit)| fit).collect())
+    }
+
+    async fn fitted(self: &Arc<Self>, video: &str, choice: &Choice) -> Result<Arc<StoredFit>, EngineError> {
+        match &choice.kind {
+            ChoiceKind::Fitted(id) => Ok(Arc::new(self.model(video, id).await?)),
+            _ => self.fit(video, choice, FitOptions::default()).await?.finish().await,
+        }
+    }
+
+    /// Predicts or imagines; the trace is durable before the result is given.
+    pub async fn simulate(
+        self: &Arc<Self>,
+        video: &str,
+        choice: &Choice,
+        options: SimulateOptions,
+    ) -> Result<Arc<Simulated>, EngineError> {
+        let key = self.key("");
+        let scene = self.video(video).await?;
+        let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
+        check_size(&scene, frames, &options)?;
+        let fitted = self.fitted(video, choice).await?;
+        let model = &fitted.fit.scenes.first().ok_or_else(|| no_video(video))?.model;
+        let mut edited = model.clone();
+        for (i, intervention) in options.interventions.iter().enumerate() {
+            edited = intervention.apply(&edited).map_err(|e| trace::refused(i, intervention, &e))?;
+        }
+        let SimulateOptions { interventions, rollouts, seed, .. } = options;
+        let request = Request { interventions, frames, rollouts, seed };
+        let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
+        let engine = self.clone();
+        let work = move |control| async move {
+            let (imagined, bytes, record) = {
+                let (scene, fitted) = (scene.clone(), fitted.clone());
+                let job = move |stop: crate::num::Stop| {
+                    let imagined = imagine(&scene, &fitted.fit, 0, &request, stop)?;
+                    let json = serde_json::json!({ "simulate": &request }).to_string();
+                    let (bytes, record) = trace::encode(&scene, &fitted, &imagined, request.seed, &json)?;
+                    Ok((Imagined { ensemble: vec![], ..imagined }, bytes, record))
+                };
+                engine.pool.run(control, job).await?
+            };
+            let trace = engine.publish(bytes, record).await?;
+            Ok(Simulated { model: fitted.id.clone(), fps: scene.fps, imagined, trace })
+        };
+        self.simulations.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await
+    }
+
+    /// Answers a question; the traces it stands on are durable before the answer is given.
+    pub async fn ask(
+        self: &Arc<Self>,
+        video: &str,
+        choice: &Choice,
+        question: Question,
+        options: AskOptions,
+    ) -> Result<Arc<Answered>, EngineError> {
+        let key = self.key("");
+        let scene = self.video(video).await?;
+        let fitted = self.fitted(video, choice).await?;
+        let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
+        let engine = self.clone();
+        let work = move |control| async move {
+            let model = fitted.id.clone();
+            let job = move |stop: crate::num::Stop| {
+                let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
+                let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
+                let mut files = Vec::new();
+                for imagined in std::mem::take(&mut answer.simulations) {
+                    files.push(trace::encode(&scene, &fitted, &imagined, options.seed, &request)?);
+                }
+                Ok((answer, files))
+            };
+            let (answer, files) = engine.pool.run(control, job).await?;
+            let mut traces = Vec::new();
+            for (bytes, record) in files {
+                traces.push(engine.publish(bytes, record).await?);
+            }
+            Ok(Answered { model, answer, traces })
+        };
+        self.answers.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await
+    }
+
+    async fn put_of_video<T: Serialize>(
+        &self,
+        kind: Kind,
+        video: &str,
+        key: &str,
+        value: &T,
+    ) -> Result<(), EngineError> {
+        self.store.put_of_video(kind, video, key, value).await.map_err(|error| match error {
+            StoreError::VideoGone => no_video(video),
+            other => other.into(),
+        })
+    }
+}
+
+fn check_size(scene: &Scene, frames: usize, options: &SimulateOptions) -> Result<(), EngineError> {
+    let mut violations = Vec::new();
+    let mut add = |path: &str, message: String| violations.push(Violation { path: path.into(), message });
+    let states = frames.saturating_mul(scene.objects.len());
+    if frames == 0 || frames > MAX_SIMULATED_FRAMES {
+        add("frames", format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}"));
+    } else if states > MAX_REPLY_STATES {
+        add("frames", format!("{frames} of {} objects pass {MAX_REPLY_STATES} states", scene.objects.len()));
+    }
+    if options.rollouts > MAX_ROLLOUTS {
+        add("rollouts", format!("is {}; must be at most {MAX_ROLLOUTS}", options.rollouts));
+    } else if states.saturating_mul(options.rollouts) > MAX_ROLLOUT_STATES {
+        add("rollouts", format!("{} rollouts pass {MAX_ROLLOUT_STATES} states", options.rollouts));
+    }
+    if violations.is_empty() { Ok(()) } else { Err(EngineError::Invalid(violations)) }
+}
+
+fn no_video(id: &str) -> EngineError {
+    EngineError::NotFound { name: format!("videos/{id}") }
+}

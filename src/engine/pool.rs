@@ -1,0 +1,156 @@
+//! The CPU pool: a fixed number of threads behind a bounded queue; jobs can be stopped and may panic.
+
+use super::EngineError;
+use crate::num::{Stop, Stopped};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+use tokio::sync::{Semaphore, oneshot};
+use tokio_util::sync::CancellationToken;
+
+/// What ends a job early, and where its progress goes.
+#[derive(Clone)]
+pub struct Control {
+    pub token: CancellationToken,
+    pub deadline: Instant,
+    pub progress: Arc<dyn Fn(f64) + Send + Sync>,
+}
+
+impl Control {
+    /// The error that fits, if the job should end now.
+    pub fn check(&self) -> Result<(), EngineError> {
+        if self.token.is_cancelled() {
+            Err(EngineError::Cancelled)
+        } else if Instant::now() >= self.deadline {
+            Err(EngineError::DeadlineExceeded)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+pub struct Pool {
+    threads: rayon::ThreadPool,
+    admission: Arc<Semaphore>,
+    capacity: usize,
+    panics: AtomicU64,
+}
+
+impl Pool {
+    /// `workers` threads, and room for `queue` jobs that wait.
+    pub fn new(workers: usize, queue: usize) -> Result<Pool, EngineError> {
+        let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(workers.max(1))
+            .thread_name(|i| format!("physics-{i}"))
+            .build()
+            .map_err(|e| EngineError::Internal { id: "pool".into(), message: e.to_string() })?;
+        let capacity = workers.max(1) + queue;
+        let admission = Arc::new(Semaphore::new(capacity));
+        Ok(Pool { threads, admission, capacity, panics: AtomicU64::new(0) })
+    }
+
+    /// Runs a job; refuses it at once where the queue is full. A panic is this job's error and nobody else's.
+    pub async fn run<T, F>(&self, control: Control, work: F) -> Result<T, EngineError>
+    where
+        T: Send + 'static,
+        F: FnOnce(Stop) -> Result<T, EngineError> + Send + 'static,
+    {
+        let Ok(permit) = self.admission.clone().try_acquire_owned() else {
+            return Err(EngineError::Overloaded { capacity: self.capacity });
+        };
+        let (reply, answer) = oneshot::channel();
+        self.threads.spawn_fifo(move || {
+            let result = catch_unwind(AssertUnwindSafe(|| {
+                control.check()?;
+                let stop = |progress: f64| {
+                    (control.progress)(progress);
+                    control.check().map_err(|_| Stopped)
+                };
+                work(&stop).map_err(|error| match error.is_stopped() {
+                    // What stopped it: a caller, unless only the clock did.
+                    true => control.check().err().unwrap_or(EngineError::Cancelled),
+                    false => error,
+                })
+            }));
+            drop(permit);
+            // The caller may have gone.
+            let _ = reply.send(result);
+        });
+        match answer.await {
+            Ok(Ok(result)) => result,
+            Ok(Err(panic)) => Err(self.panicked(panic.as_ref())),
+            Err(_) => Err(self.panicked(&"the job was lost")),
+        }
+    }
+
+    fn panicked(&self, panic: &(dyn std::any::Any + Send)) -> EngineError {
+        let text = panic.downcast_ref::<&str>().map(|s| s.to_string());
+        let message = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+        let id = format!("panic-{}", self.panics.fetch_add(1, Ordering::Relaxed) + 1);
+        tracing::error!(id, message, "a job panicked");
+        EngineError::Internal { id, message }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn control() -> Control {
+        Control {
+            token: CancellationToken::new(),
+            deadline: Instant::now() + Duration::from_secs(3600),
+            progress: Arc::new(|_| {}),
+        }
+    }
+
+    #[tokio::test]
+    async fn a_panic_stays_in_its_job() {
+        let pool = Pool::new(1, 4).unwrap();
+        let broken = pool.run::<(), _>(control(), |_| panic!("injected")).await;
+        assert!(matches!(broken, Err(EngineError::Internal { ref message, .. }) if message == "injected"));
+        assert_eq!(pool.run(control(), |_| Ok(7)).await.unwrap(), 7);
+    }
+
+    #[tokio::test]
+    async fn a_full_queue_refuses_and_recovers() {
+        let pool = Arc::new(Pool::new(1, 1).unwrap());
+        let (go, wait) = std::sync::mpsc::channel::<()>();
+        let busy = {
+            let pool = pool.clone();
+            tokio::spawn(async move { pool.run(control(), move |_| Ok(wait.recv().is_ok())).await })
+        };
+        while pool.admission.available_permits() == 2 {
+            tokio::task::yield_now().await;
+        }
+        let queued = {
+            let pool = pool.clone();
+            tokio::spawn(async move { pool.run(control(), |_| Ok(())).await })
+        };
+        while pool.admission.available_permits() == 1 {
+            tokio::task::yield_now().await;
+        }
+        let refused = pool.run(control(), |_| Ok(())).await;
+        assert!(matches!(refused, Err(EngineError::Overloaded { capacity: 2 })));
+        go.send(()).unwrap();
+        assert!(busy.await.unwrap().unwrap());
+        queued.await.unwrap().unwrap();
+        pool.run(control(), |_| Ok(())).await.unwrap();
+    }
+
+    #[tokio::test]
+    async fn a_stopped_job_says_what_stopped_it() {
+        let pool = Pool::new(1, 1).unwrap();
+        let late = Control { deadline: Instant::now(), ..control() };
+        assert!(matches!(pool.run(late, |_| Ok(())).await, Err(EngineError::DeadlineExceeded)));
+        let cancelled = control();
+        let token = cancelled.token.clone();
+        let stopped = pool.run::<(), _>(cancelled, move |stop| {
+            token.cancel();
+            Err(crate::fit::FitError::from(stop(0.5).unwrap_err()).into())
+        });
+        assert!(matches!(stopped.await, Err(EngineError::Cancelled)));
+    }
+}

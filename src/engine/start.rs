@@ -1,0 +1,145 @@
+//! Which model a request means: a preset, a model file that is checked in full, or one that was fitted.
+
+use super::EngineError;
+use crate::effects::{Scope, effect};
+use crate::scene::{Scene, Shape, Violation};
+use crate::world::{ActiveEffect, BodySpec, Model, PRESETS, Preset};
+
+/// A choice of model, and the request's field that made it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    pub path: &'static str,
+    pub kind: ChoiceKind,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub enum ChoiceKind {
+    /// The preset of the video's world.
+    Default,
+    Preset(String),
+    /// A model file (JSON).
+    File(String),
+    /// Id of a model that was fitted.
+    Fitted(String),
+}
+
+impl Choice {
+    /// The model that a fit starts from; `None` where the choice is one that was fitted.
+    pub fn start(&self, scene: &Scene) -> Result<Option<Model>, EngineError> {
+        match &self.kind {
+            ChoiceKind::Default => Ok(Some(Preset::for_world(scene.world).model(scene))),
+            ChoiceKind::Preset(name) => match Preset::named(name) {
+                Some(preset) => Ok(Some(preset.model(scene))),
+                None => {
+                    let known: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
+                    let message = format!("there is no preset {name:?}; there are {}", known.join(", "));
+                    Err(EngineError::invalid(format!("{}.preset", self.path), message))
+                }
+            },
+            ChoiceKind::File(text) => {
+                let path = format!("{}.model_json", self.path);
+                let model: Model =
+                    serde_json::from_str(text).map_err(|e| EngineError::invalid(&path, e.to_string()))?;
+                let mut found = Violations { path, list: Vec::new() };
+                found.model(&model, scene);
+                if found.list.is_empty() { Ok(Some(model)) } else { Err(EngineError::Invalid(found.list)) }
+            }
+            ChoiceKind::Fitted(_) => Ok(None),
+        }
+    }
+}
+
+struct Violations {
+    path: String,
+    list: Vec<Violation>,
+}
+
+impl Violations {
+    fn add(&mut self, at: String, message: impl Into<String>) {
+        self.list.push(Violation { path: format!("{}.{at}", self.path), message: message.into() });
+    }
+
+    fn model(&mut self, model: &Model, scene: &Scene) {
+        let (bodies, objects): (Vec<u32>, Vec<u32>) =
+            (model.bodies.iter().map(|b| b.id).collect(), scene.objects.iter().map(|o| o.id).collect());
+        if bodies != objects {
+            self.add("bodies".into(), format!("are {bodies:?}; the video's objects are {objects:?}"));
+            return;
+        }
+        for (i, body) in model.bodies.iter().enumerate() {
+            self.body(i, body);
+        }
+        for (i, wall) in model.walls.iter().enumerate() {
+            if ![wall.from.x, wall.from.y, wall.to.x, wall.to.y].iter().all(|v| v.is_finite()) {
+                self.add(format!("walls[{i}]"), "must be finite");
+            }
+        }
+        for (i, active) in model.effects.iter().enumerate() {
+            if model.effects.iter().take(i).any(|e| e.name == active.name) {
+                self.add(format!("effects[{i}].name"), format!("{} is there twice", active.name));
+            }
+            self.effect(i, active, &model.bodies);
+        }
+    }
+
+    fn body(&mut self, i: usize, body: &BodySpec) {
+        let s = &body.start.state;
+        let numbers = [body.start.time, s.position.x, s.position.y, s.yaw, s.velocity.x, s.velocity.y];
+        if !numbers.iter().chain(&[s.spin, s.roll.x, s.roll.y]).all(|v| v.is_finite()) {
+            self.add(format!("bodies[{i}].start"), "must be finite");
+        }
+        let positive = |v: f64| v.is_finite() && v > 0.0;
+        if !positive(body.mass) {
+            self.add(format!("bodies[{i}].mass"), format!("is {}; must be above 0", body.mass));
+        }
+        let shape_ok = match body.shape {
+            Shape::Disc { radius } | Shape::Ball { radius } => positive(radius),
+            Shape::Square { half_side } => positive(half_side),
+            Shape::Rectangle { half_length, half_width } => positive(half_length) && positive(half_width),
+        };
+        if !shape_ok {
+            self.add(format!("bodies[{i}].shape"), "must be above 0 in size");
+        }
+    }
+
+    fn effect(&mut self, i: usize, active: &ActiveEffect, bodies: &[BodySpec]) {
+        let Some(entry) = effect(&active.name) else {
+            self.add(format!("effects[{i}].name"), format!("there is no effect {}", active.name));
+            return;
+        };
+        let (given, known): (Vec<&str>, Vec<&str>) = (
+            active.parameters.iter().map(|p| p.name.as_str()).collect(),
+            entry.spec.params.iter().map(|p| p.name).collect(),
+        );
+        if given != known {
+            self.add(format!("effects[{i}].parameters"), format!("are {given:?}; must be {known:?}"));
+            return;
+        }
+        for (j, (p, spec)) in active.parameters.iter().zip(entry.spec.params).enumerate() {
+            let at = format!("effects[{i}].parameters[{j}]");
+            if !p.labels.is_sorted_by(|a, b| a < b) || p.labels.len() != p.values.len() {
+                self.add(format!("{at}.labels"), "must be sorted, one for each value");
+                continue;
+            }
+            for (k, value) in p.values.iter().enumerate() {
+                if !(spec.min..=spec.max).contains(value) {
+                    let message = format!("is {value}; must be {} to {}", spec.min, spec.max);
+                    self.add(format!("{at}.values[{k}]"), message);
+                }
+            }
+            if !(p.prior.mean.is_finite() && p.prior.sd.is_finite() && p.prior.sd >= 0.0) {
+                self.add(format!("{at}.prior"), "must be finite, its sd at least 0");
+            }
+            let covers = bodies.iter().enumerate().all(|(n, a)| {
+                let partners = match p.scope {
+                    Scope::ShapePair | Scope::Pair => bodies.get(..n),
+                    _ => bodies.get(n..=n),
+                };
+                partners.unwrap_or_default().iter().all(|b| p.index(a, b).is_some())
+            });
+            if !covers {
+                self.add(format!("{at}.labels"), "lack one that the bodies need");
+            }
+        }
+    }
+}

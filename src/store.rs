@@ -1,0 +1,331 @@
+//! What outlives the process: videos, fits and trace records in one redb file, trace blobs in a folder beside it.
+
+use bytes::Bytes;
+use object_store::local::LocalFileSystem;
+use object_store::path::Path as BlobPath;
+use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutOptions};
+use redb::{
+    Database, DatabaseError, Durability, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction,
+};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::ops::Bound;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::sync::Semaphore;
+
+/// Layout of the tables; a store with a newer one is refused.
+pub const SCHEMA_VERSION: u64 = 1;
+/// Most store calls that block a thread at a time: redb has one writer, so more would only wait.
+const MAX_BLOCKING: usize = 8;
+
+type Table = TableDefinition<'static, &'static str, &'static [u8]>;
+const META: TableDefinition<&str, u64> = TableDefinition::new("meta");
+
+/// A table of JSON values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// By video id.
+    Videos,
+    /// By `{video}/{model}`.
+    Fits,
+    /// By trace id; the value has a `video`.
+    Traces,
+}
+
+impl Kind {
+    fn table(self) -> Table {
+        TableDefinition::new(match self {
+            Kind::Videos => "videos",
+            Kind::Fits => "fits",
+            Kind::Traces => "traces",
+        })
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StoreError {
+    #[error("data folder {path} is in use by another process; stop it, or choose another --data-dir")]
+    Locked { path: String },
+    #[error(
+        "data folder {path} has schema version {found}, this program knows {known}; use a newer program, or \
+         another --data-dir"
+    )]
+    Newer { path: String, found: u64, known: u64 },
+    #[error("the video was deleted meanwhile")]
+    VideoGone,
+    #[error("storage failed: {0}")]
+    Failed(String),
+}
+
+/// The part of a value that says which video it belongs to.
+#[derive(serde::Deserialize)]
+struct OfVideo {
+    video: String,
+}
+
+/// An open data folder; one process at a time.
+#[derive(Clone)]
+pub struct Store {
+    db: Arc<Database>,
+    blobs: Arc<LocalFileSystem>,
+    gate: Arc<Semaphore>,
+}
+
+impl Store {
+    /// Opens the folder, or makes it.
+    pub fn open(folder: &Path) -> Result<Store, StoreError> {
+        let traces = folder.join("traces");
+        std::fs::create_dir_all(&traces).map_err(failed)?;
+        let path = || folder.display().to_string();
+        let db = Database::create(folder.join("vrdp.redb")).map_err(|e| match e {
+            DatabaseError::DatabaseAlreadyOpen => StoreError::Locked { path: path() },
+            other => failed(other),
+        })?;
+        let write = begin(&db)?;
+        {
+            let mut meta = write.open_table(META).map_err(failed)?;
+            let found = meta.get("schema").map_err(failed)?.map(|v| v.value());
+            match found {
+                Some(found) if found > SCHEMA_VERSION => {
+                    return Err(StoreError::Newer { path: path(), found, known: SCHEMA_VERSION });
+                }
+                _ => meta.insert("schema", SCHEMA_VERSION).map_err(failed)?,
+            };
+            for kind in [Kind::Videos, Kind::Fits, Kind::Traces] {
+                write.open_table(kind.table()).map_err(failed)?;
+            }
+        }
+        write.commit().map_err(failed)?;
+        sweep(&traces)?;
+        let blobs = LocalFileSystem::new_with_prefix(&traces).map_err(failed)?.with_fsync(true);
+        Ok(Store { db: Arc::new(db), blobs: Arc::new(blobs), gate: Arc::new(Semaphore::new(MAX_BLOCKING)) })
+    }
+
+    pub async fn get<T>(&self, kind: Kind, key: &str) -> Result<Option<T>, StoreError>
+    where
+        T: DeserializeOwned + Send + 'static,
+    {
+        let key = key.to_string();
+        self.blocking(move |db| {
+            let read = db.begin_read().map_err(failed)?;
+            let table = read.open_table(kind.table()).map_err(failed)?;
+            let found = table.get(key.as_str()).map_err(failed)?;
+            found.map(|v| serde_json::from_slice(v.value()).map_err(failed)).transpose()
+        })
+        .await
+    }
+
+    /// Up to `limit` values that `keep` likes, whose key begins with `prefix` and comes after `after`, by key.
+    pub async fn list<T, K>(
+        &self,
+        kind: Kind,
+        prefix: &str,
+        after: &str,
+        limit: usize,
+        keep: K,
+    ) -> Result<Vec<(String, T)>, StoreError>
+    where
+        T: DeserializeOwned + Send + 'static,
+        K: Fn(&T) -> bool + Send + 'static,
+    {
+        let (prefix, after) = (prefix.to_string(), after.to_string());
+        self.blocking(move |db| {
+            let read = db.begin_read().map_err(failed)?;
+            let table = read.open_table(kind.table()).map_err(failed)?;
+            let from = if after > prefix { Bound::Excluded(&*after) } else { Bound::Included(&*prefix) };
+            let rows = table.range::<&str>((from, Bound::Unbounded)).map_err(failed)?;
+            let mut found = Vec::new();
+            for row in rows {
+                let (key, value) = row.map_err(failed)?;
+                if found.len() == limit || !key.value().starts_with(&prefix) {
+                    break;
+                }
+                let value = serde_json::from_slice(value.value()).map_err(failed)?;
+                if keep(&value) {
+                    found.push((key.value().to_string(), value));
+                }
+            }
+            Ok(found)
+        })
+        .await
+    }
+
+    /// Stores a video; durable when it returns.
+    pub async fn put_video<T: Serialize>(&self, id: &str, value: &T) -> Result<(), StoreError> {
+        self.put(Kind::Videos, id.to_string(), value, None).await
+    }
+
+    /// Stores what belongs to a video, unless that was deleted meanwhile; durable when it returns.
+    pub async fn put_of_video<T>(
+        &self,
+        kind: Kind,
+        video: &str,
+        key: &str,
+        value: &T,
+    ) -> Result<(), StoreError>
+    where
+        T: Serialize,
+    {
+        self.put(kind, key.to_string(), value, Some(video.to_string())).await
+    }
+
+    async fn put<T: Serialize>(
+        &self,
+        kind: Kind,
+        key: String,
+        value: &T,
+        video: Option<String>,
+    ) -> Result<(), StoreError> {
+        let value = serde_json::to_vec(value).map_err(failed)?;
+        self.blocking(move |db| {
+            let write = begin(db)?;
+            if let Some(video) = video {
+                let videos = write.open_table(Kind::Videos.table()).map_err(failed)?;
+                if videos.get(video.as_str()).map_err(failed)?.is_none() {
+                    return Err(StoreError::VideoGone);
+                }
+            }
+            {
+                let mut table = write.open_table(kind.table()).map_err(failed)?;
+                table.insert(key.as_str(), value.as_slice()).map_err(failed)?;
+            }
+            write.commit().map_err(failed)
+        })
+        .await
+    }
+
+    /// Deletes a video with all that belongs to it; `false` where there is none.
+    pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
+        let video = id.to_string();
+        let (found, traces) = self
+            .blocking(move |db| {
+                let write = begin(db)?;
+                let mut traces = Vec::new();
+                let found = {
+                    let mut videos = write.open_table(Kind::Videos.table()).map_err(failed)?;
+                    videos.remove(video.as_str()).map_err(failed)?.is_some()
+                };
+                {
+                    let prefix = format!("{video}/");
+                    let mut fits = write.open_table(Kind::Fits.table()).map_err(failed)?;
+                    fits.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
+                    let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
+                    let of_video = |_: &str, value: &[u8]| {
+                        serde_json::from_slice::<OfVideo>(value).is_ok_and(|v| v.video == video)
+                    };
+                    for row in table.extract_if(of_video).map_err(failed)? {
+                        traces.push(row.map_err(failed)?.0.value().to_string());
+                    }
+                }
+                write.commit().map_err(failed)?;
+                Ok((found, traces))
+            })
+            .await?;
+        for trace in traces {
+            match self.blobs.delete(&blob(&trace)).await {
+                Err(object_store::Error::NotFound { .. }) | Ok(()) => {}
+                Err(error) => return Err(failed(error)),
+            }
+        }
+        Ok(found)
+    }
+
+    /// Publishes a blob whole or not at all; durable when it returns. The same id again changes nothing.
+    pub async fn put_blob(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        let options = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
+        match self.blobs.put_opts(&blob(id), bytes.into(), options).await {
+            Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
+            Err(error) => Err(failed(error)),
+        }
+    }
+
+    /// Bytes `offset..offset + len` of a blob, less at its end.
+    pub async fn read_blob(&self, id: &str, offset: u64, len: u64) -> Result<Bytes, StoreError> {
+        self.blobs.get_range(&blob(id), offset..offset + len).await.map_err(failed)
+    }
+
+    async fn blocking<T, F>(&self, work: F) -> Result<T, StoreError>
+    where
+        T: Send + 'static,
+        F: FnOnce(&Database) -> Result<T, StoreError> + Send + 'static,
+    {
+        let permit = self.gate.clone().acquire_owned().await.map_err(failed)?;
+        let db = self.db.clone();
+        // The permit moves along, so that a caller who leaves does not free the place of work that still runs.
+        let task = tokio::task::spawn_blocking(move || {
+            let _permit = permit;
+            work(&db)
+        });
+        task.await.map_err(failed)?
+    }
+}
+
+fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
+    let mut write = db.begin_write().map_err(failed)?;
+    write.set_durability(Durability::Immediate).map_err(failed)?;
+    Ok(write)
+}
+
+/// Removes what a killed process left half written; such files have a `#` in their names.
+fn sweep(traces: &Path) -> Result<(), StoreError> {
+    for entry in std::fs::read_dir(traces).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        if entry.file_name().to_string_lossy().contains('#') {
+            std::fs::remove_file(entry.path()).map_err(failed)?;
+        }
+    }
+    Ok(())
+}
+
+fn blob(id: &str) -> BlobPath {
+    BlobPath::from(format!("{id}.mcap"))
+}
+
+fn failed(error: impl std::fmt::Display) -> StoreError {
+    StoreError::Failed(error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_store_keeps_lists_and_deletes() {
+        let folder = tempfile::tempdir().unwrap();
+        {
+            let store = Store::open(folder.path()).unwrap();
+            store.put_video("a", &1.5).await.unwrap();
+            store.put_of_video(Kind::Fits, "a", "a/m", &0.1).await.unwrap();
+            store.put_of_video(Kind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
+            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
+            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
+            let locked = Store::open(folder.path()).err().unwrap();
+            assert!(matches!(locked, StoreError::Locked { .. }), "{locked}");
+        }
+        std::fs::write(folder.path().join("traces/t.mcap#1"), b"ha").unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        assert_eq!(store.get::<f64>(Kind::Fits, "a/m").await.unwrap(), Some(0.1));
+        assert_eq!(store.read_blob("t", 1, 3).await.unwrap(), "hol");
+        assert!(!folder.path().join("traces/t.mcap#1").exists());
+        let gone = store.put_of_video(Kind::Fits, "b", "b/m", &1).await;
+        assert_eq!(gone, Err(StoreError::VideoGone));
+        assert!(store.delete_video("a").await.unwrap());
+        assert!(!store.delete_video("a").await.unwrap());
+        assert_eq!(store.list(Kind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
+        assert_eq!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap(), None);
+        assert!(store.read_blob("t", 0, 1).await.is_err());
+    }
+
+    #[test]
+    fn a_newer_schema_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        drop(Store::open(folder.path()).unwrap());
+        let db = Database::create(folder.path().join("vrdp.redb")).unwrap();
+        let write = db.begin_write().unwrap();
+        write.open_table(META).unwrap().insert("schema", SCHEMA_VERSION + 1).unwrap();
+        write.commit().unwrap();
+        drop(db);
+        assert!(matches!(Store::open(folder.path()), Err(StoreError::Newer { found: 2, known: 1, .. })));
+    }
+}
