@@ -39,6 +39,8 @@ pub trait Real:
     fn value(self) -> f64;
     /// The derivatives alone: value zero.
     fn infinitesimal(self) -> Self;
+    /// Whether all derivatives are zero.
+    fn is_constant(self) -> bool;
     /// `f(self)` for a function whose value and slope at the real part are known.
     fn chain(self, value: f64, slope: f64) -> Self;
 
@@ -81,6 +83,9 @@ impl Real for f64 {
     const DIFFERENTIATES: bool = false;
     fn infinitesimal(self) -> Self {
         0.0
+    }
+    fn is_constant(self) -> bool {
+        true
     }
     fn constant(value: f64) -> Self {
         value
@@ -138,6 +143,10 @@ impl Real for Jet {
     const DIFFERENTIATES: bool = true;
     fn infinitesimal(self) -> Self {
         Jet { v: 0.0, d: self.d }
+    }
+    #[inline(always)]
+    fn is_constant(self) -> bool {
+        self.d == [0.0; LANES]
     }
     fn constant(value: f64) -> Self {
         Jet { v: value, d: [0.0; LANES] }

@@ -4,7 +4,7 @@ use super::geometry::{Pose, Proximity, manifold};
 use super::impact::{APPROACH, Path, Side, facing, point_velocity, resolve, time_of_impact};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
-use super::simulate::{ContactEffect, Few, Run};
+use super::simulate::{ContactEffect, Few, Moving, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
 use crate::effects::Scalar;
@@ -16,7 +16,9 @@ const REBOUND_SPEED: f64 = 0.01;
 const SAME_CONTACT: f64 = 0.1;
 /// Rounds of blows among kept contacts at one impact, and the approach speed that still counts (m/s).
 const BLOWS: usize = 64;
-const BLOW_SPEED: f64 = 1e-8;
+const BLOW_SPEED: f64 = 1e-7;
+/// The same while a contact lasts, whose own forces see to what is slower.
+pub(super) const CUT_IN_SPEED: f64 = 1e-4;
 /// Gap at which a kept contact's point takes part in blows (m).
 const CLOSED: f64 = 1e-5;
 
@@ -80,6 +82,18 @@ impl<T: Scalar> Run<'_, T> {
 
     /// Moves the group of `i` to `time`; without a value, `time` may carry derivatives only.
     fn move_group(&mut self, i: usize, time: f64) {
+        if self.is_alone(i) {
+            let Moving { from, since, mode, change, .. } = self.bodies[i];
+            self.bodies[i].from = match self.plainly(i) {
+                Some(laws) => {
+                    Kinematics::constant(&laws.moved(i, &from.value(), mode, since.value(), time, change))
+                }
+                None => self.laws.moved(i, &from, mode, since, T::constant(time), change),
+            };
+            self.bodies[i].since = T::constant(time);
+            self.bodies[i].change = None;
+            return;
+        }
         let group = self.bodies[i].group.clone();
         let since = self.bodies[i].since;
         let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
@@ -151,6 +165,10 @@ impl<T: Scalar> Run<'_, T> {
             }
             time = better;
         }
+        for (j, from, since, _) in &saved {
+            let Moving { from: to, since: until, .. } = self.bodies[*j];
+            self.note(*j, from, *since, &to, until);
+        }
         if T::DIFFERENTIATES {
             // The time of impact moves with the parameters: implicit function theorem on gap = 0.
             let (near, rate) = self.facing_now(a, b);
@@ -169,7 +187,7 @@ impl<T: Scalar> Run<'_, T> {
             self.touching.push(Touching { a, b, pressing: true });
             self.join(a, b);
         }
-        self.pass_on(time, &self.involved(a, b));
+        self.pass_on(time, &self.involved(a, b), BLOW_SPEED);
         let changed = self.involved(a, b);
         self.predict(a);
         if solid && !self.bodies[a].group.contains(&b) {
@@ -178,8 +196,9 @@ impl<T: Scalar> Run<'_, T> {
         self.refresh(&changed);
     }
 
-    /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow.
-    pub(super) fn pass_on(&mut self, time: f64, group: &[usize]) {
+    /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow, until
+    /// nothing approaches faster than `quiet_speed` (m/s).
+    pub(super) fn pass_on(&mut self, time: f64, group: &[usize], quiet_speed: f64) {
         let kept: Vec<Touching> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
         for _ in 0..BLOWS {
             let mut quiet = true;
@@ -187,7 +206,7 @@ impl<T: Scalar> Run<'_, T> {
                 for point in 0..2 {
                     let Some(near) = self.points_now(t.a, t.b)[point] else { continue };
                     let approach = self.approach_at(t.a, t.b, &near);
-                    if near.gap.value() < CLOSED && approach.value() > BLOW_SPEED {
+                    if near.gap.value() < CLOSED && approach.value() > quiet_speed {
                         self.bounce(time, t.a, t.b, &near);
                         quiet = false;
                     }

@@ -1,6 +1,7 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
 mod encounter;
+mod flight;
 mod footprint;
 mod geometry;
 mod impact;

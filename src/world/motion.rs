@@ -64,6 +64,8 @@ pub(super) struct Laws<T: Scalar> {
     pub inverse_inertia: Vec<T>,
     forces: Vec<PerBody<T>>,
     pairs: Vec<PerBody<T>>,
+    /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
+    pub constant: Vec<bool>,
 }
 
 /// One effect's hooks with its parameters, body by body.
@@ -111,7 +113,11 @@ impl<T: Scalar> Laws<T> {
         let mass: Vec<T> = (0..shapes.len()).map(|i| flat[i * BODY_VALUES.len() + MASS]).collect();
         let inverse_mass: Vec<T> = mass.iter().map(|&m| one / m).collect();
         let inverse_inertia = inverse_mass.iter().zip(&shapes).map(|(&m, s)| m / s.unit_inertia()).collect();
-        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs }
+        let steady = |law: &PerBody<T>, i: usize| law.of(i).iter().all(|p| p.is_constant());
+        let constant =
+            (0..shapes.len()).map(|i| mass[i].is_constant() && forces.iter().all(|law| steady(law, i)));
+        let constant = constant.collect();
+        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs, constant }
     }
 
     /// Whether bodies act on each other at a distance.
@@ -157,6 +163,17 @@ impl<T: Scalar> Laws<T> {
     /// Velocity of the lowest point of ball `i` against the ground (m/s).
     pub fn slip(&self, i: usize, k: &Kinematics<T>) -> Vec2<T> {
         k.velocity + k.roll.perp().scaled(self.shapes[i].bounding_radius())
+    }
+
+    /// The mode of body `i` once a force acts on it: friction may no longer hold it, or let it roll.
+    pub fn mode_under(&self, i: usize, mode: Mode, w: &Wrench<T>) -> Mode {
+        let grip = w.grip.value();
+        let slips = || grip > 0.0 && 2.0 / 7.0 * w.force.value().norm() > grip;
+        match mode {
+            Mode::Rest if !self.holds(i, w) => Mode::Slide,
+            Mode::Roll if slips() => Mode::Slide,
+            _ => mode,
+        }
     }
 
     /// Share of a force that moves the centre: 5/7 of a rolling ball.
@@ -293,6 +310,46 @@ impl<T: Real> Kinematics<T> {
             velocity: self.velocity + r.velocity * h,
             spin: self.spin + r.spin * h,
             roll: self.roll + r.roll * h,
+        }
+    }
+
+    /// A constant: its derivatives are zero.
+    pub(super) fn constant(k: &Kinematics<f64>) -> Self {
+        Kinematics {
+            position: Vec2::constant(k.position),
+            yaw: T::constant(k.yaw),
+            velocity: Vec2::constant(k.velocity),
+            spin: T::constant(k.spin),
+            roll: Vec2::constant(k.roll),
+        }
+    }
+
+    /// Whether all derivatives are zero.
+    pub(super) fn is_constant(&self) -> bool {
+        let Kinematics { position: p, yaw, velocity: v, spin, roll } = self;
+        [p.x, p.y, *yaw, v.x, v.y, *spin, roll.x, roll.y].iter().all(|n| n.is_constant())
+    }
+
+    /// Between this state at `since` and `to` at `until`: a cubic through places and velocities.
+    pub(super) fn between(&self, since: T, to: &Self, until: T, time: f64) -> Self {
+        let h = until - since;
+        let s = (-since + time) / h;
+        let (s2, s3) = (s * s, s * s * s);
+        let b1 = s2 * 3.0 - s3 * 2.0;
+        let (c0, c1) = ((s - s2 * 2.0 + s3) * h, (s3 - s2) * h);
+        let (d1, e0, e1) = ((s - s2) * 6.0 / h, -s * 4.0 + s2 * 3.0 + 1.0, s2 * 3.0 - s * 2.0);
+        let place = |x0: T, v0: T, x1: T, v1: T| x0 + b1 * (x1 - x0) + c0 * v0 + c1 * v1;
+        let speed = |x0: T, v0: T, x1: T, v1: T| d1 * (x1 - x0) + e0 * v0 + e1 * v1;
+        let vector = |f: &dyn Fn(T, T, T, T) -> T| Vec2 {
+            x: f(self.position.x, self.velocity.x, to.position.x, to.velocity.x),
+            y: f(self.position.y, self.velocity.y, to.position.y, to.velocity.y),
+        };
+        Kinematics {
+            position: vector(&place),
+            velocity: vector(&speed),
+            yaw: place(self.yaw, self.spin, to.yaw, to.spin),
+            spin: speed(self.yaw, self.spin, to.yaw, to.spin),
+            roll: self.roll + (to.roll - self.roll) * s,
         }
     }
 

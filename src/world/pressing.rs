@@ -1,7 +1,7 @@
 //! Contacts that last: bodies that press on each other move together until they part.
 
 use super::geometry::{Feature, Pose, Proximity, manifold};
-use super::impact::point_velocity;
+use super::impact::{facing, point_velocity};
 use super::motion::{Kinematics, Mode, Rates};
 use super::simulate::{Few, Run};
 use crate::body::Wrench;
@@ -10,7 +10,7 @@ use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 
 /// Rate at which a kept contact corrects its gap (1/s).
-const STIFFNESS: f64 = 60.0;
+const STIFFNESS: f64 = 25.0;
 /// Sweeps over simultaneous pressure points.
 const SWEEPS: usize = 16;
 
@@ -131,6 +131,17 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         points
+    }
+
+    /// The narrowest gap among kept contacts of the group at these states (m).
+    pub(super) fn narrowest(&self, group: &[usize], k: &[Kinematics<T>]) -> f64 {
+        let gap = |t: &Touching| {
+            let place = |body: usize| group.iter().position(|&j| j == body);
+            let ka = k[place(t.a)?].value();
+            let kb = place(t.b).map_or_else(|| self.kinematics(t.b).value(), |y| k[y].value());
+            Some(facing(&ka, self.shape(t.a), &kb, self.shape(t.b)).0.gap)
+        };
+        self.touching.iter().filter_map(gap).fold(f64::INFINITY, f64::min)
     }
 
     fn pressed(&self, at: usize, body: usize, direction: Vec2<T>, arm: Vec2<T>) -> Pressed<T> {

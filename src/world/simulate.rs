@@ -1,5 +1,7 @@
 //! Simulation: steps between known times, cut at every impact, stop and start of rolling.
 
+use super::encounter::CUT_IN_SPEED;
+use super::flight::{APPROACH_SHARE, Flight, SHORTEST_APPROACH, SHORTEST_STRETCH};
 use super::impact::Path;
 use super::model::{BODY_VALUES, BodySpec, Model};
 use super::motion::{Change, Kinematics, Laws, Mode, REST_SPEED, Rates};
@@ -7,18 +9,17 @@ use super::pressing::Touching;
 use super::trace::{Ending, Event, EventKind, State, Trace};
 use crate::body::Wrench;
 use crate::effects::{ContactFn, Hook, Scalar, effect};
-use crate::num::{Real, Vec2, vec2};
+use crate::num::{Vec2, vec2};
 use crate::scene::Shape;
 use smallvec::SmallVec;
 
-/// Longest step (s): one frame at 25 frames/s; the integrator is of fourth order.
-const MAX_STEP: f64 = 0.04;
+/// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
+const MAX_STEP: f64 = 0.16;
 
-/// Longest stretch of a group with kept contacts (s).
-const CONTACT_STEP: f64 = 0.01;
-/// A change of mode is approached in stretches of this share of the time left, down to the shortest (s).
-const APPROACH_SHARE: f64 = 0.9;
-const SHORTEST_APPROACH: f64 = 1e-3;
+/// Longest stretch of bodies that act on each other (s).
+const CONTACT_STEP: f64 = 0.02;
+/// Overlap at which a stretch of touching bodies is halved (m).
+const CUT_IN: f64 = 1e-4;
 
 /// A limit on the work of one simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,25 +45,18 @@ pub struct Rollout<T> {
 /// Simulates with the numbers `flat` (laid out as [`Model::flatten`]) and gives the states at `times` (s, increasing).
 /// Deterministic; a run in [`Jet`](crate::num::Jet) has the events of the run in `f64`.
 pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits) -> Rollout<T> {
-    let mut states = Vec::with_capacity(times.len());
-    let mut run = Run::new(model, flat, limits);
+    let mut run = Run::new(model, flat, times, limits);
     let mut starts: Vec<f64> = model.bodies.iter().map(|b| b.start.time).collect();
     starts.sort_by(f64::total_cmp);
-    let mut starts = starts.into_iter().peekable();
-    let mut now = starts.peek().copied().unwrap_or(0.0);
-    for &time in times {
-        while let Some(start) = starts.next_if(|&s| s <= time) {
-            run.advance(now, start);
-            now = now.max(start);
-            run.enter(start);
-        }
-        run.advance(now, time);
-        now = now.max(time);
-        let row = (0..model.bodies.len())
-            .map(|i| (run.bodies[i].mode != Mode::Absent).then_some(run.bodies[i].from));
-        states.push(row.collect());
+    let end = times.last().copied().unwrap_or(0.0);
+    let mut now = starts.first().copied().unwrap_or(0.0);
+    for start in starts.into_iter().filter(|&s| s <= end) {
+        run.advance(now, start);
+        now = start;
+        run.enter(start);
     }
-    Rollout { states, events: run.events, ending: run.ending }
+    run.advance(now, end);
+    Rollout { states: run.states, events: run.events, ending: run.ending }
 }
 
 /// Simulates the model as it is. Deterministic: the same input gives the same bits.
@@ -99,6 +93,7 @@ fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
 pub(super) type Few<T> = SmallVec<[T; 1]>;
 
 /// One body during a step: its state at `since`, and where its undisturbed motion leads.
+#[derive(Clone)]
 pub(super) struct Moving<T> {
     pub mode: Mode,
     pub since: T,
@@ -109,6 +104,8 @@ pub(super) struct Moving<T> {
     pub path: Path,
     /// Bodies that move together because forces join them; includes this one.
     pub group: Vec<usize>,
+    /// Index of the next time at which the state is asked for.
+    pub next: usize,
 }
 
 pub(super) struct ContactEffect<'m, T> {
@@ -126,6 +123,10 @@ pub(super) struct Run<'m, T: Scalar> {
     pub walls: Vec<(Shape, Kinematics<f64>)>,
     pub touching: Vec<Touching>,
     pub impacts: Vec<(f64, usize, usize)>,
+    /// The laws without derivatives, for bodies that carry none.
+    pub plain: Option<Laws<f64>>,
+    pub times: &'m [f64],
+    pub states: Vec<Vec<Option<Kinematics<T>>>>,
     pub order: Vec<usize>,
     pub step_end: f64,
     pub events: Vec<Event>,
@@ -134,7 +135,7 @@ pub(super) struct Run<'m, T: Scalar> {
 }
 
 impl<'m, T: Scalar> Run<'m, T> {
-    fn new(model: &'m Model, flat: &'m [T], limits: &Limits) -> Self {
+    fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &Limits) -> Self {
         let mut contact_effects = vec![];
         let mut first = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
@@ -166,6 +167,7 @@ impl<'m, T: Scalar> Run<'m, T> {
                 change: None,
                 path: Path::new(b.shape, b.start.time, b.start.time, still, still),
                 group: vec![i],
+                next: 0,
             }
         });
         let walls = model.walls.iter().map(|w| {
@@ -180,7 +182,11 @@ impl<'m, T: Scalar> Run<'m, T> {
             };
             (shape, still)
         });
+        let values = || flat.iter().map(|v| v.value()).collect::<Vec<f64>>();
         Run {
+            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &values())),
+            times,
+            states: vec![vec![None; model.bodies.len()]; times.len()],
             laws: Laws::new(model, flat),
             contact_effects,
             bodies: bodies.collect(),
@@ -211,7 +217,29 @@ impl<'m, T: Scalar> Run<'m, T> {
             } else {
                 self.bodies[i].mode = if spec.start.rolling { Mode::Roll } else { Mode::Slide };
             }
+            self.bodies[i].next = self.times.partition_point(|&t| t < time);
+            self.note(i, &k, T::constant(time), &k, T::constant(time));
         }
+    }
+
+    /// Notes the asked states of body `i` between `from` at `since` and `to` at `until`.
+    pub(super) fn note(&mut self, i: usize, from: &Kinematics<T>, since: T, to: &Kinematics<T>, until: T) {
+        let body = &mut self.bodies[i];
+        while let Some(&time) = self.times.get(body.next).filter(|&&t| t <= until.value()) {
+            let moves = matches!(body.mode, Mode::Slide | Mode::Roll) && until.value() > since.value();
+            let state = if moves { from.between(since, to, until, time) } else { *to };
+            self.states[body.next][i] = Some(state);
+            body.next += 1;
+        }
+    }
+
+    /// Body `i` goes to the end of its stretch.
+    fn arrive(&mut self, i: usize) {
+        let Moving { from, since, to, until, .. } = self.bodies[i];
+        if self.bodies[i].mode != Mode::Absent {
+            self.note(i, &from, since, &to, until);
+        }
+        (self.bodies[i].from, self.bodies[i].since) = (to, until);
     }
 
     fn rest(&mut self, i: usize) {
@@ -260,13 +288,46 @@ impl<'m, T: Scalar> Run<'m, T> {
                 Next::Impact(time, a, b) => self.impact(time, a, b),
             }
         }
-        for body in &mut self.bodies {
-            body.from = body.to;
+        for i in 0..self.bodies.len() {
+            self.arrive(i);
         }
+    }
+
+    /// Whether nothing else enters the motion of body `i`.
+    pub(super) fn is_alone(&self, i: usize) -> bool {
+        self.bodies[i].group.len() == 1
+            && !self.laws.has_pair_forces()
+            && !self.touching.iter().any(|t| t.a == i || t.b == i)
+    }
+
+    /// Whether a body's motion carries no derivatives, so that it can be computed without.
+    pub(super) fn plainly(&self, i: usize) -> Option<&Laws<f64>> {
+        let body = &self.bodies[i];
+        let plain = self.plain.as_ref().filter(|_| self.laws.constant[i]);
+        plain.filter(|_| body.since.is_constant() && body.from.is_constant())
+    }
+
+    fn fly(&mut self, i: usize) {
+        let Moving { from, since, mode, .. } = self.bodies[i];
+        let flight = match self.plainly(i) {
+            Some(laws) => {
+                let f = laws.flight(i, &from.value(), mode, since.value(), self.step_end);
+                let (to, until) = (Kinematics::constant(&f.to), T::constant(f.until));
+                Flight { mode: f.mode, to, until, change: f.change }
+            }
+            None => self.laws.flight(i, &from, mode, since, self.step_end),
+        };
+        let body = &mut self.bodies[i];
+        (body.mode, body.to, body.until, body.change) = (flight.mode, flight.to, flight.until, flight.change);
+        let (start, end) = (since.value(), body.until.value());
+        body.path = Path::new(self.laws.shapes[i], start, end, from.value(), body.to.value());
     }
 
     /// The undisturbed motion of the group of `i` to the end of the step, or to its next change of mode.
     pub(super) fn predict(&mut self, i: usize) {
+        if self.is_alone(i) {
+            return self.fly(i);
+        }
         let group = std::mem::take(&mut self.bodies[i].group);
         let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let since = self.bodies[i].since;
@@ -275,15 +336,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             |run: &Self| group.iter().any(|&j| matches!(run.bodies[j].mode, Mode::Slide | Mode::Roll));
         let wrenches = self.wrenches(&group, &start, since);
         for (x, &j) in group.iter().enumerate() {
-            if self.bodies[j].mode == Mode::Rest && !self.laws.holds(j, &wrenches[x]) {
-                self.bodies[j].mode = Mode::Slide;
-            }
-            let slips = self.bodies[j].mode == Mode::Roll
-                && wrenches[x].grip.value() > 0.0
-                && 2.0 / 7.0 * wrenches[x].force.value().norm() > wrenches[x].grip.value();
-            if slips {
-                self.bodies[j].mode = Mode::Slide;
-            }
+            self.bodies[j].mode = self.laws.mode_under(j, self.bodies[j].mode, &wrenches[x]);
         }
         let mut end = start.clone();
         let mut until = T::constant(self.step_end);
@@ -305,12 +358,21 @@ impl<'m, T: Scalar> Run<'m, T> {
                 until = since + (until - since) * APPROACH_SHARE;
                 change = Some((i, Change::Continue));
             }
-            if left > CONTACT_STEP && self.touching.iter().any(|t| group.contains(&t.a)) {
+            if left > CONTACT_STEP {
                 until = since + CONTACT_STEP;
                 change = Some((i, Change::Continue));
             }
-            let midpoint = change.is_some_and(|c| c.1 != Change::Continue);
-            end = self.integrate(&group, &start, &first, since, until - since, midpoint);
+            loop {
+                let midpoint = change.is_some_and(|c| c.1 != Change::Continue);
+                let h = until - since;
+                end = self.integrate(&group, &start, &first, since, h, midpoint);
+                if h.value() <= SHORTEST_STRETCH || self.narrowest(&group, &end) > -CUT_IN {
+                    break;
+                }
+                // Another corner cuts in: look again before it does.
+                until = since + h * 0.5;
+                change = Some((i, Change::Continue));
+            }
         }
         for (x, &j) in group.iter().enumerate() {
             let shape = self.laws.shapes[j];
@@ -377,7 +439,7 @@ impl<'m, T: Scalar> Run<'m, T> {
     pub(super) fn kinematics(&self, i: usize) -> Kinematics<T> {
         match self.bodies.get(i) {
             Some(body) => body.from,
-            None => constant(&self.walls[i - self.bodies.len()].1),
+            None => Kinematics::constant(&self.walls[i - self.bodies.len()].1),
         }
     }
 
@@ -410,9 +472,7 @@ impl<'m, T: Scalar> Run<'m, T> {
     fn change(&mut self, i: usize) {
         let group = self.bodies[i].group.clone();
         for &j in &group {
-            let body = &mut self.bodies[j];
-            body.from = body.to;
-            body.since = body.until;
+            self.arrive(j);
         }
         let time = self.bodies[i].since;
         let change = self.bodies[i].change.take();
@@ -449,7 +509,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             Some(Change::StartRolling) | None => {}
             Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),
             // Another corner may have come to press meanwhile.
-            Some(Change::Continue) => self.pass_on(time.value(), &group),
+            Some(Change::Continue) => self.pass_on(time.value(), &group, CUT_IN_SPEED),
         }
         self.release(&group);
         for &j in &group {
@@ -464,14 +524,4 @@ impl<'m, T: Scalar> Run<'m, T> {
 enum Next {
     Change(usize),
     Impact(f64, usize, usize),
-}
-
-fn constant<T: Real>(k: &Kinematics<f64>) -> Kinematics<T> {
-    Kinematics {
-        position: Vec2::constant(k.position),
-        yaw: T::constant(k.yaw),
-        velocity: Vec2::constant(k.velocity),
-        spin: T::constant(k.spin),
-        roll: Vec2::constant(k.roll),
-    }
 }
