@@ -19,8 +19,8 @@ fn one(field: &str) -> Vec<String> {
 
 const BREAKS: &[(&str, Break)] = &[
     ("NaN", |v| {
-        place(v, 1, 7, f64::NAN, 0.0);
-        one("video.objects[1].samples[7].position.x")
+        place(v, 0, 7, f64::NAN, 0.0);
+        one("video.objects[0].samples[7].position.x")
     }),
     ("infinite", |v| {
         place(v, 0, 3, 0.0, f64::INFINITY);
@@ -127,8 +127,8 @@ async fn broken_questions_and_edits_are_refused_with_their_fields() {
         (program(&[]), "program.tokens", "INVALID"),
         (None, "question", "INVALID"),
         (text(""), "text", "INVALID"),
-        (text("What shape is the purple sphere?"), "question", "NO_SUCH_OBJECT"),
-        (text("What color is the cylinder?"), "question", "AMBIGUOUS_OBJECT"),
+        (text("What will happen if the purple sphere is removed?"), "question", "NO_SUCH_OBJECT"),
+        (text("What will happen if the cylinder is removed?"), "question", "AMBIGUOUS_OBJECT"),
         (text("Why do birds sing?"), "question", "NOT_UNDERSTOOD"),
     ];
     for (question, field, reason) in questions {
