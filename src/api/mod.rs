@@ -5,7 +5,7 @@ mod request;
 mod server;
 mod services;
 mod status;
-mod video;
+pub mod video;
 
 pub use server::{Limits, ServeError, serve};
 

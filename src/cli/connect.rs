@@ -2,7 +2,6 @@
 
 use super::Target;
 use super::error::Failure;
-use super::video;
 use crate::api;
 use crate::api::v1::models_client::ModelsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
@@ -107,7 +106,8 @@ impl Connection {
 
     /// Posts a scene; gives the name of its video.
     pub async fn post(&self, scene: &Scene) -> Result<String, Failure> {
-        let request = CreateVideoRequest { video: Some(video::video(scene)), request_id: String::new() };
+        let request =
+            CreateVideoRequest { video: Some(api::video::video("", scene, true)), request_id: String::new() };
         let mut client = VideosClient::new(self.channel.clone()).max_encoding_message_size(MAX_MESSAGE);
         Ok(client.create_video(request).await?.into_inner().name)
     }

@@ -10,7 +10,6 @@ mod input;
 mod output;
 mod serve;
 mod simulate;
-mod video;
 
 use clap::{Parser, Subcommand};
 use error::Failure;

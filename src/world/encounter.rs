@@ -4,7 +4,7 @@ use super::geometry::{Pose, Proximity, manifold};
 use super::impact::{APPROACH, Path, Side, facing, point_velocity, resolve, time_of_impact};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
-use super::simulate::{ContactEffect, Run};
+use super::simulate::{ContactEffect, Few, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
 use crate::effects::Scalar;
@@ -82,7 +82,7 @@ impl<T: Scalar> Run<'_, T> {
     fn move_group(&mut self, i: usize, time: f64) {
         let group = self.bodies[i].group.clone();
         let since = self.bodies[i].since;
-        let start: Vec<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let h = T::constant(time) - since;
         if !group.iter().all(|&j| matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent)) && h.value() > 0.0
         {
@@ -103,7 +103,7 @@ impl<T: Scalar> Run<'_, T> {
     /// Moves the group of `i` by an infinitesimal time: values stay, derivatives change.
     fn shift_group(&mut self, i: usize, by: T) {
         let group = self.bodies[i].group.clone();
-        let k: Vec<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let k: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let time = self.bodies[i].since;
         let rates = self.rates_at(&group, &k, time);
         for (x, &j) in group.iter().enumerate() {

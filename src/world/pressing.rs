@@ -3,7 +3,7 @@
 use super::geometry::{Feature, Pose, Proximity, manifold};
 use super::impact::point_velocity;
 use super::motion::{Kinematics, Mode, Rates};
-use super::simulate::Run;
+use super::simulate::{Few, Run};
 use crate::body::Wrench;
 use crate::effects::Scalar;
 use crate::num::{Real, Vec2};
@@ -81,9 +81,9 @@ impl<T: Scalar> Run<'_, T> {
         k: &[Kinematics<T>],
         w: &[Wrench<T>],
         mark: bool,
-    ) -> Vec<Rates<T>> {
+    ) -> Few<Rates<T>> {
         let free = |(x, &j): (usize, &usize)| self.laws.rates(j, &k[x], self.bodies[j].mode, &w[x]);
-        let mut rates: Vec<Rates<T>> = group.iter().enumerate().map(free).collect();
+        let mut rates: Few<Rates<T>> = group.iter().enumerate().map(free).collect();
         if !self.touching.iter().any(|t| group.contains(&t.a)) {
             return rates;
         }

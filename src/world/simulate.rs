@@ -9,12 +9,13 @@ use crate::body::Wrench;
 use crate::effects::{ContactFn, Hook, Scalar, effect};
 use crate::num::{Real, Vec2, vec2};
 use crate::scene::Shape;
+use smallvec::SmallVec;
 
 /// Longest step (s): one frame at 25 frames/s; the integrator is of fourth order.
 const MAX_STEP: f64 = 0.04;
 
-/// Longest stretch of a group with kept contacts (s), the paper's time step.
-const CONTACT_STEP: f64 = 0.004;
+/// Longest stretch of a group with kept contacts (s).
+const CONTACT_STEP: f64 = 0.01;
 /// A change of mode is approached in stretches of this share of the time left, down to the shortest (s).
 const APPROACH_SHARE: f64 = 0.9;
 const SHORTEST_APPROACH: f64 = 1e-3;
@@ -93,6 +94,9 @@ fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
     let turn = body.shape.unit_inertia() * (k.spin * k.spin + k.roll.norm_squared());
     0.5 * body.mass * (k.velocity.norm_squared() + turn)
 }
+
+/// A list that is mostly of one: groups are.
+pub(super) type Few<T> = SmallVec<[T; 1]>;
 
 /// One body during a step: its state at `since`, and where its undisturbed motion leads.
 pub(super) struct Moving<T> {
@@ -264,7 +268,7 @@ impl<'m, T: Scalar> Run<'m, T> {
     /// The undisturbed motion of the group of `i` to the end of the step, or to its next change of mode.
     pub(super) fn predict(&mut self, i: usize) {
         let group = std::mem::take(&mut self.bodies[i].group);
-        let start: Vec<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let since = self.bodies[i].since;
         let h = T::constant(self.step_end) - since;
         let awake =
@@ -330,9 +334,9 @@ impl<'m, T: Scalar> Run<'m, T> {
         since: T,
         h: T,
         midpoint: bool,
-    ) -> Vec<Kinematics<T>> {
+    ) -> Few<Kinematics<T>> {
         let half = h * 0.5;
-        let stage = |from: &[Kinematics<T>], rates: &[Rates<T>], h: T| -> Vec<Kinematics<T>> {
+        let stage = |from: &[Kinematics<T>], rates: &[Rates<T>], h: T| -> Few<Kinematics<T>> {
             start.iter().zip(from).zip(rates).map(|((s, k), r)| s.stepped(k, r, h)).collect()
         };
         let y2 = stage(start, k1, half);
@@ -355,8 +359,8 @@ impl<'m, T: Scalar> Run<'m, T> {
         (0..group.len()).map(step).collect()
     }
 
-    fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Vec<Wrench<T>> {
-        let mut out: Vec<Wrench<T>> =
+    fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Wrench<T>> {
+        let mut out: Few<Wrench<T>> =
             group.iter().zip(k).map(|(&j, k)| self.laws.wrench(j, k, time)).collect();
         if self.laws.has_pair_forces() {
             self.laws.add_pair_forces(group, k, &mut out);
@@ -364,7 +368,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         out
     }
 
-    pub(super) fn rates_at(&mut self, group: &[usize], k: &[Kinematics<T>], time: T) -> Vec<Rates<T>> {
+    pub(super) fn rates_at(&mut self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Rates<T>> {
         let wrenches = self.wrenches(group, k, time);
         self.rates(group, k, &wrenches, false)
     }
@@ -421,7 +425,7 @@ impl<'m, T: Scalar> Run<'m, T> {
                     k.velocity.value().norm() + if ball { 0.0 } else { k.spin.value().abs() * radius };
                 let wrench = self.wrenches(
                     &group,
-                    &group.iter().map(|&j| self.bodies[j].from).collect::<Vec<_>>(),
+                    &group.iter().map(|&j| self.bodies[j].from).collect::<Few<_>>(),
                     time,
                 );
                 let at = group.iter().position(|&j| j == i).unwrap_or(0);

@@ -1,0 +1,123 @@
+//! From a video to answers and traces, twice, and after a restart.
+
+use crate::harness::*;
+use tonic::Code;
+use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
+use vrdp::api::v1;
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_real_video_is_fitted_imagined_asked_and_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let scene = fixture("scene_00022");
+    let video = service.create(scene.clone()).await.unwrap();
+    assert_eq!(service.create(scene.clone()).await.unwrap(), video, "the same content is the same video");
+    let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
+    assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
+
+    let (progress, model) = service.fit(&video).await.unwrap();
+    assert!(!progress.is_empty() && progress.is_sorted(), "{progress:?}");
+    assert!(model.name.starts_with(&format!("{video}/models/")) && model.preset == "clevrer");
+    assert_eq!(service.fit(&video).await.unwrap().1, model);
+    assert_eq!(service.engine.fits_run(), 1);
+
+    let kind = v1::intervention::Kind::Remove(v1::intervention::Remove { object_id: 0 });
+    let request = v1::SimulateRequest {
+        video: video.clone(),
+        interventions: vec![v1::Intervention { kind: Some(kind) }],
+        rollouts: Some(4),
+        ..Default::default()
+    };
+    let imagined = service.reasoning().simulate(request.clone()).await.unwrap().into_inner();
+    assert_eq!(imagined.frames.len(), imagined.observed_frames as usize + 60);
+    assert!(imagined.frames.iter().flat_map(|f| &f.objects).all(|o| o.object_id != 0));
+    assert_eq!(imagined.model, model.name);
+
+    let text = "How many collisions happen?".to_string();
+    let question = v1::AskRequest {
+        video: video.clone(),
+        question: Some(v1::ask_request::Question::Text(text)),
+        rollouts: Some(4),
+        ..Default::default()
+    };
+    let answer = service.reasoning().ask(question.clone()).await.unwrap().into_inner();
+    assert!(answer.answer.is_some() && !answer.explanation.is_empty() && !answer.trail.is_empty());
+
+    let broken = v1::AskRequest { video: "videos/0".into(), ..question.clone() };
+    let stream = tokio_stream::iter([question.clone(), broken, question.clone()]);
+    let mut many = service.reasoning().ask_many(stream).await.unwrap().into_inner();
+    for index in 0..3 {
+        let reply = many.message().await.unwrap().unwrap();
+        assert_eq!(reply.index, index);
+        match reply.result.unwrap() {
+            v1::ask_many_response::Result::Response(response) => assert_eq!(response, answer),
+            v1::ask_many_response::Result::Error(error) => {
+                assert_eq!((index, error.code), (1, Code::NotFound as i32));
+            }
+        }
+    }
+    assert!(many.message().await.unwrap().is_none());
+
+    let bytes = download(&service, &imagined.trace).await;
+    assert_eq!(vrdp::recording::read(&bytes).unwrap().frames.len(), imagined.frames.len());
+    let traces = listed(&service, &video).await;
+    assert!(traces.contains(&imagined.trace) && answer.traces.iter().all(|t| traces.contains(t)));
+    service.stop().await;
+
+    let service = start(folder.path(), CAPACITY).await;
+    let kept = service.models().get_model(v1::GetModelRequest { name: model.name.clone() }).await.unwrap();
+    assert_eq!(kept.into_inner(), model);
+    assert_eq!(service.fit(&video).await.unwrap().1, model);
+    assert_eq!(service.engine.fits_run(), 0, "a fit that was acknowledged is never done again");
+    assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), imagined);
+    assert_eq!(service.reasoning().ask(question).await.unwrap().into_inner(), answer);
+    assert_eq!(download(&service, &imagined.trace).await, bytes);
+    assert_eq!(listed(&service, &video).await, traces);
+
+    service.videos().delete_video(v1::DeleteVideoRequest { name: video.clone() }).await.unwrap();
+    assert_eq!(service.fit(&video).await.unwrap_err().code(), Code::NotFound);
+    let gone = v1::DownloadTraceRequest { name: imagined.trace };
+    assert_eq!(service.traces().download_trace(gone).await.unwrap_err().code(), Code::NotFound);
+    service.stop().await;
+}
+
+async fn download(service: &Running, name: &str) -> Vec<u8> {
+    let request = v1::DownloadTraceRequest { name: name.into() };
+    let mut stream = service.traces().download_trace(request).await.unwrap().into_inner();
+    let mut bytes = Vec::new();
+    while let Some(chunk) = stream.message().await.unwrap() {
+        assert_eq!(chunk.offset, bytes.len() as u64);
+        bytes.extend(chunk.data);
+    }
+    bytes
+}
+
+/// Names of all traces of a video, page by page.
+async fn listed(service: &Running, video: &str) -> Vec<String> {
+    let mut names = Vec::new();
+    let mut request = v1::ListTracesRequest { video: video.into(), page_size: 1, ..Default::default() };
+    loop {
+        let page = service.traces().list_traces(request.clone()).await.unwrap().into_inner();
+        assert!(page.traces.len() <= 1);
+        names.extend(page.traces.into_iter().map(|t| t.name));
+        if page.next_page_token.is_empty() {
+            return names;
+        }
+        request.page_token = page.next_page_token;
+    }
+}
+
+#[tokio::test]
+async fn health_and_effects_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut health = HealthClient::new(service.channel.clone());
+    for name in ["", "vrdp.v1.Videos", "vrdp.v1.Models", "vrdp.v1.Reasoning", "vrdp.v1.Traces"] {
+        let reply = health.check(HealthCheckRequest { service: name.into() }).await.unwrap();
+        assert_eq!(reply.into_inner().status, 1, "{name}");
+    }
+    let effects = service.models().list_effects(v1::ListEffectsRequest {}).await.unwrap().into_inner();
+    assert_eq!(effects.effects.len(), vrdp::effects::EFFECTS.len());
+    drop(health);
+    service.stop().await;
+}

@@ -1,0 +1,183 @@
+//! Bad input of every kind: each is refused with the exact field, and the service still answers.
+
+use crate::harness::*;
+use tonic::Code;
+use tonic_types::StatusExt;
+use vrdp::api::v1;
+
+/// Breaks a good video; the fields that must be named.
+type Break = fn(&mut v1::Video) -> Vec<String>;
+
+fn place(video: &mut v1::Video, object: usize, sample: usize, x: f64, y: f64) {
+    let position = v1::Vector { x, y };
+    video.objects[object].samples[sample].place = Some(v1::sample::Place::Position(position));
+}
+
+fn one(field: &str) -> Vec<String> {
+    vec![field.to_string()]
+}
+
+const BREAKS: &[(&str, Break)] = &[
+    ("NaN", |v| {
+        place(v, 1, 7, f64::NAN, 0.0);
+        one("video.objects[1].samples[7].position.x")
+    }),
+    ("infinite", |v| {
+        place(v, 0, 3, 0.0, f64::INFINITY);
+        one("video.objects[0].samples[3].position.y")
+    }),
+    ("no position", |v| {
+        v.objects[2].samples[0].place = None;
+        vec!["video.objects[2].samples[0].position".into(), "video.objects[2]".into()]
+    }),
+    ("empty", |v| {
+        *v = v1::Video::default();
+        vec!["video.times".into(), "video.objects".into()]
+    }),
+    ("one frame", |v| {
+        v.objects.iter_mut().for_each(|o| o.samples.truncate(1));
+        one("video.times")
+    }),
+    ("duplicate ids", |v| {
+        v.objects[2].id = 0;
+        one("video.objects[2].id")
+    }),
+    ("times that run backwards", |v| {
+        v.times = (0..20).map(|f| if f == 9 { 0.1 } else { 0.04 * f as f64 }).collect();
+        one("video.times[9]")
+    }),
+    ("frames that run backwards", |v| {
+        v.objects[0].samples[5].frame = 3;
+        one("video.objects[0].samples[5].frame")
+    }),
+    ("overlapping objects", |v| {
+        place(v, 1, 0, 0.01, 0.0);
+        one("video.objects[1]")
+    }),
+    ("unknown shape", |v| {
+        v.objects[1].shape = Some(v1::Shape { kind: None });
+        one("video.objects[1].shape")
+    }),
+    ("a size of nothing", |v| {
+        let disc = v1::shape::Disc { radius: 0.0 };
+        v.objects[0].shape = Some(v1::Shape { kind: Some(v1::shape::Kind::Disc(disc)) });
+        one("video.objects[0].shape.disc.radius")
+    }),
+    ("unknown world", |v| {
+        v.world = 99;
+        one("video.world")
+    }),
+    ("half a camera", |v| {
+        v.camera = Some(v1::Camera { matrix: vec![1.0; 6], image_width: 9.0, image_height: 9.0 });
+        one("video.camera.matrix")
+    }),
+    ("100,000 frames", |v| {
+        v.objects[0].samples = (0..100_000).map(|f| sample(f, 0.001 * f as f64, 0.0)).collect();
+        let beyond = (15_001..15_099).map(|k| format!("video.objects[0].samples[{k}].frame"));
+        let mut fields = one("video.times");
+        fields.extend(beyond);
+        fields
+    }),
+    ("1,000 objects", |v| {
+        let object = v.objects[0].clone();
+        let copy = |id| v1::Object {
+            id,
+            samples: vec![sample(0, 0.0, id as f64), sample(1, 0.0, id as f64)],
+            ..object.clone()
+        };
+        v.objects = (0..1000).map(copy).collect();
+        one("video.objects")
+    }),
+];
+
+#[tokio::test(flavor = "multi_thread")]
+async fn broken_videos_are_refused_with_their_fields() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    for (what, spoil) in BREAKS {
+        let mut spoiled = video("spoiled", 20);
+        let expected = spoil(&mut spoiled);
+        let status = service.create(spoiled).await.expect_err(what);
+        let mut found = fields(&status);
+        found.truncate(expected.len().max(if *what == "100,000 frames" { 0 } else { found.len() }));
+        assert_eq!(found, expected, "{what}");
+    }
+    let listed = service.videos().list_videos(v1::ListVideosRequest::default()).await.unwrap();
+    assert_eq!(listed.into_inner().videos, vec![]);
+    service.create(video("good", 20)).await.unwrap();
+    service.stop().await;
+}
+
+fn program(tokens: &[&str]) -> Option<v1::ask_request::Question> {
+    let tokens = tokens.iter().map(|t| t.to_string()).collect();
+    Some(v1::ask_request::Question::Program(v1::Program { tokens }))
+}
+
+fn text(text: &str) -> Option<v1::ask_request::Question> {
+    Some(v1::ask_request::Question::Text(text.into()))
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn broken_questions_and_edits_are_refused_with_their_fields() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let name = service.create(video("good", 20)).await.unwrap();
+    let questions = [
+        (program(&["objects", "filter_colour", "red"]), "program.tokens[1]", "INVALID"),
+        (program(&[]), "program.tokens", "INVALID"),
+        (None, "question", "INVALID"),
+        (text(""), "text", "INVALID"),
+        (text("What shape is the purple sphere?"), "question", "NO_SUCH_OBJECT"),
+        (text("What color is the cylinder?"), "question", "AMBIGUOUS_OBJECT"),
+        (text("Why do birds sing?"), "question", "NOT_UNDERSTOOD"),
+    ];
+    for (question, field, reason) in questions {
+        let asked = format!("{question:?}");
+        let request =
+            v1::AskRequest { video: name.clone(), question, rollouts: Some(1), ..Default::default() };
+        let status = service.reasoning().ask(request).await.expect_err(&asked);
+        assert_eq!(fields(&status), [field], "{asked}: {status:?}");
+        assert_eq!(status.get_details_error_info().unwrap().reason, reason, "{asked}");
+    }
+    let remove = |object_id| v1::intervention::Kind::Remove(v1::intervention::Remove { object_id });
+    let heavy = v1::intervention::ScaleMass { object_id: 0, factor: f64::NAN };
+    let off = v1::intervention::SwitchEffect { effect: "magic".into(), on: false };
+    let edits = [
+        (Some(remove(77)), "interventions[1].remove.object_id"),
+        (Some(v1::intervention::Kind::ScaleMass(heavy)), "interventions[1].scale_mass.factor"),
+        (Some(v1::intervention::Kind::SwitchEffect(off)), "interventions[1].switch_effect.effect"),
+        (None, "interventions[1]"),
+    ];
+    let simulate = |request: v1::SimulateRequest| {
+        let mut client = service.reasoning();
+        async move { client.simulate(request).await.unwrap_err() }
+    };
+    let good = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
+    for (kind, field) in edits {
+        let first = v1::Intervention { kind: Some(remove(0)) };
+        let interventions = vec![first, v1::Intervention { kind }];
+        let status = simulate(v1::SimulateRequest { interventions, ..good.clone() }).await;
+        assert_eq!(fields(&status), [field]);
+    }
+    let model = |choice| Some(v1::ModelChoice { choice: Some(choice) });
+    use v1::model_choice::Choice;
+    let cases = [
+        (v1::SimulateRequest { frames: 1_000_000, ..good.clone() }, "frames"),
+        (v1::SimulateRequest { rollouts: Some(9999), ..good.clone() }, "rollouts"),
+        (v1::SimulateRequest { video: "nonsense".into(), ..good.clone() }, "video"),
+        (v1::SimulateRequest { model: model(Choice::Preset("x".into())), ..good.clone() }, "model.preset"),
+        (
+            v1::SimulateRequest { model: model(Choice::ModelJson("{}".into())), ..good.clone() },
+            "model.model_json",
+        ),
+        (v1::SimulateRequest { model: model(Choice::Model("x".into())), ..good.clone() }, "model.model"),
+    ];
+    for (request, field) in cases {
+        assert_eq!(fields(&simulate(request).await), [field]);
+    }
+    let unknown = simulate(v1::SimulateRequest { video: "videos/abc".into(), ..good.clone() }).await;
+    assert_eq!(unknown.code(), Code::NotFound);
+    assert_eq!(unknown.get_details_resource_info().unwrap().resource_name, "videos/abc");
+    service.reasoning().simulate(good).await.unwrap();
+    service.stop().await;
+}

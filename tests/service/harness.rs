@@ -1,0 +1,132 @@
+//! A service on a free port with a folder of its own, and small videos to send.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio_util::sync::CancellationToken;
+use tonic::transport::Channel;
+use tonic::{Code, Status};
+use tonic_types::StatusExt;
+use vrdp::api::{self, Limits, v1};
+use vrdp::engine::{Capacity, Engine};
+
+pub use v1::models_client::ModelsClient;
+pub use v1::reasoning_client::ReasoningClient;
+pub use v1::traces_client::TracesClient;
+pub use v1::videos_client::VideosClient;
+
+pub struct Running {
+    pub engine: Arc<Engine>,
+    pub channel: Channel,
+    stop: CancellationToken,
+    task: tokio::task::JoinHandle<Result<(), api::ServeError>>,
+}
+
+pub const CAPACITY: Capacity = Capacity { workers: 1, queue: 64, job_timeout: Duration::from_secs(600) };
+
+/// Starts a service; it serves when this returns.
+pub async fn start(folder: &Path, capacity: Capacity) -> Running {
+    let engine = Arc::new(Engine::open(folder, capacity).unwrap());
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let url = format!("http://{}", listener.local_addr().unwrap());
+    let stop = CancellationToken::new();
+    let task =
+        tokio::spawn(api::serve(listener, engine.clone(), Limits::default(), stop.clone().cancelled_owned()));
+    let channel = Channel::from_shared(url).unwrap().connect().await.unwrap();
+    Running { engine, channel, stop, task }
+}
+
+impl Running {
+    /// Drains and ends; the folder is free then.
+    pub async fn stop(self) {
+        let Running { engine, channel, stop, task } = self;
+        drop(channel);
+        stop.cancel();
+        task.await.unwrap().unwrap();
+        // The connections' tasks may hold the engine a moment longer.
+        let mut engine = Some(engine);
+        while let Some(held) = engine.take() {
+            if let Err(still) = Arc::try_unwrap(held) {
+                engine = Some(still);
+                tokio::task::yield_now().await;
+            }
+        }
+    }
+
+    pub fn videos(&self) -> VideosClient<Channel> {
+        VideosClient::new(self.channel.clone()).max_encoding_message_size(64 << 20)
+    }
+    pub fn models(&self) -> ModelsClient<Channel> {
+        ModelsClient::new(self.channel.clone())
+    }
+    pub fn reasoning(&self) -> ReasoningClient<Channel> {
+        ReasoningClient::new(self.channel.clone()).max_decoding_message_size(64 << 20)
+    }
+    pub fn traces(&self) -> TracesClient<Channel> {
+        TracesClient::new(self.channel.clone())
+    }
+
+    pub async fn create(&self, video: v1::Video) -> Result<String, Status> {
+        let request = v1::CreateVideoRequest { video: Some(video), request_id: String::new() };
+        Ok(self.videos().create_video(request).await?.into_inner().name)
+    }
+
+    /// Progress that was reported, and the model.
+    pub async fn fit(&self, video: &str) -> Result<(Vec<f64>, v1::Model), Status> {
+        use v1::fit_model_response::Event;
+        let request = v1::FitModelRequest { parent: video.into(), ..Default::default() };
+        let mut stream = self.models().fit_model(request).await?.into_inner();
+        let mut progress = Vec::new();
+        while let Some(message) = stream.message().await? {
+            match message.event.unwrap() {
+                Event::Progress(p) => progress.push(p.fraction),
+                Event::Model(model) => return Ok((progress, model)),
+            }
+        }
+        panic!("the stream ended without a model");
+    }
+}
+
+/// Two discs that glide side by side over `frames` frames, and a cube at rest.
+pub fn video(name: &str, frames: u32) -> v1::Video {
+    use v1::shape::{Disc, Kind, Square};
+    let object = |id: u32, color: &str, kind: Kind, speed: f64| v1::Object {
+        id,
+        color: color.into(),
+        material: "rubber".into(),
+        shape: Some(v1::Shape { kind: Some(kind) }),
+        mass: None,
+        samples: (0..frames).map(|f| sample(f, 0.04 * speed * f as f64, id as f64)).collect(),
+    };
+    let disc = || Kind::Disc(Disc { radius: 0.2 });
+    v1::Video {
+        display_name: name.into(),
+        world: v1::World::Clevrer.into(),
+        objects: vec![
+            object(0, "red", disc(), 1.0),
+            object(1, "blue", disc(), 0.8),
+            object(2, "green", Kind::Square(Square { half_side: 0.2 }), 0.0),
+        ],
+        ..Default::default()
+    }
+}
+
+pub fn sample(frame: u32, x: f64, y: f64) -> v1::Sample {
+    let position = v1::Vector { x, y };
+    v1::Sample { frame, place: Some(v1::sample::Place::Position(position)), yaw: Some(0.0) }
+}
+
+/// A real scene of the fixtures, as a message.
+pub fn fixture(name: &str) -> v1::Video {
+    let path = format!("{}/tests/data/clevrer/{name}/observed.json", env!("CARGO_MANIFEST_DIR"));
+    let scene = vrdp::scene::parse(name, &std::fs::read_to_string(path).unwrap()).unwrap();
+    api::video::video("", &scene, true)
+}
+
+/// The fields that a refusal names.
+pub fn fields(status: &Status) -> Vec<String> {
+    assert_eq!(status.code(), Code::InvalidArgument, "{status:?}");
+    assert!(status.get_details_error_info().is_some(), "every refusal carries ErrorInfo");
+    let details = status.get_details_bad_request().unwrap();
+    details.field_violations.into_iter().map(|v| v.field).collect()
+}

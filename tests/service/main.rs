@@ -1,0 +1,6 @@
+//! The service over a real channel: what it does, keeps, shares, and refuses.
+
+mod flow;
+mod garbage;
+mod harness;
+mod sharing;
