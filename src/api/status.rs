@@ -110,7 +110,7 @@ fn refused(reason: &str, mut violations: Vec<Violation>) -> Status {
 
 /// The beginning of a text, at most that many bytes.
 fn cut(text: &str, bytes: usize) -> &str {
-    text.get(..text.floor_char_boundary(bytes)).unwrap_or_default()
+    (0..=bytes).rev().find_map(|end| text.get(..end.min(text.len()))).unwrap_or_default()
 }
 
 fn short(mut message: String) -> String {
