@@ -9,7 +9,7 @@ use vrdp::reason::{AskOptions, Question, ask};
 use vrdp::scene::{Scene, Shape, parse};
 use vrdp::world::{Limits, Model, Preset, simulate, trace};
 
-const SCENE: &str = include_str!("../tests/data/clevrer/scene_00022/observed.json");
+const SCENE: &str = include_str!("../tests/data/clevrer/scene_00000/observed.json");
 const LIMITS: Limits = Limits { events: 100_000 };
 
 struct Fitted {
@@ -20,7 +20,7 @@ struct Fitted {
 }
 
 fn fitted() -> Fitted {
-    let scene = parse("scene_00022", SCENE).expect("the committed scene is valid");
+    let scene = parse("scene_00000", SCENE).expect("the committed scene is valid");
     let start = Preset::for_world(scene.world).model(&scene);
     let fit = fit_once(&scene, &start);
     let times = scene.times.clone();

@@ -22,7 +22,7 @@ const MAX_BLOCKING: usize = 8;
 type Table = TableDefinition<'static, &'static str, &'static [u8]>;
 const META: TableDefinition<&str, u64> = TableDefinition::new("meta");
 
-/// A table of JSON values.
+/// A table of CBOR values: like JSON it tells fields by name, and it keeps infinite bounds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// By video id.
@@ -111,7 +111,7 @@ impl Store {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(kind.table()).map_err(failed)?;
             let found = table.get(key.as_str()).map_err(failed)?;
-            found.map(|v| serde_json::from_slice(v.value()).map_err(failed)).transpose()
+            found.map(|v| decode(v.value())).transpose()
         })
         .await
     }
@@ -141,7 +141,7 @@ impl Store {
                 if found.len() == limit || !key.value().starts_with(&prefix) {
                     break;
                 }
-                let value = serde_json::from_slice(value.value()).map_err(failed)?;
+                let value = decode(value.value())?;
                 if keep(&value) {
                     found.push((key.value().to_string(), value));
                 }
@@ -177,7 +177,7 @@ impl Store {
         value: &T,
         video: Option<String>,
     ) -> Result<(), StoreError> {
-        let value = serde_json::to_vec(value).map_err(failed)?;
+        let value = encode(value)?;
         self.blocking(move |db| {
             let write = begin(db)?;
             if let Some(video) = video {
@@ -211,9 +211,8 @@ impl Store {
                     let mut fits = write.open_table(Kind::Fits.table()).map_err(failed)?;
                     fits.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
                     let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
-                    let of_video = |_: &str, value: &[u8]| {
-                        serde_json::from_slice::<OfVideo>(value).is_ok_and(|v| v.video == video)
-                    };
+                    let of_video =
+                        |_: &str, value: &[u8]| decode::<OfVideo>(value).is_ok_and(|v| v.video == video);
                     for row in table.extract_if(of_video).map_err(failed)? {
                         traces.push(row.map_err(failed)?.0.value().to_string());
                     }
@@ -261,6 +260,16 @@ impl Store {
     }
 }
 
+fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, StoreError> {
+    let mut bytes = Vec::new();
+    ciborium::into_writer(value, &mut bytes).map_err(failed)?;
+    Ok(bytes)
+}
+
+fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, StoreError> {
+    ciborium::from_reader(bytes).map_err(failed)
+}
+
 fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
     let mut write = db.begin_write().map_err(failed)?;
     write.set_durability(Durability::Immediate).map_err(failed)?;
@@ -296,7 +305,7 @@ mod tests {
         {
             let store = Store::open(folder.path()).unwrap();
             store.put_video("a", &1.5).await.unwrap();
-            store.put_of_video(Kind::Fits, "a", "a/m", &0.1).await.unwrap();
+            store.put_of_video(Kind::Fits, "a", "a/m", &[0.1, f64::INFINITY]).await.unwrap();
             store.put_of_video(Kind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
             store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
             store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
@@ -305,7 +314,7 @@ mod tests {
         }
         std::fs::write(folder.path().join("traces/t.mcap#1"), b"ha").unwrap();
         let store = Store::open(folder.path()).unwrap();
-        assert_eq!(store.get::<f64>(Kind::Fits, "a/m").await.unwrap(), Some(0.1));
+        assert_eq!(store.get(Kind::Fits, "a/m").await.unwrap(), Some([0.1, f64::INFINITY]));
         assert_eq!(store.read_blob("t", 1, 3).await.unwrap(), "hol");
         assert!(!folder.path().join("traces/t.mcap#1").exists());
         let gone = store.put_of_video(Kind::Fits, "b", "b/m", &1).await;

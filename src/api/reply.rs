@@ -5,7 +5,7 @@ use crate::effects::{EFFECTS, Scope};
 use crate::engine::{Answered, Simulated, StoredFit, TraceRecord};
 use crate::fit::{Estimate, Outcome};
 use crate::reason::{ChoiceAnswer, Imagined, LikelyEvent, Step};
-use crate::world::EventKind;
+use crate::world::{EventKind, State};
 
 pub fn model_name(video: &str, id: &str) -> String {
     format!("videos/{video}/models/{id}")
@@ -100,23 +100,30 @@ pub fn simulation(video: &str, done: &Simulated) -> v1::SimulateResponse {
 fn frames(imagined: &Imagined) -> Vec<v1::SimulatedFrame> {
     let best = &imagined.best;
     let rows = best.states.iter().zip(&best.times).zip(&imagined.sd).enumerate();
-    let frame = |(i, ((states, time), sds)): (usize, ((&Vec<_>, &f64), &Vec<Option<f64>>))| {
-        let bodies = states.iter().zip(&best.ids).zip(sds);
-        let object = |((state, id), sd): ((&Option<crate::world::State>, &u32), &Option<f64>)| {
-            state.map(|s| v1::ObjectState {
-                object_id: *id,
-                x: s.position.x,
-                y: s.position.y,
-                yaw: s.yaw,
-                vx: s.velocity.x,
-                vy: s.velocity.y,
-                spin: s.spin,
-                sd: sd.unwrap_or(0.0),
-            })
-        };
-        v1::SimulatedFrame { frame: i as u32, time: *time, objects: bodies.filter_map(object).collect() }
-    };
-    rows.map(frame).collect()
+    rows.map(|(i, ((states, time), sds))| v1::SimulatedFrame {
+        frame: i as u32,
+        time: *time,
+        objects: states
+            .iter()
+            .zip(&best.ids)
+            .zip(sds)
+            .filter_map(|((state, id), sd)| Some(object_state(*id, state.as_ref()?, *sd)))
+            .collect(),
+    })
+    .collect()
+}
+
+fn object_state(object_id: u32, state: &State, sd: Option<f64>) -> v1::ObjectState {
+    v1::ObjectState {
+        object_id,
+        x: state.position.x,
+        y: state.position.y,
+        yaw: state.yaw,
+        vx: state.velocity.x,
+        vy: state.velocity.y,
+        spin: state.spin,
+        sd: sd.unwrap_or(0.0),
+    }
 }
 
 fn event(likely: &LikelyEvent) -> v1::SimulatedEvent {

@@ -10,6 +10,8 @@ use crate::world::{BodySpec, Intervention, Start, State};
 /// Results on a page where none or too many are asked for.
 const DEFAULT_PAGE: usize = 50;
 const MAX_PAGE: usize = 1000;
+/// Violations that are kept; a reply holds fewer.
+const MAX_VIOLATIONS: usize = 200;
 /// Most interventions and choices of one request.
 const MAX_LIST: usize = 100;
 /// Longest English text (bytes).
@@ -21,7 +23,9 @@ pub struct Report(pub Vec<Violation>);
 
 impl Report {
     pub fn add(&mut self, path: impl Into<String>, message: impl Into<String>) {
-        self.0.push(Violation { path: path.into(), message: message.into() });
+        if self.0.len() < MAX_VIOLATIONS {
+            self.0.push(Violation { path: path.into(), message: message.into() });
+        }
     }
 
     pub fn finish<T>(self, value: T) -> Result<T, EngineError> {

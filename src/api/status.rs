@@ -16,9 +16,17 @@ const DOMAIN: &str = "vrdp";
 /// How long a refused caller should wait: about one fit.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
+/// Characters of a message and bytes of its violations: both travel in headers, of which clients take 16 KiB by
+/// default; base64 adds a third to the violations, percent-encoding up to eleven bytes to a character.
+const MESSAGE_CHARS: usize = 300;
+const VIOLATION_BYTES: usize = 8_000;
+/// Most violations in one reply, and bytes that each needs beside its texts.
+const MAX_VIOLATIONS: usize = 100;
+const VIOLATION_OVERHEAD: usize = 8;
+
 /// The status of an error. Retriable: RESOURCE_EXHAUSTED (after its `RetryInfo`) and UNAVAILABLE.
 pub fn status(error: EngineError) -> Status {
-    let message = error.to_string();
+    let message = short(error.to_string());
     match error {
         EngineError::Invalid(violations) => refused("INVALID", violations),
         EngineError::NotFound { name } => {
@@ -63,7 +71,7 @@ pub fn status(error: EngineError) -> Status {
                 }
                 _ => "question".to_string(),
             };
-            refused(reason_of(&reason), vec![Violation { path, message }])
+            refused(reason_of(&reason), vec![Violation { path, message: reason.to_string() }])
         }
     }
 }
@@ -79,19 +87,38 @@ fn reason_of(error: &ReasonError) -> &'static str {
     }
 }
 
-fn refused(reason: &str, violations: Vec<Violation>) -> Status {
-    let lines: Vec<String> = violations.iter().map(|v| format!("{}: {}", v.path, v.message)).collect();
-    let mut details = info(reason);
-    let fields: Vec<FieldViolation> =
-        violations.into_iter().map(|v| FieldViolation::new(v.path, v.message)).collect();
-    details.set_bad_request(fields);
-    // The message travels in a header, which has little room; the details carry everything.
-    let shown = lines.len().min(5);
-    let mut message = lines.get(..shown).unwrap_or_default().join("\n");
-    if shown < lines.len() {
-        message += &format!("\n... and {} more", lines.len() - shown);
+fn refused(reason: &str, mut violations: Vec<Violation>) -> Status {
+    if violations.len() > MAX_VIOLATIONS + 1 {
+        violations.truncate(MAX_VIOLATIONS);
+        let message = "there is more; correct these first".to_string();
+        violations.push(Violation { path: "...".into(), message });
     }
-    Status::with_error_details(Code::InvalidArgument, message, details)
+    let message = match violations.as_slice() {
+        [only] => format!("{}: {}", only.path, only.message),
+        [first, others @ ..] => format!("{}: {} (and {} more)", first.path, first.message, others.len()),
+        [] => "the request is not valid".to_string(),
+    };
+    // Every path is told; where there are many, their descriptions are cut.
+    let paths: usize = violations.iter().map(|v| v.path.len() + VIOLATION_OVERHEAD).sum();
+    let each = VIOLATION_BYTES.saturating_sub(paths) / violations.len().max(1);
+    let fields: Vec<FieldViolation> =
+        violations.into_iter().map(|v| FieldViolation::new(v.path, cut(&v.message, each))).collect();
+    let mut details = info(reason);
+    details.set_bad_request(fields);
+    Status::with_error_details(Code::InvalidArgument, short(message), details)
+}
+
+/// The beginning of a text, at most that many bytes.
+fn cut(text: &str, bytes: usize) -> &str {
+    (0..=bytes).rev().find_map(|end| text.get(..end.min(text.len()))).unwrap_or_default()
+}
+
+fn short(mut message: String) -> String {
+    if let Some((at, _)) = message.char_indices().nth(MESSAGE_CHARS) {
+        message.truncate(at);
+        message.push_str("...");
+    }
+    message
 }
 
 fn plain(code: Code, message: String, reason: &str) -> Status {

@@ -50,9 +50,11 @@ pub struct Waiting<T> {
 }
 
 impl<T: Send + Sync + 'static> Memo<T> {
-    /// Keeps up to `capacity` results in memory.
-    pub fn new(capacity: u64) -> Self {
-        Memo { cache: Cache::new(capacity), flights: Arc::default() }
+    /// Keeps results of up to `bytes` in memory, each as heavy as `weight` says.
+    pub fn new(bytes: u64, weight: fn(&T) -> usize) -> Self {
+        let weigher = move |_: &String, value: &Arc<T>| u32::try_from(weight(value)).unwrap_or(u32::MAX);
+        let cache = Cache::builder().max_capacity(bytes).weigher(weigher).build();
+        Memo { cache, flights: Arc::default() }
     }
 
     /// Joins the work under `key`, or starts it. It runs in a task of its own: no caller carries it.
@@ -129,12 +131,12 @@ impl<T> Waiting<T> {
     /// Waits for the next news: some progress, or the end.
     pub async fn next(&mut self) -> Update<T> {
         let gone = self.stage.changed().await.is_err();
-        let update = match &*self.stage.borrow_and_update() {
+        let stage = self.stage.borrow_and_update();
+        match &*stage {
             Stage::Running(fraction) if !gone => Update::Progress(*fraction),
             Stage::Running(_) => Update::Done(Err(EngineError::Cancelled)),
             Stage::Done(outcome) => Update::Done(outcome.clone()),
-        };
-        update
+        }
     }
 
     /// Waits for the end.
@@ -184,7 +186,7 @@ mod tests {
 
     #[tokio::test]
     async fn equal_work_is_done_once_though_the_first_caller_leaves() {
-        let memo = Memo::<usize>::new(9);
+        let memo = Memo::<usize>::new(9, |_| 1);
         let runs = Arc::new(AtomicUsize::new(0));
         let gate = Arc::new(tokio::sync::Semaphore::new(0));
         let mut callers = Vec::new();
@@ -208,7 +210,7 @@ mod tests {
 
     #[tokio::test]
     async fn work_that_nobody_waits_for_is_stopped_and_never_joined() {
-        let memo = Memo::<usize>::new(9);
+        let memo = Memo::<usize>::new(9, |_| 1);
         let (send, receive) = tokio::sync::oneshot::channel();
         let first = memo.join("k".into(), later(), |control| async move {
             control.token.cancelled().await;

@@ -12,7 +12,8 @@ pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::reason::{
-    Answer, AskOptions, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, Request, ask, imagine,
+    Answer, AskOptions, FUTURE_FRAMES, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, Request, ask,
+    imagine,
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
@@ -37,8 +38,11 @@ pub const MAX_ROLLOUTS: usize = 1000;
 pub const MAX_REPLY_STATES: usize = 200_000;
 /// Most object states over all rollouts of a request: about 300 MB in memory.
 pub const MAX_ROLLOUT_STATES: usize = 4_000_000;
-/// Results that stay in memory, each kind; all can be read or made again.
-const CACHED: u64 = 256;
+/// Bytes of results that stay in memory, each kind; all can be read or made again.
+const CACHED_BYTES: u64 = 48 << 20;
+/// Bytes of a small result, and of one state or sample in a large one.
+const BASE_BYTES: usize = 16 * 1024;
+const STATE_BYTES: usize = 96;
 
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum EngineError {
@@ -158,10 +162,17 @@ impl Engine {
             store: Store::open(data_dir)?,
             pool: Pool::new(capacity.workers, capacity.queue)?,
             job_timeout: capacity.job_timeout,
-            scenes: Cache::new(CACHED),
-            fits: Memo::new(CACHED),
-            simulations: Memo::new(CACHED),
-            answers: Memo::new(CACHED),
+            scenes: Cache::builder()
+                .max_capacity(CACHED_BYTES)
+                .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
+                .build(),
+            // A fit keeps draws of every parameter.
+            fits: Memo::new(CACHED_BYTES, |f| BASE_BYTES + 1024 * f.fit.posterior.estimates.len()),
+            simulations: Memo::new(CACHED_BYTES, |s| {
+                let best = &s.imagined.best;
+                BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
+            }),
+            answers: Memo::new(CACHED_BYTES, |_| BASE_BYTES),
             epoch: AtomicU64::new(0),
             fits_run: AtomicU64::new(0),
         })
@@ -303,7 +314,7 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
-        check_size(&scene, frames, &options)?;
+        check_size(&scene, frames, options.rollouts)?;
         let fitted = self.fitted(video, choice).await?;
         let model = &fitted.fit.scenes.first().ok_or_else(|| no_video(video))?.model;
         let mut edited = model.clone();
@@ -341,6 +352,7 @@ impl Engine {
     ) -> Result<Arc<Answered>, EngineError> {
         let key = self.key("");
         let scene = self.video(video).await?;
+        check_rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.fitted(video, choice).await?;
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
@@ -379,21 +391,30 @@ impl Engine {
     }
 }
 
-fn check_size(scene: &Scene, frames: usize, options: &SimulateOptions) -> Result<(), EngineError> {
-    let mut violations = Vec::new();
-    let mut add = |path: &str, message: String| violations.push(Violation { path: path.into(), message });
-    let states = frames.saturating_mul(scene.objects.len());
+fn scene_bytes(scene: &Scene) -> usize {
+    let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
+    BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
+}
+
+fn check_size(scene: &Scene, frames: usize, rollouts: usize) -> Result<(), EngineError> {
+    let objects = scene.objects.len();
     if frames == 0 || frames > MAX_SIMULATED_FRAMES {
-        add("frames", format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}"));
-    } else if states > MAX_REPLY_STATES {
-        add("frames", format!("{frames} of {} objects pass {MAX_REPLY_STATES} states", scene.objects.len()));
+        let message = format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}");
+        return Err(EngineError::invalid("frames", message));
     }
-    if options.rollouts > MAX_ROLLOUTS {
-        add("rollouts", format!("is {}; must be at most {MAX_ROLLOUTS}", options.rollouts));
-    } else if states.saturating_mul(options.rollouts) > MAX_ROLLOUT_STATES {
-        add("rollouts", format!("{} rollouts pass {MAX_ROLLOUT_STATES} states", options.rollouts));
+    if frames * objects > MAX_REPLY_STATES {
+        let most = MAX_REPLY_STATES / objects;
+        return Err(EngineError::invalid("frames", format!("is {frames}; {objects} objects allow {most}")));
     }
-    if violations.is_empty() { Ok(()) } else { Err(EngineError::Invalid(violations)) }
+    check_rollouts(scene, frames, rollouts)
+}
+
+fn check_rollouts(scene: &Scene, frames: usize, rollouts: usize) -> Result<(), EngineError> {
+    let most = (MAX_ROLLOUT_STATES / (frames * scene.objects.len()).max(1)).min(MAX_ROLLOUTS);
+    if rollouts > most {
+        return Err(EngineError::invalid("rollouts", format!("is {rollouts}; must be at most {most} here")));
+    }
+    Ok(())
 }
 
 fn no_video(id: &str) -> EngineError {

@@ -33,15 +33,29 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     assert!(imagined.frames.iter().flat_map(|f| &f.objects).all(|o| o.object_id != 0));
     assert_eq!(imagined.model, model.name);
 
-    let text = "How many collisions happen?".to_string();
+    let tokens: Vec<String> =
+        ["events", "objects", "filter_collision", "events", "filter_start", "filter_after", "count"]
+            .map(String::from)
+            .into();
     let question = v1::AskRequest {
         video: video.clone(),
-        question: Some(v1::ask_request::Question::Text(text)),
+        question: Some(v1::ask_request::Question::Program(v1::Program { tokens })),
         rollouts: Some(4),
         ..Default::default()
     };
     let answer = service.reasoning().ask(question.clone()).await.unwrap().into_inner();
     assert!(answer.answer.is_some() && !answer.explanation.is_empty() && !answer.trail.is_empty());
+    let choice = v1::choice::Choice::Text("The red object collides with the sphere".into());
+    let english = v1::AskRequest {
+        question: Some(v1::ask_request::Question::Text(
+            "What will happen if the gray cube is removed?".into(),
+        )),
+        choices: vec![v1::Choice { choice: Some(choice) }],
+        ..question.clone()
+    };
+    let judged = service.reasoning().ask(english).await.unwrap().into_inner();
+    assert_eq!(judged.choices.len(), 1);
+    assert!(!judged.traces.is_empty(), "a counterfactual stands on a simulation");
 
     let broken = v1::AskRequest { video: "videos/0".into(), ..question.clone() };
     let stream = tokio_stream::iter([question.clone(), broken, question.clone()]);

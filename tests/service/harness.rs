@@ -8,7 +8,7 @@ use tonic::transport::Channel;
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 use vrdp::api::{self, Limits, v1};
-use vrdp::engine::{Capacity, Engine};
+use vrdp::engine::{Capacity, Engine, EngineError};
 
 pub use v1::models_client::ModelsClient;
 pub use v1::reasoning_client::ReasoningClient;
@@ -51,6 +51,23 @@ impl Running {
                 tokio::task::yield_now().await;
             }
         }
+    }
+
+    /// Keeps one worker busy until the sender is used or dropped.
+    pub async fn occupy(&self) -> std::sync::mpsc::Sender<()> {
+        let (release, wait) = std::sync::mpsc::channel::<()>();
+        let (started, start) = tokio::sync::oneshot::channel();
+        let engine = self.engine.clone();
+        tokio::spawn(async move {
+            let job = move || {
+                let _ = started.send(());
+                let _ = wait.recv();
+                Err(EngineError::Cancelled)
+            };
+            engine.create_video(job).await.map(|_| ())
+        });
+        start.await.unwrap();
+        release
     }
 
     pub fn videos(&self) -> VideosClient<Channel> {

@@ -13,12 +13,13 @@ async fn equal_requests_share_one_fit_though_the_first_caller_leaves() {
     let service = start(folder.path(), CAPACITY).await;
     let video = service.create(fixture("scene_00022")).await.unwrap();
     let request = v1::FitModelRequest { parent: video.clone(), ..Default::default() };
+    let worker = service.occupy().await;
     let first = service.models().fit_model(request.clone()).await.unwrap();
     let mut others = Vec::new();
     for _ in 0..20 {
         others.push(service.models().fit_model(request.clone()).await.unwrap().into_inner());
     }
-    drop(first);
+    drop((first, worker));
     let mut models = Vec::new();
     for mut stream in others {
         while let Some(message) = stream.message().await.unwrap() {
@@ -41,14 +42,21 @@ async fn a_full_queue_refuses_with_advice_and_recovers_when_the_caller_leaves() 
     let big = service.create(fixture("scene_00022")).await.unwrap();
     let small = service.create(video("small", 20)).await.unwrap();
     let request = v1::FitModelRequest { parent: big, ..Default::default() };
-    let mut busy = service.models().fit_model(request).await.unwrap().into_inner();
-    busy.message().await.unwrap().unwrap();
+    let worker = service.occupy().await;
     let refused = service.fit(&small).await.unwrap_err();
     assert_eq!(refused.code(), Code::ResourceExhausted, "{refused:?}");
-    let retry = refused.get_details_retry_info().unwrap().retry_delay.unwrap();
-    assert!(retry > Duration::ZERO);
-    drop(busy);
+    assert!(refused.get_details_retry_info().unwrap().retry_delay.unwrap() > Duration::ZERO);
+    drop(worker);
+    let mut left = loop {
+        let mut stream = service.models().fit_model(request.clone()).await.unwrap().into_inner();
+        match stream.message().await {
+            Ok(_) => break stream,
+            Err(status) => assert_eq!(status.code(), Code::ResourceExhausted, "{status:?}"),
+        }
+    };
     // The place is free as soon as the abandoned fit has noticed.
+    assert!(left.message().await.is_ok());
+    drop(left);
     while let Err(status) = service.fit(&small).await {
         assert_eq!(status.code(), Code::ResourceExhausted, "{status:?}");
         tokio::task::yield_now().await;
