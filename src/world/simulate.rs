@@ -442,16 +442,14 @@ impl<'m, T: Scalar> Run<'m, T> {
                     });
                 }
             }
-            Some(Change::StartRolling) => {
-                if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED {
-                    self.bodies[i].mode = Mode::Roll;
-                    self.bodies[i].from.roll = k.velocity.perp().scaled(1.0 / radius);
-                }
+            Some(Change::StartRolling) if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED => {
+                self.bodies[i].mode = Mode::Roll;
+                self.bodies[i].from.roll = k.velocity.perp().scaled(1.0 / radius);
             }
+            Some(Change::StartRolling) | None => {}
             Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),
             // Another corner may have come to press meanwhile.
             Some(Change::Continue) => self.pass_on(time.value(), &group),
-            None => {}
         }
         self.release(&group);
         for &j in &group {

@@ -142,8 +142,8 @@ fn two_equal_elastic_balls_exchange_their_velocities_and_derivatives() {
     let end = simulate(&m, &flat, &seconds(50), &Limits::default()).states.pop().expect("frames");
     let v: Vec<Jet> = end.iter().map(|k| k.expect("present").velocity.x).collect();
     for (k, expected) in [(0, [0.0, 1.0]), (1, [1.0, 0.0])] {
-        for lane in 0..2 {
-            assert!((v[k].d[lane] - expected[lane]).abs() < 1e-9, "{:?}", v[k]);
+        for (exact, expected) in v[k].d.iter().zip(expected) {
+            assert!((exact - expected).abs() < 1e-9, "{:?}", v[k]);
         }
     }
     // Position of the second: x1 + v0 (T - (gap / v0)), so its derivative by v0 is T exactly.
