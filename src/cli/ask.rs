@@ -69,7 +69,9 @@ pub fn text(reply: &AskResponse) -> String {
     text
 }
 
+/// Steps but for the words of the question, such as `red`, that stand for themselves.
 fn trail(steps: &[Step]) -> String {
+    let steps: Vec<&Step> = steps.iter().filter(|s| s.token != s.text).collect();
     let width = steps.iter().map(|s| s.token.chars().count()).max().unwrap_or(0);
     steps.iter().map(|s| format!("      {:<width$}  {}\n", s.token, s.text)).collect()
 }

@@ -47,14 +47,18 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     let end = reply.observed_frames;
     reply.events.retain(|event| event.frame >= end);
     let events = simulate::events(&scene, &reply.events);
-    output::print(&format!("2  Predict: what comes after the video ends\n\n{events}\n"))?;
+    output::print(&format!(
+        "2  Predict: what comes after the video ends (first of each kind, if likely)\n\n{events}\n"
+    ))?;
     let mut traces = vec![save(&connection, &reply.trace, &args.out, "prediction.mcap").await?];
 
     for (number, file, (question, choices)) in
         [(3, "predictive", PREDICTIVE), (4, "counterfactual", COUNTERFACTUAL)]
     {
         let request = ask::request(video.clone(), question, &choices);
-        let answer: AskResponse = connection.reasoning().ask(request).await?.into_inner();
+        let mut answer: AskResponse = connection.reasoning().ask(request).await?.into_inner();
+        // One trail shows how it works; the others are alike.
+        answer.choices.iter_mut().skip(1).for_each(|choice| choice.trail.clear());
         output::print(&format!("{number}  Ask: {question}\n\n{}\n", ask::text(&answer)))?;
         for (i, trace) in answer.traces.iter().enumerate() {
             traces.push(save(&connection, trace, &args.out, &format!("{file}_{}.mcap", i + 1)).await?);

@@ -50,7 +50,10 @@ impl From<tonic::Status> for Failure {
         let mut message = status.message().to_string();
         if let Some(bad) = status.get_details_bad_request() {
             for violation in bad.field_violations {
-                message.push_str(&format!("\n  {}: {}", violation.field, violation.description));
+                let line = format!("{}: {}", violation.field, violation.description);
+                if message != line {
+                    message += &format!("\n  {line}");
+                }
             }
         }
         match status.code() {

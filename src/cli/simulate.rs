@@ -10,6 +10,9 @@ use crate::scene::Scene;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
+/// Least probability of an event in a table for people; JSON and traces have all.
+const LIKELY: f64 = 0.5;
+
 #[derive(clap::Args)]
 pub struct Args {
     #[arg(value_name = "SCENE")]
@@ -81,10 +84,12 @@ fn word(event: &SimulatedEvent) -> &'static str {
     }
 }
 
-/// Events as a person reads them.
+/// Events as a person reads them: the likely ones, each at its first time.
 pub fn events(scene: &Scene, events: &[SimulatedEvent]) -> String {
+    let mut seen = std::collections::BTreeSet::new();
     let rows: Vec<Vec<String>> = events
         .iter()
+        .filter(|e| e.probability >= LIKELY && seen.insert((e.kind, &e.object_ids, &e.wall)))
         .map(|event| {
             let objects = event.object_ids.iter().map(|id| super::fit::name(scene, *id));
             let wall = (!event.wall.is_empty()).then(|| format!("wall {}", event.wall));
