@@ -1,6 +1,6 @@
 //! Checks a scene and reports everything that is wrong with it at once.
 
-use super::{MAX_FRAMES, MAX_OBJECTS, Object, Scene, SceneError, Shape, Track, Violation};
+use super::{MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation};
 
 /// Most violations in one report; the rest is counted.
 pub const MAX_VIOLATIONS: usize = 100;
@@ -193,12 +193,13 @@ fn inscribed_radius(shape: &Shape) -> f64 {
 
 /// The first common frame in which the centres are closer than `limit` (m), and their distance.
 fn first_closer(a: &Track, b: &Track, limit: f64) -> Option<(usize, f64)> {
+    let finite = |s: &Sample| s.position.x.is_finite() && s.position.y.is_finite();
     let mut others = b.samples.iter().peekable();
     for sample in &a.samples {
         while others.next_if(|o| o.frame < sample.frame).is_some() {}
         if let Some(other) = others.peek().filter(|o| o.frame == sample.frame) {
             let distance = (sample.position - other.position).norm();
-            if distance < limit && sample.position.x.is_finite() {
+            if distance < limit && finite(sample) && finite(other) {
                 return Some((sample.frame, distance));
             }
         }

@@ -13,7 +13,7 @@ use crate::scene::Shape;
 /// Contacts slower than this do not rebound (m/s): the hop would be under 0.2 mm.
 const REBOUND_SPEED: f64 = 0.01;
 /// Impacts of one pair within this time (s) are told as one event.
-const SAME_CONTACT: f64 = 0.1;
+pub(super) const SAME_CONTACT: f64 = 0.1;
 /// Rounds of blows among kept contacts at one impact, and the approach speed that still counts (m/s).
 const BLOWS: usize = 64;
 const BLOW_SPEED: f64 = 1e-7;

@@ -87,13 +87,7 @@ impl<T: Scalar> Run<'_, T> {
         if !self.touching.iter().any(|t| group.contains(&t.a)) {
             return rates;
         }
-        let mut points = self.pressure_points(group, k);
-        let sweeps = if points.len() == 1 { 1 } else { SWEEPS };
-        for _ in 0..sweeps {
-            for p in &mut points {
-                p.press(&mut rates);
-            }
-        }
+        let points = self.solved(group, k, &mut rates);
         if mark {
             for c in 0..self.touching.len() {
                 if group.contains(&self.touching[c].a) {
@@ -103,6 +97,46 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         rates
+    }
+
+    /// The pressure points of the group with their forces; `rates` take them in.
+    fn solved(&self, group: &[usize], k: &[Kinematics<T>], rates: &mut [Rates<T>]) -> Vec<PressurePoint<T>> {
+        let mut points = self.pressure_points(group, k);
+        let sweeps = if points.len() == 1 { 1 } else { SWEEPS };
+        for _ in 0..sweeps {
+            for p in &mut points {
+                p.press(rates);
+            }
+        }
+        points
+    }
+
+    /// Bodies at rest that are pressed harder than friction can hold begin to slide; whether any did.
+    pub(super) fn wake(&mut self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) -> bool {
+        let still = |run: &Self, j: usize| run.bodies[j].mode == Mode::Rest;
+        if self.touching.is_empty() || !group.iter().any(|&j| still(self, j)) {
+            return false;
+        }
+        let free = |(x, &j): (usize, &usize)| self.laws.rates(j, &k[x], self.bodies[j].mode, &w[x]);
+        let mut rates: Few<Rates<T>> = group.iter().enumerate().map(free).collect();
+        let points = self.solved(group, k, &mut rates);
+        let mut woken = false;
+        for (x, &j) in group.iter().enumerate() {
+            if !still(self, j) {
+                continue;
+            }
+            let mut pressed = w[x];
+            for p in &points {
+                for s in p.sides.iter().flatten().filter(|s| s.at == x) {
+                    pressed.force += s.direction * p.force;
+                }
+            }
+            if !self.laws.holds(j, &pressed) {
+                self.bodies[j].mode = Mode::Slide;
+                woken = true;
+            }
+        }
+        woken
     }
 
     /// The points at which kept contacts of the group press.

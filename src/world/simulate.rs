@@ -1,6 +1,6 @@
 //! Simulation: steps between known times, cut at every impact, stop and start of rolling.
 
-use super::encounter::CUT_IN_SPEED;
+use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
 use super::flight::{APPROACH_SHARE, Flight, SHORTEST_APPROACH, SHORTEST_STRETCH};
 use super::impact::Path;
 use super::model::{BODY_VALUES, BodySpec, Model};
@@ -250,6 +250,18 @@ impl<'m, T: Scalar> Run<'m, T> {
         body.from.roll = Vec2::zero();
     }
 
+    /// A body that is nudged again at once stops later, not twice.
+    fn note_stop(&mut self, i: usize, time: f64) {
+        let objects = vec![self.model.bodies[i].id];
+        let position = self.bodies[i].from.position.value();
+        let earlier = self.events.iter().rposition(|e| e.kind == EventKind::Stop && e.objects == objects);
+        if let Some(at) = earlier.filter(|&at| time - self.events[at].time < SAME_CONTACT) {
+            self.events.remove(at);
+        }
+        let kind = EventKind::Stop;
+        self.events.push(Event { kind, time, objects, position, normal: None, impulse: None, wall: None });
+    }
+
     /// Moves everything from `now` to `end`.
     fn advance(&mut self, now: f64, end: f64) {
         if end <= now {
@@ -342,7 +354,10 @@ impl<'m, T: Scalar> Run<'m, T> {
         let mut until = T::constant(self.step_end);
         let mut change = None;
         if awake(self) && h.value() > 0.0 {
-            let first = self.rates(&group, &start, &wrenches, true);
+            let mut first = self.rates(&group, &start, &wrenches, true);
+            if self.wake(&group, &start, &wrenches) {
+                first = self.rates(&group, &start, &wrenches, true);
+            }
             for (x, &j) in group.iter().enumerate() {
                 let next = self.laws.next_change(j, &start[x], self.bodies[j].mode, &wrenches[x], &first[x]);
                 if let Some((kind, after)) = next
@@ -491,15 +506,7 @@ impl<'m, T: Scalar> Run<'m, T> {
                 let at = group.iter().position(|&j| j == i).unwrap_or(0);
                 if speed <= 10.0 * REST_SPEED && self.laws.holds(i, &wrench[at]) {
                     self.rest(i);
-                    self.events.push(Event {
-                        kind: EventKind::Stop,
-                        time: time.value(),
-                        objects: vec![self.model.bodies[i].id],
-                        position: k.position.value(),
-                        normal: None,
-                        impulse: None,
-                        wall: None,
-                    });
+                    self.note_stop(i, time.value());
                 }
             }
             Some(Change::StartRolling) if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED => {
