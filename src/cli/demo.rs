@@ -8,18 +8,13 @@ use crate::scene::parse;
 use std::path::{Path, PathBuf};
 
 /// A scene that the Bullet engine simulated, as CLEVRER does; it works wherever the program is.
-const SCENE: &str = include_str!("../../tests/data/clevrer/scene_00000/observed.json");
-const PREDICTIVE: (&str, [&str; 2]) = (
-    "Which event will happen next?",
-    [
-        "The cyan metal cube collides with the metal cylinder",
-        "The brown object collides with the cyan metal cube",
-    ],
+const SCENE: &str = include_str!("../../tests/data/clevrer/scene_00022/observed.json");
+const PREDICTIVE: (&str, &[&str]) = (
+    "What will happen next?",
+    &["The red object collides with the sphere", "The gray metal cube and the metal sphere collide"],
 );
-const COUNTERFACTUAL: (&str, [&str; 2]) = (
-    "Which event will happen without the rubber object?",
-    ["The cyan cube collides with the cyan cylinder", "The cyan cylinder and the brown metal object collide"],
-);
+const COUNTERFACTUAL: (&str, &[&str]) =
+    ("What will happen if the gray cube is removed?", &["The red object collides with the sphere"]);
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -31,7 +26,7 @@ pub struct Args {
 pub async fn run(args: Args) -> Result<(), Failure> {
     let place = args.out.display().to_string();
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::other(e).at(&place))?;
-    let scene = parse("scene_00000", SCENE).map_err(Failure::other)?;
+    let scene = parse("scene_00022", SCENE).map_err(Failure::other)?;
     let connection = Connection::open(&Target { server: None, data_dir: None }).await?;
     if let Some(address) = connection.address() {
         output::print(&format!("vrdp serves gRPC on {address}\n\n"))?;
@@ -55,7 +50,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     for (number, file, (question, choices)) in
         [(3, "predictive", PREDICTIVE), (4, "counterfactual", COUNTERFACTUAL)]
     {
-        let request = ask::request(video.clone(), question, &choices);
+        let request = ask::request(video.clone(), question, choices);
         let mut answer: AskResponse = connection.reasoning().ask(request).await?.into_inner();
         // One trail shows how it works; the others are alike.
         answer.choices.iter_mut().skip(1).for_each(|choice| choice.trail.clear());
