@@ -8,7 +8,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 
-pub use posterior::{Estimate, ObjectEstimate, Posterior, SharedEstimate};
+pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
