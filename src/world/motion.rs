@@ -240,10 +240,7 @@ impl<T: Scalar> Laws<T> {
         let ball = self.shapes[i].is_ball();
         let until_zero =
             |size: T, slope: T| (size.value() > 0.0 && slope.value() < 0.0).then(|| -(size / slope));
-        let change = if ball && mode == Mode::Slide {
-            if w.grip.value() <= 0.0 {
-                return None;
-            }
+        let change = if ball && mode == Mode::Slide && w.grip.value() > 0.0 {
             let slip = self.slip(i, k);
             let slope = slip.unit().dot(r.velocity + r.roll.perp().scaled(self.shapes[i].bounding_radius()));
             if slip.value().norm() <= REST_SPEED {
