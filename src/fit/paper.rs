@@ -22,22 +22,21 @@ const NEAR: f64 = 0.05;
 /// Samples that remain of a track, however early its first contact.
 const FEWEST: usize = 5;
 
-/// One stage: what is searched, over which frames, and the loss at which it is done.
+/// One stage: whether contacts matter yet, over which frames, and the loss at which it is done.
 struct Stage {
-    states: bool,
     contacts: bool,
     frames: usize,
     /// Squared position error, averaged over objects and coordinates, summed over frames (m^2).
     loss: f64,
 }
 
-/// VRDP, section 3.3 and its released code: motion before the first contact (friction and drag with it), then mass
-/// and restitution over growing windows, the first of which still moves the start states.
+/// VRDP's stages and thresholds: motion before the first contact, then mass and restitution over growing windows.
+/// The windows search the motion too: its code holds it in the later ones, where errors of it become wrong masses.
 const STAGES: [Stage; 4] = [
-    Stage { states: true, contacts: false, frames: usize::MAX, loss: 5e-4 },
-    Stage { states: true, contacts: true, frames: 40, loss: 2e-4 },
-    Stage { states: false, contacts: true, frames: 80, loss: 1e-3 },
-    Stage { states: false, contacts: true, frames: usize::MAX, loss: 1e-2 },
+    Stage { contacts: false, frames: usize::MAX, loss: 5e-4 },
+    Stage { contacts: true, frames: 40, loss: 2e-4 },
+    Stage { contacts: true, frames: 80, loss: 1e-3 },
+    Stage { contacts: true, frames: usize::MAX, loss: 1e-2 },
 ];
 
 /// Runs the stages over the frames before `frames`. The cost is ours (whitened, with priors and bounds); the
@@ -56,7 +55,7 @@ pub(super) fn minimise(
     for (number, stage) in STAGES.iter().enumerate() {
         let problem = if stage.contacts { problem } else { &free_motion };
         let window = stage.frames.min(frames);
-        let searched = |f: &Free| if of_contacts(f) { stage.contacts } else { stage.states };
+        let searched = |f: &Free| stage.contacts || !of_contacts(f);
         // Newton's step along each coordinate is the first guess; a coordinate of scale zero stays.
         let diagonal = problem.normal(&point, window).hessian.diagonal();
         let scale = problem.free.iter().zip(diagonal.iter());
