@@ -172,7 +172,8 @@ impl<T: Scalar> Laws<T> {
     pub fn holds(&self, i: usize, w: &Wrench<T>) -> bool {
         let (force, grip, rolling) = (w.force.value().norm(), w.grip.value(), w.rolling.value());
         if self.shapes[i].is_ball() {
-            rolling > 0.0 && force <= rolling && 2.0 / 7.0 * force <= grip
+            // Without grip it rests as a glider does.
+            rolling > 0.0 && force <= rolling && (grip <= 0.0 || 2.0 / 7.0 * force <= grip)
         } else {
             let arm = self.shapes[i].bounding_radius();
             grip > 0.0 && force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
