@@ -3,6 +3,7 @@
 mod contact_friction;
 mod damping;
 mod friction_offset;
+mod gliding_friction;
 mod linear_drag;
 mod quadratic_drag;
 mod restitution;
@@ -19,6 +20,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<sliding_friction::SlidingFriction>(),
     EffectEntry::of::<friction_offset::FrictionOffset>(),
     EffectEntry::of::<rolling_resistance::RollingResistance>(),
+    EffectEntry::of::<gliding_friction::GlidingFriction>(),
     EffectEntry::of::<damping::Damping>(),
     EffectEntry::of::<linear_drag::LinearDrag>(),
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),

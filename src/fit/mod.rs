@@ -1,6 +1,7 @@
 //! Fits a model to what was observed: start values, damped Gauss-Newton in trajectory space, posterior.
 
 mod noise;
+mod paper;
 mod posterior;
 mod problem;
 mod solve;
@@ -20,13 +21,26 @@ use solve::{Solution, minimise};
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
-    /// Most Gauss-Newton iterations, over all stages.
+    /// Most iterations, over all stages.
     pub max_iterations: usize,
+    pub method: Method,
+}
+
+/// How the cost is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// Damped Gauss-Newton over the whole video, then over growing windows where that is not enough.
+    #[default]
+    GaussNewton,
+    /// L-BFGS in the stages of the paper, for comparison; without its last stage, which starts the objects anew
+    /// 20 frames before the video's end.
+    Paper,
 }
 
 impl Default for FitOptions {
     fn default() -> Self {
-        FitOptions { max_iterations: 200 }
+        FitOptions { max_iterations: 200, method: Method::default() }
     }
 }
 
@@ -105,17 +119,25 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
     }
     let problem = Problem::new(scenes, models, &noises);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
-    let mut best = minimise(&problem, &problem.start(), frames, options.max_iterations, stop)?;
-    if worst_chi_square(&problem, &best.point, frames) > GOOD {
-        let mut grown = grow(&problem, frames, options.max_iterations, stop)?;
+    let best = match options.method {
+        Method::GaussNewton => gauss_newton(&problem, frames, options.max_iterations, stop)?,
+        Method::Paper => paper::minimise(&problem, frames, options.max_iterations, stop)?,
+    };
+    let posterior = Posterior::at(&problem, &best.point, frames);
+    let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
+    Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
+}
+
+fn gauss_newton(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> Result<Solution, FitError> {
+    let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
+    if worst_chi_square(problem, &best.point, frames) > GOOD {
+        let mut grown = grow(problem, frames, budget, stop)?;
         grown.iterations += best.iterations;
         if grown.cost < best.cost {
             best = grown;
         }
     }
-    let posterior = Posterior::at(&problem, &best.point, frames);
-    let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
-    Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
+    Ok(best)
 }
 
 fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {

@@ -146,6 +146,18 @@ impl<'a> Problem<'a> {
         Problem { parts, free }
     }
 
+    /// The same parameters and models with other measurements of the same objects.
+    pub fn with_scenes<'b>(&self, scenes: &'b [Scene]) -> Problem<'b> {
+        let part = |(p, scene): (&Part, &'b Scene)| Part {
+            scene,
+            model: p.model.clone(),
+            noise: p.noise,
+            base: p.base.clone(),
+            slots: p.slots.clone(),
+        };
+        Problem { parts: self.parts.iter().zip(scenes).map(part).collect(), free: self.free.clone() }
+    }
+
     /// Where the search starts: the values of the models.
     pub fn start(&self) -> Vec<f64> {
         let mut point: Vec<f64> = self.free.iter().map(|f| f.mean).collect();

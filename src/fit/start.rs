@@ -9,11 +9,13 @@ use crate::world::Model;
 const FIRST: usize = 10;
 /// A velocity within this many deviations of zero is rest, where friction can hold.
 const REST_DEVIATIONS: f64 = 3.5;
+/// Effects that can hold a body at rest.
+const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
 
 /// Puts each body of the model where its track begins, with the velocity of its first frames. A body that does
 /// not move there is at rest: friction holds it, and its velocity is no parameter.
 pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
-    let holds = model.effect("sliding_friction").is_some_and(|e| e.on);
+    let holds = DRY_FRICTION.iter().any(|name| model.effect(name).is_some_and(|e| e.on));
     for (body, track) in model.bodies.iter_mut().zip(&scene.tracks) {
         let Some(first) = track.samples.first() else { continue };
         let state = &mut body.start.state;

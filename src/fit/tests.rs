@@ -147,6 +147,23 @@ fn the_same_fit_gives_the_same_bits_and_draws() {
 }
 
 #[test]
+fn the_papers_method_finds_the_start_states_and_can_be_stopped() {
+    let (scene, truth) = film("a", 4, [1.0, 1.6, 0.7]);
+    let one = std::slice::from_ref(&scene);
+    let start = [Preset::for_world(scene.world).model(&scene)];
+    let options = FitOptions { method: Method::Paper, ..FitOptions::default() };
+    let found = fit(one, &start, &options, &never).expect("it fits");
+    for (body, true_body) in found.scenes[0].model.bodies.iter().zip(&truth.bodies) {
+        let off = (body.start.state.position - true_body.start.state.position).norm();
+        assert!(off < 0.005, "object {} begins {off} m off", body.id);
+    }
+    assert!(found.scenes[0].rmse < 0.03 && found.iterations <= 80, "{:?}", found.scenes[0]);
+    assert_eq!(fit(one, &start, &options, &never), Ok(found));
+    let stop = |progress: f64| if progress > 0.3 { Err(Stopped) } else { Ok(()) };
+    assert_eq!(fit(one, &start, &options, &stop), Err(FitError::Stopped(Stopped)));
+}
+
+#[test]
 fn what_cannot_be_fitted_says_why() {
     let (scene, model) = film("a", 1, [1.0; 3]);
     let options = FitOptions::default();

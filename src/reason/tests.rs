@@ -210,7 +210,7 @@ fn true_events_give_the_true_answers() {
 fn a_question_is_answered_from_english_and_from_its_program() {
     let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
     let start = Preset::named("clevrer").unwrap().model(&scene);
-    let options = crate::fit::FitOptions { max_iterations: 2 };
+    let options = crate::fit::FitOptions { max_iterations: 2, ..Default::default() };
     let fit = crate::fit::fit(std::slice::from_ref(&scene), &[start], &options, &never).unwrap();
     let asked = |question: &str, choices: &[&str]| {
         let choices = choices.iter().map(|c| c.to_string()).collect();

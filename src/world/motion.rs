@@ -189,7 +189,8 @@ impl<T: Scalar> Laws<T> {
     pub fn holds(&self, i: usize, w: &Wrench<T>) -> bool {
         let (force, grip, rolling) = (w.force.value().norm(), w.grip.value(), w.rolling.value());
         if self.shapes[i].is_ball() {
-            rolling > 0.0 && force <= rolling && 2.0 / 7.0 * force <= grip
+            // Without grip it rests as a glider does.
+            rolling > 0.0 && force <= rolling && (grip <= 0.0 || 2.0 / 7.0 * force <= grip)
         } else {
             let arm = self.shapes[i].bounding_radius();
             grip > 0.0 && force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
@@ -257,10 +258,7 @@ impl<T: Scalar> Laws<T> {
         let ball = self.shapes[i].is_ball();
         let until_zero =
             |size: T, slope: T| (size.value() > 0.0 && slope.value() < 0.0).then(|| -(size / slope));
-        let change = if ball && mode == Mode::Slide {
-            if w.grip.value() <= 0.0 {
-                return None;
-            }
+        let change = if ball && mode == Mode::Slide && w.grip.value() > 0.0 {
             let slip = self.slip(i, k);
             let slope = slip.unit().dot(r.velocity + r.roll.perp().scaled(self.shapes[i].bounding_radius()));
             if slip.value().norm() <= REST_SPEED {

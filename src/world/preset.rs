@@ -80,18 +80,21 @@ pub static PRESETS: &[Preset] = &[
     },
     Preset {
         name: "paper",
-        doc: "The published equations: friction by shape, quadratic drag, product law of restitution.",
+        doc: "The published equations: sliding or rolling friction, quadratic drag, product law of restitution.",
         balls_roll: false,
-        mass_sd: 0.5,
+        mass_sd: 1.0,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.02, Scope::Shape)]),
+            with(
+                "gliding_friction",
+                &[set("sliding", 0.03, 0.03, Scope::Setup), set("rolling", 0.03, 0.03, Scope::Setup)],
+            ),
             with(
                 "damping",
-                &[set("linear", 0.0, 0.0, Scope::Setup), set("quadratic", 0.06, 0.03, Scope::Setup)],
+                &[set("linear", 0.0, 0.0, Scope::Setup), set("quadratic", 0.06, 0.06, Scope::Setup)],
             ),
             with(
                 "restitution",
-                &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.67, 0.2, Scope::Object)],
+                &[set("coefficient", 1.0, 0.0, Scope::Setup), set("object", 0.6, 0.3, Scope::Object)],
             ),
         ],
     },

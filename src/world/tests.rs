@@ -286,3 +286,18 @@ fn the_same_model_gives_the_same_bits_and_jets_see_the_same_events() {
     let jet = simulate(&m, &flat, &seconds(80), &Limits::default());
     assert_eq!(jet.events, trace(&m, &seconds(80)).events);
 }
+
+#[test]
+fn the_papers_spheres_glide_to_rest_where_its_equation_says() {
+    for (shape, l) in [(shape(0), 0.1), (shape(1), 0.05)] {
+        let (speed, drag) = (1.2f64, 0.06);
+        let laws: [(&str, &[f64]); 2] = [("gliding_friction", &[0.1, 0.05]), ("damping", &[0.0, drag])];
+        let m = model(vec![body(0, shape, vec2(0.0, 0.0), vec2(speed, 0.0))], &laws);
+        let t = trace(&m, &seconds(100));
+        // v dv/dx = -(l g + drag v^2), integrated to v = 0.
+        let reach = (1.0 + drag * speed * speed / (l * 9.81)).ln() / (2.0 * drag);
+        let last = t.states[100][0].expect("it is there");
+        assert!((last.position.x - reach).abs() < 1e-5 && last.velocity.norm() == 0.0, "{last:?} {reach}");
+        assert_eq!(t.events.iter().filter(|e| e.kind == EventKind::Stop).count(), 1);
+    }
+}
