@@ -9,7 +9,7 @@ pub struct Restitution;
 impl Effect for Restitution {
     const SPEC: EffectSpec = EffectSpec {
         name: "restitution",
-        doc: "e = coefficient r_a r_b: separation over approach speed (a coefficient of the pair, a factor of each object).",
+        doc: "e = coefficient r_a r_b d_ab: separation over approach speed; a factor of each object and a deviation of the pair.",
         source: "VRDP eq. 2 (product law); Newton's law of restitution",
         hooks: &[Hook::Contact],
         params: &[
@@ -20,7 +20,7 @@ impl Effect for Restitution {
                 min: 0.0,
                 max: 1.0,
                 scope: Scope::Setup,
-                doc: "of the pair",
+                doc: "what the set-up or the kind of pair has in common",
             },
             ParamSpec {
                 name: "object",
@@ -31,10 +31,19 @@ impl Effect for Restitution {
                 scope: Scope::Object,
                 doc: "factor of the object",
             },
+            ParamSpec {
+                name: "deviation",
+                unit: "1",
+                default: 1.0,
+                min: 0.0,
+                max: 4.0,
+                scope: Scope::Pair,
+                doc: "ratio of the pair's own coefficient to what the others say",
+            },
         ],
     };
 
     fn contact<T: Real>(pa: &[T], pb: &[T], _contact: &Contact<T>, out: &mut ContactLaw<T>) {
-        out.restitution = pa[0] * pa[1] * pb[1];
+        out.restitution = (pa[0] * pa[1] * pb[1] * pa[2]).min(T::constant(1.0));
     }
 }

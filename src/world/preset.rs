@@ -74,7 +74,10 @@ pub static PRESETS: &[Preset] = &[
                     set_by("quadratic", 0.04, 0.01, Scope::Shape, &[("sphere", 0.12)]),
                 ],
             ),
-            with("restitution", &[set("coefficient", 0.25, 0.25, Scope::Pair)]),
+            with(
+                "restitution",
+                &[set("coefficient", 0.25, 0.25, Scope::ShapePair), set("deviation", 1.0, 0.4, Scope::Pair)],
+            ),
             with("contact_friction", &[set("mu", 0.04, 0.01, Scope::Setup)]),
         ],
     },
