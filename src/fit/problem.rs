@@ -4,10 +4,13 @@ use super::noise::{Noise, wrapped};
 use crate::effects::{Scope, effect};
 use crate::num::{Jet, LANES, Real};
 use crate::scene::{Scene, Shape};
-use crate::world::{BODY_VALUES, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, simulate};
+use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, simulate};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
+
+/// A video needs far fewer events; a trial point that wants more is not worth its time.
+const LIMITS: Limits = Limits { events: 3_000 };
 
 /// One free parameter of the fit, in the space in which it is searched.
 #[derive(Debug, Clone)]
@@ -174,6 +177,9 @@ impl<'a> Problem<'a> {
         let mut cost = self.prior_cost(point);
         for part in &self.parts {
             let rollout = part.rollout(&self.free, point, window);
+            if rollout.ending != Ending::Completed {
+                return f64::INFINITY;
+            }
             part.each_residual(&rollout, window, |_, r, _| cost += rho(r));
         }
         if cost.is_finite() { cost } else { f64::INFINITY }
@@ -230,7 +236,7 @@ impl Part<'_> {
     }
 
     pub fn rollout(&self, free: &[Free], point: &[f64], window: Window) -> Rollout<f64> {
-        simulate(&self.model, &self.flat(free, point), self.times(window), &Limits::default())
+        simulate(&self.model, &self.flat(free, point), self.times(window), &LIMITS)
     }
 
     /// Calls `f(coordinate, whitened residual, row)` for each measurement in a fixed order.
@@ -267,7 +273,7 @@ impl Part<'_> {
 
     fn add_normal(&self, free: &[Free], point: &[f64], window: Window, normal: &mut Normal) {
         let flat = self.flat(free, point);
-        let rollout = simulate(&self.model, &flat, self.times(window), &Limits::default());
+        let rollout = simulate(&self.model, &flat, self.times(window), &LIMITS);
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
         let components = self.components(&rollout);
@@ -281,7 +287,7 @@ impl Part<'_> {
                 let (slot, k) = self.slots[lane.slot];
                 jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
             }
-            let run = simulate(&self.model, &jets, self.times(window), &Limits::default());
+            let run = simulate(&self.model, &jets, self.times(window), &LIMITS);
             let count = LANES.min(width - first);
             self.each_sample(window, |body, frame, coordinate, _, sigma, row| {
                 if let Some(k) = run.states.get(frame).and_then(|s| s[body].as_ref()) {

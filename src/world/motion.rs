@@ -272,7 +272,10 @@ impl<T: Scalar> Laws<T> {
             let lever = if ball { 0.0 } else { self.shapes[i].unit_inertia() };
             let size = (k.velocity.norm_squared() + k.spin * k.spin * lever).norm_of_square();
             if size.value() <= REST_SPEED {
-                return self.holds(i, w).then(|| (Change::Stop, T::zero()));
+                // A body that something pushes off is not stopped by friction alone.
+                let (v, a) = (k.velocity.value(), r.velocity.value());
+                let pushed = v.dot(a) > 0.0 || (v == Vec2::zero() && a != Vec2::zero());
+                return (!pushed && self.holds(i, w)).then(|| (Change::Stop, T::zero()));
             }
             let slope = (k.velocity.dot(r.velocity) + k.spin * r.spin * lever) / size;
             until_zero(size, slope).map(|t| (Change::Stop, t))

@@ -30,7 +30,7 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Limits { events: 100_000 }
+        Limits { events: 20_000 }
     }
 }
 
