@@ -51,6 +51,10 @@ pub trait Real:
         let root = self.value().sqrt();
         self.chain(root, 0.5 / root)
     }
+    /// Square root that is exactly zero, without a derivative, at zero.
+    fn sqrt_or_zero(self) -> Self {
+        if self.value() > 0.0 { self.sqrt() } else { Self::zero() }
+    }
     fn exp(self) -> Self {
         let e = self.value().exp();
         self.chain(e, e)
@@ -302,8 +306,7 @@ impl<T: Real> Vec2<T> {
     /// Length; exactly zero (with zero derivatives) at the origin.
     #[inline(always)]
     pub fn norm(self) -> T {
-        let n = self.norm_squared();
-        if n.value() > 0.0 { n.sqrt() } else { T::zero() }
+        self.norm_squared().sqrt_or_zero()
     }
     /// Unit vector, or zero at the origin.
     #[inline(always)]

@@ -255,10 +255,7 @@ impl Fit {
             for (k, parameter) in active.parameters.iter().enumerate() {
                 let unit = effect(&active.name).and_then(|e| e.spec.params.get(k)).map_or("1", |p| p.unit);
                 let value = |(label, value): (&String, &f64)| {
-                    let name = match label.as_str() {
-                        "" => format!("{}.{}", active.name, parameter.name),
-                        _ => format!("{}.{}[{label}]", active.name, parameter.name),
-                    };
+                    let name = parameter.full_name(active, label);
                     let fixed = Estimate {
                         scene: None,
                         name: name.clone(),

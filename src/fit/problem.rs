@@ -3,7 +3,7 @@
 use super::noise::{Noise, wrapped};
 use crate::effects::{Scope, effect};
 use crate::num::{Jet, LANES, Real};
-use crate::scene::{Scene, Shape};
+use crate::scene::Scene;
 use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, simulate};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
@@ -62,12 +62,11 @@ impl<'a> Problem<'a> {
             let width = BODY_VALUES.len();
             for (b, (body, object)) in model.bodies.iter().zip(&scene.objects).enumerate() {
                 let moves = body.start.state.velocity.norm() > 0.0 || body.start.state.spin != 0.0;
-                let round = matches!(body.shape, Shape::Disc { .. } | Shape::Ball { .. });
                 let yaw = scene.tracks[b].samples.iter().any(|s| s.yaw.is_some());
                 let wanted = [
                     (0, "m", true),
                     (1, "m", true),
-                    (2, "rad", if round { yaw && !body.shape.is_ball() } else { true }),
+                    (2, "rad", if body.shape.is_round() { yaw && !body.shape.is_ball() } else { true }),
                     (3, "m/s", moves),
                     (4, "m/s", moves),
                     (5, "rad/s", moves && !body.shape.is_ball()),
@@ -118,10 +117,7 @@ impl<'a> Problem<'a> {
                     let bounds = spec.and_then(|s| s.params.get(k));
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
-                        let name = match label.as_str() {
-                            "" => format!("{}.{}", active.name, parameter.name),
-                            _ => format!("{}.{}[{label}]", active.name, parameter.name),
-                        };
+                        let name = parameter.full_name(active, label);
                         if parameter.prior.sd > 0.0 && active.on {
                             let known =
                                 free.iter().position(|f| shared && f.scene.is_none() && f.name == name);

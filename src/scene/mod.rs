@@ -161,6 +161,19 @@ impl Shape {
         }
     }
 
+    /// Half extents of a box along and across its yaw (m), or `None` for a circle.
+    pub fn half_extents(&self) -> Option<[f64; 2]> {
+        match *self {
+            Shape::Disc { .. } | Shape::Ball { .. } => None,
+            Shape::Square { half_side } => Some([half_side, half_side]),
+            Shape::Rectangle { half_length, half_width } => Some([half_length, half_width]),
+        }
+    }
+
+    pub fn is_round(&self) -> bool {
+        self.half_extents().is_none()
+    }
+
     pub fn is_ball(&self) -> bool {
         matches!(self, Shape::Ball { .. })
     }

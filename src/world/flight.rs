@@ -108,12 +108,7 @@ impl<T: Scalar> Laws<T> {
         let k3 = rates(&y3, since + half);
         let y4 = from.stepped(&y3, &k3, h);
         let k4 = rates(&y4, since + h);
-        let (third, sixth) = (h * (1.0 / 3.0), h * (1.0 / 6.0));
-        let to = from
-            .stepped(from, k1, sixth)
-            .stepped(&y2, &k2, third)
-            .stepped(&y3, &k3, third)
-            .stepped(&y4, &k4, sixth);
+        let to = from.summed(k1, [(&y2, &k2), (&y3, &k3), (&y4, &k4)], h);
         let bend = k1.velocity.value() - k2.velocity.value() - k3.velocity.value() + k4.velocity.value();
         (to, bend.norm() * h.value() * h.value() / 12.0)
     }

@@ -17,10 +17,7 @@ impl<T: Real> Pose<T> {
     }
 
     pub fn new(position: Vec2<T>, yaw: T, shape: &Shape) -> Self {
-        let turn = match shape {
-            Shape::Disc { .. } | Shape::Ball { .. } => vec2(T::constant(1.0), T::zero()),
-            _ => Vec2::from_angle(yaw),
-        };
+        let turn = if shape.is_round() { vec2(T::constant(1.0), T::zero()) } else { Vec2::from_angle(yaw) };
         Pose { position, turn }
     }
 }
@@ -53,17 +50,8 @@ pub(super) enum Feature {
 /// Two corners whose depths differ by less than this share a contact (m): bodies are not perfectly rigid.
 const COMPLIANCE: f64 = 1e-3;
 
-/// Half extents of a box, or `None` for a circle.
-pub(super) fn half_extents(shape: &Shape) -> Option<[f64; 2]> {
-    match *shape {
-        Shape::Disc { .. } | Shape::Ball { .. } => None,
-        Shape::Square { half_side } => Some([half_side, half_side]),
-        Shape::Rectangle { half_length, half_width } => Some([half_length, half_width]),
-    }
-}
-
 pub(super) fn proximity<T: Real>(a: &Pose<T>, sa: &Shape, b: &Pose<T>, sb: &Shape) -> Proximity<T> {
-    match (half_extents(sa), half_extents(sb)) {
+    match (sa.half_extents(), sb.half_extents()) {
         (None, None) => circles(a.position, sa.bounding_radius(), b.position, sb.bounding_radius()),
         (None, Some(half)) => swapped(box_circle(b, half, a.position, sa.bounding_radius())),
         (Some(half), None) => box_circle(a, half, b.position, sb.bounding_radius()),
@@ -100,19 +88,13 @@ fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64
         let corner = a.position + corner.rotated(a.turn);
         return circles(corner, 0.0, centre, radius);
     }
-    let (axis, sign, distance, foot) = if over[0] >= over[1] {
+    let (axis, distance, foot) = if over[0] >= over[1] {
         let sign = 1f64.copysign(x);
-        (a.turn.scaled(sign), sign, local.x * sign - half[0], vec2(T::constant(half[0] * sign), local.y))
+        (a.turn.scaled(sign), local.x * sign - half[0], vec2(T::constant(half[0] * sign), local.y))
     } else {
         let sign = 1f64.copysign(y);
-        (
-            a.turn.perp().scaled(sign),
-            sign,
-            local.y * sign - half[1],
-            vec2(local.x, T::constant(half[1] * sign)),
-        )
+        (a.turn.perp().scaled(sign), local.y * sign - half[1], vec2(local.x, T::constant(half[1] * sign)))
     };
-    debug_assert!(sign != 0.0);
     Proximity {
         gap: distance - radius,
         normal: axis,
@@ -129,7 +111,7 @@ pub(super) fn manifold<T: Real>(
     b: &Pose<T>,
     sb: &Shape,
 ) -> [Option<Proximity<T>>; 2] {
-    let (Some(ha), Some(hb)) = (half_extents(sa), half_extents(sb)) else {
+    let (Some(ha), Some(hb)) = (sa.half_extents(), sb.half_extents()) else {
         return [Some(proximity(a, sa, b, sb)), None];
     };
     let (fa, fb) = (best_face(a, ha, b, hb), best_face(b, hb, a, ha));

@@ -1,6 +1,6 @@
 //! Exact time of impact between two moving outlines, and the impulses of a contact.
 
-use super::geometry::{Feature, Pose, Proximity, half_extents, proximity};
+use super::geometry::{Feature, Pose, Proximity, proximity};
 use super::motion::Kinematics;
 use crate::body::ContactLaw;
 use crate::num::{Real, Vec2};
@@ -128,7 +128,7 @@ pub(super) fn time_of_impact(a: &Path, b: &Path, from: f64, to: f64) -> Option<f
             step = match near.feature {
                 Feature::FaceOfB => face_step(b, &kb, a, &ka, -near.normal, speed),
                 Feature::FaceOfA => face_step(a, &ka, b, &kb, near.normal, speed),
-                Feature::Points if is_round(&a.shape) => {
+                Feature::Points if a.shape.is_round() => {
                     safe_step(near.gap, rate, turning_bound(b, a, distance, speed))
                 }
                 Feature::Points => safe_step(near.gap, rate, turning_bound(a, b, distance, speed)),
@@ -149,13 +149,9 @@ pub(super) fn time_of_impact(a: &Path, b: &Path, from: f64, to: f64) -> Option<f
     None
 }
 
-fn is_round(shape: &Shape) -> bool {
-    matches!(shape, Shape::Disc { .. } | Shape::Ball { .. })
-}
-
 /// Bound on the second derivative of a guest point's height over a face of `host` (m/s^2).
 fn turning_bound(host: &Path, guest: &Path, distance: f64, speed: f64) -> f64 {
-    let of = |p: &Path| if is_round(&p.shape) { (0.0, 0.0) } else { (p.turn_rate, p.turn_acceleration) };
+    let of = |p: &Path| if p.shape.is_round() { (0.0, 0.0) } else { (p.turn_rate, p.turn_acceleration) };
     let ((wh, ah), (wg, ag)) = (of(host), of(guest));
     let reach = guest.shape.bounding_radius();
     host.acceleration
@@ -177,7 +173,7 @@ fn face_step(
     let delta = kg.position - kh.position;
     let bound = turning_bound(host, guest, delta.norm(), speed);
     let turn = Vec2::from_angle(kh.yaw);
-    let half = match half_extents(&host.shape) {
+    let half = match host.shape.half_extents() {
         Some([x, y]) => {
             if normal.dot(turn).abs() > 0.5 {
                 x
@@ -192,7 +188,7 @@ fn face_step(
         let velocity = kg.velocity + arm.perp().scaled(kg.spin) - kh.velocity;
         safe_step(normal.dot(d) - half - radius, normal.dot(velocity) + kh.spin * normal.perp().dot(d), bound)
     };
-    match half_extents(&guest.shape) {
+    match guest.shape.half_extents() {
         None => step(Vec2::zero(), guest.shape.bounding_radius()),
         Some([x, y]) => {
             let turn = Vec2::from_angle(kg.yaw);
@@ -303,13 +299,4 @@ fn passive<T: Real>(approach: T, slip: T, kick: T, knn: T, coupling: T, along: T
     }
     // The root next to zero on the positive side, in the form that does not cancel.
     constant * -2.0 / (linear + discriminant.sqrt())
-}
-
-trait SqrtOrZero {
-    fn sqrt_or_zero(self) -> Self;
-}
-impl<T: Real> SqrtOrZero for T {
-    fn sqrt_or_zero(self) -> T {
-        if self.value() > 0.0 { self.sqrt() } else { T::zero() }
-    }
 }

@@ -230,6 +230,12 @@ impl Parameter {
         }
     }
 
+    /// How one value is called in a report: `sliding_friction.mu[rubber]`.
+    pub fn full_name(&self, of: &ActiveEffect, label: &str) -> String {
+        let place = if label.is_empty() { String::new() } else { format!("[{label}]") };
+        format!("{}.{}{place}", of.name, self.name)
+    }
+
     /// Index of the value that applies to body `a` (touching `b`, or the same body where there is none).
     pub fn index(&self, a: &BodySpec, b: &BodySpec) -> Option<usize> {
         self.labels.binary_search(&self.label(a, b)).ok()

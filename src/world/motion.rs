@@ -270,7 +270,7 @@ impl<T: Scalar> Laws<T> {
                 return None;
             }
             let lever = if ball { 0.0 } else { self.shapes[i].unit_inertia() };
-            let size = (k.velocity.norm_squared() + k.spin * k.spin * lever).norm_of_square();
+            let size = (k.velocity.norm_squared() + k.spin * k.spin * lever).sqrt_or_zero();
             if size.value() <= REST_SPEED {
                 // A body that something pushes off is not stopped by friction alone.
                 let (v, a) = (k.velocity.value(), r.velocity.value());
@@ -292,16 +292,6 @@ impl<T: Scalar> Laws<T> {
     }
 }
 
-trait NormOfSquare {
-    fn norm_of_square(self) -> Self;
-}
-impl<T: Real> NormOfSquare for T {
-    /// Square root that is exactly zero, without a derivative, at zero.
-    fn norm_of_square(self) -> T {
-        if self.value() > 0.0 { self.sqrt() } else { T::zero() }
-    }
-}
-
 impl<T: Real> Kinematics<T> {
     /// Moved on by `h` (s) at constant rates of the velocities of `at`.
     pub(super) fn stepped(&self, at: &Kinematics<T>, r: &Rates<T>, h: T) -> Self {
@@ -312,6 +302,13 @@ impl<T: Real> Kinematics<T> {
             spin: self.spin + r.spin * h,
             roll: self.roll + r.roll * h,
         }
+    }
+
+    /// Fourth-order Runge-Kutta's last stage: from here by the rates of this state and of three stages on the way.
+    pub(super) fn summed(&self, k1: &Rates<T>, stages: [(&Self, &Rates<T>); 3], h: T) -> Self {
+        let (third, sixth) = (h * (1.0 / 3.0), h * (1.0 / 6.0));
+        let [(y2, k2), (y3, k3), (y4, k4)] = stages;
+        self.stepped(self, k1, sixth).stepped(y2, k2, third).stepped(y3, k3, third).stepped(y4, k4, sixth)
     }
 
     /// A constant: its derivatives are zero.

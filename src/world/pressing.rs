@@ -251,8 +251,7 @@ fn curvature<T: Real>(
     b: &Kinematics<T>,
     sb: &Shape,
 ) -> T {
-    let round = |s: &Shape| matches!(s, Shape::Disc { .. } | Shape::Ball { .. });
-    let point = |k: &Kinematics<T>, s: &Shape, on: Vec2<T>| if round(s) { k.position } else { on };
+    let point = |k: &Kinematics<T>, s: &Shape, on: Vec2<T>| if s.is_round() { k.position } else { on };
     let (pa, pb) = (point(a, sa, near.on_a), point(b, sb, near.on_b));
     let (va, vb) = (point_velocity(a, pa), point_velocity(b, pb));
     let n = near.normal;

@@ -425,15 +425,8 @@ impl<'m, T: Scalar> Run<'m, T> {
         let k3 = self.rates_at(group, &y3, since + half);
         let y4 = stage(&y3, &k3, h);
         let k4 = self.rates_at(group, &y4, since + h);
-        let (third, sixth) = (h * (1.0 / 3.0), h * (1.0 / 6.0));
-        let step = |x: usize| {
-            start[x]
-                .stepped(&start[x], &k1[x], sixth)
-                .stepped(&y2[x], &k2[x], third)
-                .stepped(&y3[x], &k3[x], third)
-                .stepped(&y4[x], &k4[x], sixth)
-        };
-        (0..group.len()).map(step).collect()
+        let stages = |x: usize| [(&y2[x], &k2[x]), (&y3[x], &k3[x]), (&y4[x], &k4[x])];
+        (0..group.len()).map(|x| start[x].summed(&k1[x], stages(x), h)).collect()
     }
 
     fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Wrench<T>> {
