@@ -181,10 +181,10 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         let (near, _) = self.facing_now(a, b);
-        self.bounce(time, a, b, &near);
+        let friction = self.bounce(time, a, b, &near);
         let (near, rate) = self.facing_now(a, b);
         if rate.value() < REBOUND_SPEED * 0.1 && near.gap.value() < 1e-6 && rate.value() > -APPROACH.sqrt() {
-            self.touching.push(Touching { a, b, pressing: true });
+            self.touching.push(Touching { a, b, pressing: true, friction });
             self.join(a, b);
         }
         self.pass_on(time, &self.involved(a, b), BLOW_SPEED);
@@ -199,7 +199,7 @@ impl<T: Scalar> Run<'_, T> {
     /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow, until
     /// nothing approaches faster than `quiet_speed` (m/s).
     pub(super) fn pass_on(&mut self, time: f64, group: &[usize], quiet_speed: f64) {
-        let kept: Vec<Touching> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
+        let kept: Vec<Touching<T>> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
         for _ in 0..BLOWS {
             let mut quiet = true;
             for t in &kept {
@@ -237,8 +237,8 @@ impl<T: Scalar> Run<'_, T> {
         all
     }
 
-    /// Applies the impulses of the contact and notes the event.
-    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) {
+    /// Applies the impulses of the contact, notes the event, and gives the coefficient of friction.
+    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) -> T {
         let approach = self.approach_at(a, b, near);
         let point = (near.on_a + near.on_b).scaled(0.5);
         let body = |run: &Self, i: usize| run.laws.body(i, &run.bodies[i].from);
@@ -270,7 +270,7 @@ impl<T: Scalar> Run<'_, T> {
             .find(|e| e.objects == objects && e.wall == wall);
         if let Some(event) = same {
             event.impulse = event.impulse.map(|j| j + impulse.value());
-            return;
+            return law.friction;
         }
         self.events.push(Event {
             kind: EventKind::Collision,
@@ -281,6 +281,7 @@ impl<T: Scalar> Run<'_, T> {
             impulse: Some(impulse.value()),
             wall,
         });
+        law.friction
     }
 
     fn side(&self, i: usize) -> Side<T> {

@@ -78,7 +78,7 @@ pub static PRESETS: &[Preset] = &[
                 "restitution",
                 &[set("coefficient", 0.25, 0.25, Scope::ShapePair), set("deviation", 1.0, 0.4, Scope::Pair)],
             ),
-            with("contact_friction", &[set("mu", 0.04, 0.01, Scope::Setup)]),
+            with("contact_friction", &[set("mu", 0.04, 0.02, Scope::Pair)]),
         ],
     },
     Preset {

@@ -15,11 +15,13 @@ const STIFFNESS: f64 = 25.0;
 const SWEEPS: usize = 16;
 
 /// A contact that lasts: bodies `a` and `b` (or wall `b - bodies`) press on each other.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) struct Touching {
+#[derive(Clone, Copy)]
+pub(super) struct Touching<T> {
     pub a: usize,
     pub b: usize,
     pub pressing: bool,
+    /// Coulomb coefficient between the two.
+    pub friction: T,
 }
 
 impl<T: Scalar> Run<'_, T> {
@@ -57,7 +59,7 @@ impl<T: Scalar> Run<'_, T> {
 
     /// Splits a group whose contacts no longer press.
     pub(super) fn release(&mut self, group: &[usize]) {
-        let pressing = |t: &Touching| t.pressing || !group.contains(&t.a);
+        let pressing = |t: &Touching<T>| t.pressing || !group.contains(&t.a);
         if self.touching.iter().all(pressing) {
             return;
         }
@@ -128,7 +130,8 @@ impl<T: Scalar> Run<'_, T> {
             let mut pressed = w[x];
             for p in &points {
                 for s in p.sides.iter().flatten().filter(|s| s.at == x) {
-                    pressed.force += s.direction * p.force;
+                    let force = p.normal * p.force + p.normal.perp() * p.rub;
+                    pressed.force += force.scaled(s.sign);
                 }
             }
             if !self.laws.holds(j, &pressed) {
@@ -142,7 +145,7 @@ impl<T: Scalar> Run<'_, T> {
     /// The points at which kept contacts of the group press.
     fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = vec![];
-        for (contact, &Touching { a, b, .. }) in self.touching.iter().enumerate() {
+        for (contact, &Touching { a, b, friction, .. }) in self.touching.iter().enumerate() {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };
             let y = place(b);
@@ -150,17 +153,39 @@ impl<T: Scalar> Run<'_, T> {
             let (sa, sb) = (self.shape(a), self.shape(b));
             for near in manifold(&Pose::of(ka, sa), sa, &Pose::of(&kb, sb), sb).into_iter().flatten() {
                 let point = (near.on_a + near.on_b).scaled(0.5);
-                let rate = near.normal.dot(point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a));
+                let slip = point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a);
+                let n = near.normal;
                 let sides = [
-                    Some(self.pressed(x, a, -near.normal, point - ka.position)),
-                    y.map(|y| self.pressed(y, b, near.normal, point - kb.position)),
+                    Some(self.pressed(x, a, -1.0, point - ka.position)),
+                    y.map(|y| self.pressed(y, b, 1.0, point - kb.position)),
                 ];
-                let response = sides.iter().flatten().fold(T::zero(), |sum, s| sum + s.response());
+                let response = |d| sides.iter().flatten().fold(T::zero(), |sum, s| sum + s.response(d));
+                let (response, tangential_response) = (response(n), response(n.perp()));
                 let bias = curvature(&near, ka, sa, &kb, sb)
-                    + rate * (2.0 * STIFFNESS)
+                    + n.dot(slip) * (2.0 * STIFFNESS)
                     + near.gap * (STIFFNESS * STIFFNESS);
+                let lift = -(lift_of(ka, sa, n) + lift_of(&kb, sb, n));
+                let slip = n.perp().dot(slip);
+                let speed = (slip * slip + lift * lift).sqrt_or_zero();
+                // A rolling ball rubs up or down, hardly aside.
+                let (aside, up) = match speed.value() > 0.0 {
+                    true => (friction * slip.abs() / speed, -(friction * lift / speed)),
+                    false => (friction, T::zero()),
+                };
                 if response.value() > 0.0 {
-                    points.push(PressurePoint { contact, sides, response, bias, force: T::zero() });
+                    points.push(PressurePoint {
+                        contact,
+                        sides,
+                        normal: n,
+                        response,
+                        bias,
+                        force: T::zero(),
+                        tangential_response,
+                        slip,
+                        aside,
+                        up,
+                        rub: T::zero(),
+                    });
                 }
             }
         }
@@ -169,7 +194,7 @@ impl<T: Scalar> Run<'_, T> {
 
     /// The narrowest gap among kept contacts of the group at these states (m).
     pub(super) fn narrowest(&self, group: &[usize], k: &[Kinematics<T>]) -> f64 {
-        let gap = |t: &Touching| {
+        let gap = |t: &Touching<T>| {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let ka = k[place(t.a)?].value();
             let kb = place(t.b).map_or_else(|| self.kinematics(t.b).value(), |y| k[y].value());
@@ -178,67 +203,122 @@ impl<T: Scalar> Run<'_, T> {
         self.touching.iter().filter_map(gap).fold(f64::INFINITY, f64::min)
     }
 
-    fn pressed(&self, at: usize, body: usize, direction: Vec2<T>, arm: Vec2<T>) -> Pressed<T> {
+    fn pressed(&self, at: usize, body: usize, sign: f64, arm: Vec2<T>) -> Pressed<T> {
         let mode = self.bodies[body].mode;
         let moves = matches!(mode, Mode::Slide | Mode::Roll);
-        let turn = if moves { arm.cross(direction) * self.laws.inverse_inertia[body] } else { T::zero() };
-        let rolling = (mode == Mode::Roll).then(|| 1.0 / self.laws.shapes[body].bounding_radius());
-        Pressed { at, direction, arm, compliance: self.laws.compliance(body, mode), turn, rolling }
+        let inverse_inertia = if moves { self.laws.inverse_inertia[body] } else { T::zero() };
+        let shape = &self.laws.shapes[body];
+        let ball = shape.is_ball().then(|| shape.bounding_radius());
+        let rolls = mode == Mode::Roll;
+        Pressed { at, sign, arm, compliance: self.laws.compliance(body, mode), inverse_inertia, ball, rolls }
     }
 }
 
-/// One point of a kept contact, where a normal force keeps the gap from closing.
+/// Speed at which the surface of a ball moves up where it is touched in direction `n` (m/s).
+fn lift_of<T: Real>(k: &Kinematics<T>, shape: &Shape, n: Vec2<T>) -> T {
+    if shape.is_ball() { k.roll.cross(n) * shape.bounding_radius() } else { T::zero() }
+}
+
+/// One point of a kept contact, where a normal force keeps the gap from closing and friction resists the slip.
 struct PressurePoint<T> {
     /// Index among the touching pairs.
     contact: usize,
     sides: [Option<Pressed<T>>; 2],
-    /// Opening acceleration per force (1/kg).
+    /// Unit normal from a to b.
+    normal: Vec2<T>,
+    /// Acceleration per force, along the normal and across (1/kg).
     response: T,
+    tangential_response: T,
     /// Opening acceleration that comes from the velocities, and the correction of the gap (m/s^2).
     bias: T,
-    /// N.
+    /// Velocity of b's surface past a's, along `normal.perp()` (m/s).
+    slip: T,
+    /// Most friction in the plane, and friction upwards on a ball's surface, as shares of the normal force.
+    aside: T,
+    up: T,
+    /// Normal force and tangential force on b (N).
     force: T,
+    rub: T,
 }
 
 /// How one body answers a force at a pressure point.
 struct Pressed<T> {
     /// Index in the group.
     at: usize,
-    /// Where the force pushes it, and from its centre to the point.
-    direction: Vec2<T>,
+    /// Forces are given as they act on b: -1 for a, 1 for b.
+    sign: f64,
+    /// From its centre to the point (m).
     arm: Vec2<T>,
-    /// Acceleration of the centre and of the spin per force.
+    /// Acceleration of the centre per force, and of the spin per torque.
     compliance: T,
-    turn: T,
-    /// 1 / radius of a rolling ball.
-    rolling: Option<f64>,
+    inverse_inertia: T,
+    /// Radius of a ball, and whether it rolls.
+    ball: Option<f64>,
+    rolls: bool,
 }
 
 impl<T: Real> PressurePoint<T> {
-    /// One step of projected Gauss-Seidel: the force at which the gap stays closed, never a pull.
+    /// One step of projected Gauss-Seidel: the force at which the gap stays closed, never a pull, and the friction
+    /// that ends the slip, within Coulomb's bound.
     fn press(&mut self, rates: &mut [Rates<T>]) {
-        let opening = self.sides.iter().flatten().fold(self.bias, |sum, s| {
-            let r = &rates[s.at];
-            sum + s.direction.dot(r.velocity + s.arm.perp() * r.spin)
-        });
+        let opening = self.bias + self.acceleration(rates, self.normal);
         let total = (self.force - opening / self.response).max(T::zero());
         let more = total - self.force;
         self.force = total;
         for s in self.sides.iter().flatten() {
-            let r = &mut rates[s.at];
-            let push = s.direction * (s.compliance * more);
-            r.velocity += push;
-            r.spin += s.turn * more;
-            if let Some(inverse_radius) = s.rolling {
-                r.roll += push.perp().scaled(inverse_radius);
-            }
+            s.push(&mut rates[s.at], self.normal * more);
+            s.lift(&mut rates[s.at], self.normal, self.up * more);
         }
+        if self.aside.value() == 0.0 && !T::DIFFERENTIATES {
+            return;
+        }
+        let across = self.normal.perp();
+        let slipping = self.slip * (2.0 * STIFFNESS) + self.acceleration(rates, across);
+        let most = self.aside * self.force;
+        let total = (self.rub - slipping / self.tangential_response).max(-most).min(most);
+        let more = total - self.rub;
+        self.rub = total;
+        for s in self.sides.iter().flatten() {
+            s.push(&mut rates[s.at], across * more);
+        }
+    }
+
+    /// Relative acceleration of the surfaces along a direction (m/s^2).
+    fn acceleration(&self, rates: &[Rates<T>], along: Vec2<T>) -> T {
+        self.sides.iter().flatten().fold(T::zero(), |sum, s| {
+            let r = &rates[s.at];
+            sum + along.dot(r.velocity + s.arm.perp() * r.spin) * s.sign
+        })
     }
 }
 
 impl<T: Real> Pressed<T> {
-    fn response(&self) -> T {
-        self.compliance + self.turn * self.arm.cross(self.direction)
+    fn response(&self, direction: Vec2<T>) -> T {
+        let turn = self.arm.cross(direction);
+        self.compliance + turn * turn * self.inverse_inertia
+    }
+
+    /// A force in the plane at the point.
+    fn push(&self, r: &mut Rates<T>, force: Vec2<T>) {
+        let force = force.scaled(self.sign);
+        let acceleration = force * self.compliance;
+        r.velocity += acceleration;
+        r.spin += self.arm.cross(force) * self.inverse_inertia;
+        if let (Some(radius), true) = (self.ball, self.rolls) {
+            r.roll += acceleration.perp().scaled(1.0 / radius);
+        }
+    }
+
+    /// A vertical force at a ball's surface turns it; where it rolls, the ground makes a push of it.
+    fn lift(&self, r: &mut Rates<T>, n: Vec2<T>, force: T) {
+        let Some(radius) = self.ball else { return };
+        if self.rolls {
+            let acceleration = n * (force * self.compliance);
+            r.velocity += acceleration;
+            r.roll += acceleration.perp().scaled(1.0 / radius);
+        } else {
+            r.roll += n.perp() * (force * self.inverse_inertia * radius);
+        }
     }
 }
 

@@ -121,7 +121,7 @@ pub(super) struct Run<'m, T: Scalar> {
     pub contact_effects: Vec<ContactEffect<'m, T>>,
     pub bodies: Vec<Moving<T>>,
     pub walls: Vec<(Shape, Kinematics<f64>)>,
-    pub touching: Vec<Touching>,
+    pub touching: Vec<Touching<T>>,
     pub impacts: Vec<(f64, usize, usize)>,
     /// The laws without derivatives, for bodies that carry none.
     pub plain: Option<Laws<f64>>,
