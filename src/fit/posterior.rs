@@ -1,6 +1,6 @@
 //! What the data say about the parameters: mean, covariance, what is identified, and draws.
 
-use super::problem::{Free, Problem, Window};
+use super::problem::{Free, Linear, Part, Problem, Window};
 use super::{Fit, SceneFit};
 use crate::effects::effect;
 use crate::world::{BODY_VALUES, MASS, Model};
@@ -15,8 +15,10 @@ pub const DRAWS: usize = 32;
 /// A draw that fits this many deviations worse than a draw from the true posterior would is pulled in.
 const TOLERATED: f64 = 3.0;
 /// How far a draw is pulled in at once, and how often.
-const SHRINK: f64 = 0.6;
-const SHRINKS: usize = 8;
+const SHRINK: f64 = 0.5;
+const SHRINKS: usize = 6;
+/// How often a draw is led back to the data before it is pulled in.
+const CORRECTIONS: usize = 3;
 
 /// The data identify a parameter when they leave less than this share of the prior's deviation.
 const IDENTIFIED: f64 = 0.5;
@@ -77,9 +79,10 @@ pub struct SharedEstimate {
 
 impl Posterior {
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
-        let normal = problem.normal(point, window);
-        let cost = normal.cost;
-        let factor = covariance_factor(normal.hessian);
+        let parts = problem.linearised(point, window);
+        let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear);
+        let shares: Vec<f64> = problem.parts.iter().zip(&parts).map(share).collect();
+        let factor = covariance_factor(problem.weighed(point, &parts, &shares).hessian);
         let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
         let estimate = |(k, f): (usize, &Free)| {
             let value = if f.log { point[k].exp() } else { point[k] };
@@ -98,7 +101,7 @@ impl Posterior {
             estimates: problem.free.iter().enumerate().map(estimate).collect(),
             coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
             slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
-            draws: draws(problem, point, cost, &factor, window),
+            draws: draws(problem, point, &parts, &shares, &factor, window),
         }
     }
 
@@ -117,29 +120,45 @@ impl Posterior {
     }
 }
 
-/// Draws from the Gaussian around `point`, pulled in while the data contradict them: through contacts the cost
-/// is not the parabola that Laplace's approximation takes it for.
+/// Draws from the Gaussian around `point`, bent to the data: through contacts the cost is not the parabola that
+/// Laplace's approximation takes it for, so a draw whose residuals are not those of the linear model is led
+/// back by Gauss-Newton steps with the derivatives at `point`, and pulled in where that is not enough.
 fn draws(
     problem: &Problem,
     point: &[f64],
-    cost: f64,
+    parts: &[Linear],
+    shares: &[f64],
     factor: &DMatrix<f64>,
     window: Window,
 ) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
     let worst = 0.5 * (n as f64 + TOLERATED * (2.0 * n as f64).sqrt());
+    let residuals: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals.clone()).collect();
+    let cost = problem.cost_of(point, &residuals, shares);
+    let moved = |from: &[f64], step: &DVector<f64>| -> Vec<f64> {
+        let bounded = |(k, f): (usize, &Free)| (from[k] + step[k]).clamp(f.min, f.max);
+        problem.free.iter().enumerate().map(bounded).collect()
+    };
     let draw = |_| {
         let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
         let shift: DVector<f64> = factor * z;
         let mut share = 1.0;
-        let mut drawn = point.to_vec();
         for _ in 0..SHRINKS {
-            for (k, f) in problem.free.iter().enumerate() {
-                drawn[k] = (point[k] + share * shift[k]).clamp(f.min, f.max);
-            }
-            if problem.cost(&drawn, window) - cost <= worst * share * share {
-                return drawn;
+            let step = &shift * share;
+            let wanted: Vec<Vec<f64>> = parts.iter().map(|p| p.predicted(step.as_slice())).collect();
+            let mut drawn = moved(point, &step);
+            for _ in 0..CORRECTIONS {
+                let Some(found) = problem.residuals(&drawn, window) else { break };
+                if problem.cost_of(&drawn, &found, shares) - cost <= worst * share * share {
+                    return drawn;
+                }
+                let mut gradient = DVector::zeros(n);
+                for (((part, found), wanted), share) in parts.iter().zip(&found).zip(&wanted).zip(shares) {
+                    let off: Vec<f64> = found.iter().zip(wanted).map(|(f, w)| share * (f - w)).collect();
+                    part.pull_back(&off, &mut gradient);
+                }
+                drawn = moved(&drawn, &-(factor * factor.tr_mul(&gradient)));
             }
             share *= SHRINK;
         }

@@ -9,6 +9,9 @@ use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
 
+/// Frames over which residuals are taken together.
+const BLOCK: usize = 12;
+
 /// A video needs far fewer events; a trial point that wants more is not worth its time.
 const LIMITS: Limits = Limits { events: 3_000 };
 
@@ -170,15 +173,26 @@ impl<'a> Problem<'a> {
 
     /// Half the sum of squared residuals, priors included.
     pub fn cost(&self, point: &[f64], window: Window) -> f64 {
-        let mut cost = self.prior_cost(point);
-        for part in &self.parts {
-            let rollout = part.rollout(&self.free, point, window);
-            if rollout.ending != Ending::Completed {
-                return f64::INFINITY;
-            }
-            part.each_residual(&rollout, window, |_, r, _| cost += rho(r));
-        }
+        self.residuals(point, window)
+            .map_or(f64::INFINITY, |parts| self.cost_of(point, &parts, &vec![1.0; parts.len()]))
+    }
+
+    /// The same of residuals that are known, each part counted by its share.
+    pub fn cost_of(&self, point: &[f64], parts: &[Vec<f64>], shares: &[f64]) -> f64 {
+        let misfit = |(r, share): (&Vec<f64>, &f64)| share * r.iter().map(|&r| rho(r)).sum::<f64>();
+        let cost = self.prior_cost(point) + parts.iter().zip(shares).map(misfit).sum::<f64>();
         if cost.is_finite() { cost } else { f64::INFINITY }
+    }
+
+    /// Residuals of each part; `None` where a simulation does not come to its end.
+    pub fn residuals(&self, point: &[f64], window: Window) -> Option<Vec<Vec<f64>>> {
+        let of = |part: &Part| {
+            let rollout = part.rollout(&self.free, point, window);
+            let mut residuals = vec![];
+            part.each_residual(&rollout, window, |_, r, _| residuals.push(r));
+            (rollout.ending == Ending::Completed).then_some(residuals)
+        };
+        self.parts.iter().map(of).collect()
     }
 
     fn prior_cost(&self, point: &[f64]) -> f64 {
@@ -187,6 +201,12 @@ impl<'a> Problem<'a> {
     }
 
     pub fn normal(&self, point: &[f64], window: Window) -> Normal {
+        let linear = self.linearised(point, window);
+        self.weighed(point, &linear, &vec![1.0; linear.len()])
+    }
+
+    /// Normal equations of linearised parts, each counted by its share.
+    pub fn weighed(&self, point: &[f64], parts: &[Linear], shares: &[f64]) -> Normal {
         let n = self.free.len();
         let mut normal = Normal {
             cost: self.prior_cost(point),
@@ -197,10 +217,16 @@ impl<'a> Problem<'a> {
             normal.gradient[k] = (point[k] - f.mean) / (f.sd * f.sd);
             normal.hessian[(k, k)] = 1.0 / (f.sd * f.sd);
         }
-        for part in &self.parts {
-            part.add_normal(&self.free, point, window, &mut normal);
+        for (linear, share) in parts.iter().zip(shares) {
+            linear.add_to(&mut normal, *share);
         }
+        normal.hessian.fill_upper_triangle_with_lower_triangle();
         normal
+    }
+
+    /// Residuals of each part and how they change with the parameters.
+    pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
+        self.parts.iter().map(|part| part.linearised(&self.free, point, window)).collect()
     }
 
     /// The model of part `index` at this point.
@@ -267,7 +293,7 @@ impl Part<'_> {
         }
     }
 
-    fn add_normal(&self, free: &[Free], point: &[f64], window: Window, normal: &mut Normal) {
+    fn linearised(&self, free: &[Free], point: &[f64], window: Window) -> Linear {
         let flat = self.flat(free, point);
         let rollout = simulate(&self.model, &flat, self.times(window), &LIMITS);
         let mut residuals = vec![];
@@ -301,23 +327,26 @@ impl Part<'_> {
                 relevant.map(|l| (self.slots[l.slot].1, l.number)).collect()
             })
             .collect();
-        for (row, &(body, r)) in residuals.iter().enumerate() {
-            let weight = if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
-            normal.cost += rho(r);
-            let j = &jacobian[row * width..(row + 1) * width];
-            let columns = &columns[body];
-            for (x, &(k, lane)) in columns.iter().enumerate() {
-                let scaled = weight * j[lane];
-                if scaled == 0.0 {
-                    continue;
-                }
-                normal.gradient[k] += scaled * r;
-                for &(m, other) in &columns[..=x] {
-                    normal.hessian[(k.max(m), k.min(m))] += scaled * j[other];
-                }
+        let (bodies, residuals) = residuals.into_iter().unzip();
+        Linear { residuals, bodies, jacobian, width, columns }
+    }
+
+    /// How many measurements of this part tell as much as one that is independent: residuals that go together,
+    /// because the model is not quite right, say less than their number. Variance of means over a block of
+    /// frames against that of independent ones.
+    pub fn redundancy(&self, linear: &Linear) -> f64 {
+        let mut blocks: Vec<((usize, usize, usize), f64, usize)> = vec![];
+        self.each_sample(self.scene.times.len(), |body, frame, coordinate, _, _, row| {
+            let key = (body, coordinate, frame / BLOCK);
+            // The coordinates of a sample come one after the other.
+            match blocks.iter_mut().rev().take(3).find(|b| b.0 == key) {
+                Some(block) => (block.1, block.2) = (block.1 + linear.residuals[row], block.2 + 1),
+                None => blocks.push((key, linear.residuals[row], 1)),
             }
-        }
-        normal.hessian.fill_upper_triangle_with_lower_triangle();
+        });
+        let full = blocks.iter().filter(|b| 2 * b.2 > BLOCK);
+        let (sum, count) = full.fold((0.0, 0), |(s, n), b| (s + b.1 * b.1 / b.2 as f64, n + 1));
+        if count == 0 { 1.0 } else { f64::max(1.0, sum / count as f64) }
     }
 
     /// Bodies that met, directly or through others, share a component: the smallest index among them.
@@ -369,6 +398,62 @@ impl Part<'_> {
             }
         }
         lanes
+    }
+}
+
+/// Residuals of one scene with their Jacobian, compressed: of each row only what can differ from zero.
+pub(super) struct Linear {
+    pub residuals: Vec<f64>,
+    /// Body of each row.
+    bodies: Vec<usize>,
+    /// Rows x width.
+    jacobian: Vec<f64>,
+    width: usize,
+    /// For each body, the parameters that reach it and where in the row their derivatives stand.
+    columns: Vec<Vec<(usize, usize)>>,
+}
+
+impl Linear {
+    fn rows(&self) -> impl Iterator<Item = (f64, &[f64], &[(usize, usize)])> {
+        let row = |(row, (&r, &body)): (usize, (&f64, &usize))| {
+            (r, &self.jacobian[row * self.width..(row + 1) * self.width], self.columns[body].as_slice())
+        };
+        self.residuals.iter().zip(&self.bodies).enumerate().map(row)
+    }
+
+    /// Adds its cost and derivatives to the normal equations, counted `share` times.
+    fn add_to(&self, normal: &mut Normal, share: f64) {
+        for (r, j, columns) in self.rows() {
+            let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
+            normal.cost += share * rho(r);
+            for (x, &(k, lane)) in columns.iter().enumerate() {
+                let scaled = weight * j[lane];
+                if scaled == 0.0 {
+                    continue;
+                }
+                normal.gradient[k] += scaled * r;
+                for &(m, other) in &columns[..=x] {
+                    normal.hessian[(k.max(m), k.min(m))] += scaled * j[other];
+                }
+            }
+        }
+    }
+
+    /// What the residuals become after a step, were they linear.
+    pub fn predicted(&self, step: &[f64]) -> Vec<f64> {
+        let along = |j: &[f64], columns: &[(usize, usize)]| {
+            columns.iter().map(|&(k, lane)| j[lane] * step[k]).sum::<f64>()
+        };
+        self.rows().map(|(r, j, columns)| r + along(j, columns)).collect()
+    }
+
+    /// Adds the transposed Jacobian's product with `difference`.
+    pub fn pull_back(&self, difference: &[f64], gradient: &mut nalgebra::DVector<f64>) {
+        for ((_, j, columns), d) in self.rows().zip(difference) {
+            for &(k, lane) in columns {
+                gradient[k] += j[lane] * d;
+            }
+        }
     }
 }
 
