@@ -10,7 +10,7 @@ use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, 
 const HUBER: f64 = 5.0;
 
 /// Frames over which residuals are taken together.
-const BLOCK: usize = 12;
+const BLOCK: usize = 25;
 
 /// A video needs far fewer events; a trial point that wants more is not worth its time.
 const LIMITS: Limits = Limits { events: 3_000 };

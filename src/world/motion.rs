@@ -56,6 +56,9 @@ pub(super) enum Change {
 /// Speeds below this are rest, once friction can hold the body (m/s, at the rim).
 pub(super) const REST_SPEED: f64 = 1e-7;
 
+/// Speed below which a body that is pressed on and gets slower is at rest (m/s).
+const SETTLING_SPEED: f64 = 1e-3;
+
 /// The active effects and masses of one simulation, resolved for each body.
 pub(super) struct Laws<T: Scalar> {
     pub shapes: Vec<Shape>,
@@ -195,6 +198,15 @@ impl<T: Scalar> Laws<T> {
             let arm = self.shapes[i].bounding_radius();
             grip > 0.0 && force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
         }
+    }
+
+    /// Whether a body is slow and gets slower.
+    pub fn settles(&self, i: usize, k: &Kinematics<T>, r: &Rates<T>) -> bool {
+        let lever = self.shapes[i].unit_inertia();
+        let (k, spin, turn) = (k.value(), k.spin.value(), r.spin.value());
+        let squared = k.velocity.norm_squared() + lever * (spin * spin + k.roll.norm_squared());
+        let power = k.velocity.dot(r.velocity.value()) + lever * spin * turn;
+        squared < SETTLING_SPEED * SETTLING_SPEED && power < 0.0
     }
 
     /// Accelerations under the wrench, dry friction resolved by mode.

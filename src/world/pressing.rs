@@ -113,6 +113,28 @@ impl<T: Scalar> Run<'_, T> {
         points
     }
 
+    /// Bodies that friction is about to stop come to rest at once: so slow, and pressed on, their motion would be
+    /// all jitter. Whether any did.
+    pub(super) fn settle(
+        &mut self,
+        group: &[usize],
+        k: &mut [Kinematics<T>],
+        w: &[Wrench<T>],
+        rates: &[Rates<T>],
+    ) -> bool {
+        let mut settled = false;
+        for (x, &j) in group.iter().enumerate() {
+            let moves = matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll);
+            if moves && self.laws.settles(j, &k[x], &rates[x]) && self.laws.holds(j, &w[x]) {
+                self.rest(j);
+                self.note_stop(j, self.bodies[j].since.value());
+                k[x] = self.bodies[j].from;
+                settled = true;
+            }
+        }
+        settled
+    }
+
     /// Bodies at rest that are pressed harder than friction can hold begin to slide; whether any did.
     pub(super) fn wake(&mut self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) -> bool {
         let still = |run: &Self, j: usize| run.bodies[j].mode == Mode::Rest;

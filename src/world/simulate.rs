@@ -242,7 +242,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         (self.bodies[i].from, self.bodies[i].since) = (to, until);
     }
 
-    fn rest(&mut self, i: usize) {
+    pub(super) fn rest(&mut self, i: usize) {
         let body = &mut self.bodies[i];
         body.mode = Mode::Rest;
         body.from.velocity = Vec2::zero();
@@ -251,7 +251,7 @@ impl<'m, T: Scalar> Run<'m, T> {
     }
 
     /// A body that is nudged again at once stops later, not twice.
-    fn note_stop(&mut self, i: usize, time: f64) {
+    pub(super) fn note_stop(&mut self, i: usize, time: f64) {
         let objects = vec![self.model.bodies[i].id];
         let position = self.bodies[i].from.position.value();
         let earlier = self.events.iter().rposition(|e| e.kind == EventKind::Stop && e.objects == objects);
@@ -341,7 +341,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             return self.fly(i);
         }
         let group = std::mem::take(&mut self.bodies[i].group);
-        let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+        let mut start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let since = self.bodies[i].since;
         let h = T::constant(self.step_end) - since;
         let awake =
@@ -355,7 +355,8 @@ impl<'m, T: Scalar> Run<'m, T> {
         let mut change = None;
         if awake(self) && h.value() > 0.0 {
             let mut first = self.rates(&group, &start, &wrenches, true);
-            if self.wake(&group, &start, &wrenches) {
+            let settled = self.settle(&group, &mut start, &wrenches, &first);
+            if self.wake(&group, &start, &wrenches) || settled {
                 first = self.rates(&group, &start, &wrenches, true);
             }
             for (x, &j) in group.iter().enumerate() {
