@@ -200,13 +200,13 @@ impl<T: Scalar> Laws<T> {
         }
     }
 
-    /// Whether a body is slow and gets slower.
-    pub fn settles(&self, i: usize, k: &Kinematics<T>, r: &Rates<T>) -> bool {
+    /// When a body that is slow and gets slower will be at rest (s).
+    pub fn time_to_settle(&self, i: usize, k: &Kinematics<T>, r: &Rates<T>) -> Option<T> {
         let lever = self.shapes[i].unit_inertia();
-        let (k, spin, turn) = (k.value(), k.spin.value(), r.spin.value());
-        let squared = k.velocity.norm_squared() + lever * (spin * spin + k.roll.norm_squared());
-        let power = k.velocity.dot(r.velocity.value()) + lever * spin * turn;
-        squared < SETTLING_SPEED * SETTLING_SPEED && power < 0.0
+        let squared = k.velocity.norm_squared() + (k.spin * k.spin + k.roll.norm_squared()) * lever;
+        let power = k.velocity.dot(r.velocity) + (k.spin * r.spin + k.roll.dot(r.roll)) * lever;
+        let slow = squared.value() > 0.0 && squared.value() < SETTLING_SPEED * SETTLING_SPEED;
+        (slow && power.value() < 0.0).then(|| -(squared / power))
     }
 
     /// Accelerations under the wrench, dry friction resolved by mode.

@@ -125,7 +125,12 @@ impl<T: Scalar> Run<'_, T> {
         let mut settled = false;
         for (x, &j) in group.iter().enumerate() {
             let moves = matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll);
-            if moves && self.laws.settles(j, &k[x], &rates[x]) && self.laws.holds(j, &w[x]) {
+            let left = self.laws.time_to_settle(j, &k[x], &rates[x]).filter(|_| moves);
+            if let Some(left) = left.filter(|_| self.laws.holds(j, &w[x])) {
+                // The way that is left.
+                let from = &mut self.bodies[j].from;
+                from.position += from.velocity * (left * 0.5);
+                from.yaw += from.spin * left * 0.5;
                 self.rest(j);
                 self.note_stop(j, self.bodies[j].since.value());
                 k[x] = self.bodies[j].from;
