@@ -1,6 +1,7 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
 mod encounter;
+mod film;
 mod flight;
 mod footprint;
 mod geometry;
@@ -8,11 +9,13 @@ mod impact;
 mod intervene;
 mod model;
 mod motion;
+mod obstacle;
 mod preset;
 mod pressing;
 mod simulate;
 mod trace;
 
+pub use film::film;
 pub use intervene::{Intervention, InterventionError};
 pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, Start, Wall};
 pub use motion::Kinematics;
