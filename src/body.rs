@@ -88,11 +88,13 @@ pub struct ContactLaw<T> {
     pub restitution: T,
     /// Coulomb coefficient between the surfaces.
     pub friction: T,
+    /// How far above a ball's centre a wall touches it, in radii.
+    pub edge: T,
 }
 
 impl<T: Real> ContactLaw<T> {
     /// Plastic and frictionless: what happens where no effect says otherwise.
     pub fn plain() -> Self {
-        ContactLaw { restitution: T::zero(), friction: T::zero() }
+        ContactLaw { restitution: T::zero(), friction: T::zero(), edge: T::zero() }
     }
 }

@@ -1,6 +1,7 @@
 //! The laws of motion and contact: one file each, one line each in [`EFFECTS`].
 
 mod contact_friction;
+mod cushion;
 mod damping;
 mod friction_offset;
 mod gliding_friction;
@@ -9,8 +10,10 @@ mod quadratic_drag;
 mod restitution;
 mod rolling_resistance;
 mod sliding_friction;
+mod spin_friction;
 #[cfg(test)]
 mod tests;
+mod tilt;
 
 use crate::body::{Body, Contact, ContactLaw, Wrench};
 use crate::num::{Jet, Real, Vec2};
@@ -26,6 +29,9 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),
     EffectEntry::of::<restitution::Restitution>(),
     EffectEntry::of::<contact_friction::ContactFriction>(),
+    EffectEntry::of::<cushion::Cushion>(),
+    EffectEntry::of::<spin_friction::SpinFriction>(),
+    EffectEntry::of::<tilt::Tilt>(),
 ];
 
 /// The entry of that name.
@@ -36,6 +42,8 @@ pub fn effect(name: &str) -> Option<&'static EffectEntry> {
 /// A law: its spec and the hooks it has; a hook that is not overridden does nothing.
 pub trait Effect {
     const SPEC: EffectSpec;
+    /// How many of the first parameters are amplitudes: the law is linear in them near zero, and absent where all are zero.
+    const AMPLITUDES: usize = 1;
 
     /// Adds to the wrench on `body` at `time` (s). `p` holds the parameters as they apply to this body.
     fn force<T: Real>(_p: &[T], _time: T, _body: &Body<T>, _out: &mut Wrench<T>) {}
@@ -59,7 +67,7 @@ pub struct EffectSpec {
     pub source: &'static str,
     /// Which hooks are in use.
     pub hooks: &'static [Hook],
-    /// The first is the amplitude: zero means absent.
+    /// The first are the amplitudes ([`Effect::AMPLITUDES`]): zero means absent.
     pub params: &'static [ParamSpec],
 }
 
@@ -113,6 +121,8 @@ pub struct Hooks<T> {
 
 pub struct EffectEntry {
     pub spec: EffectSpec,
+    /// See [`Effect::AMPLITUDES`].
+    pub amplitudes: usize,
     real: Hooks<f64>,
     jet: Hooks<Jet>,
 }
@@ -121,6 +131,7 @@ impl EffectEntry {
     const fn of<E: Effect>() -> Self {
         EffectEntry {
             spec: E::SPEC,
+            amplitudes: E::AMPLITUDES,
             real: Hooks { force: E::force::<f64>, pair: E::pair::<f64>, contact: E::contact::<f64> },
             jet: Hooks { force: E::force::<Jet>, pair: E::pair::<Jet>, contact: E::contact::<Jet> },
         }

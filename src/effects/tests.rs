@@ -24,25 +24,33 @@ fn touching<T: Real>() -> Contact<T> {
     Contact { a: body(1.2), b: Some(b), normal, point: vec2(c(0.55), c(-0.5)), approach: c(1.1) }
 }
 
+fn at_a_wall<T: Real>() -> Contact<T> {
+    Contact { b: None, ..touching() }
+}
+
 /// Everything an effect gives, as one list of numbers.
 fn output<T: Scalar>(entry: &EffectEntry, p: &[T]) -> Vec<T> {
     let hooks = T::hooks(entry);
     let mut w = Wrench::zero();
     (hooks.force)(p, T::constant(0.7), &body(1.2), &mut w);
     let pair = (hooks.pair)(p, &body(1.2), &Body { position: vec2(T::zero(), T::zero()), ..body(0.3) });
-    let mut law = ContactLaw::plain();
-    (hooks.contact)(p, p, &touching(), &mut law);
     let Wrench { force, torque, grip, lever, skew, rolling, damping, pivot } = w;
     let mut all = vec![force.x, force.y, torque, grip, lever, skew, rolling, damping, pivot];
-    all.extend([pair.x, pair.y, law.restitution, law.friction]);
+    all.extend([pair.x, pair.y]);
+    for contact in [touching(), at_a_wall()] {
+        let mut law = ContactLaw::plain();
+        (hooks.contact)(p, p, &contact, &mut law);
+        all.extend([law.restitution, law.friction, law.edge]);
+    }
     all
 }
 
-/// Defaults, with the amplitude well inside its bounds.
+/// Defaults, with the amplitudes well inside their bounds.
 fn present(entry: &EffectEntry) -> Vec<f64> {
     let mut p: Vec<f64> = entry.spec.params.iter().map(|q| q.default).collect();
-    let first = &entry.spec.params[0];
-    p[0] = first.default + 0.3 * (first.max.min(first.default + 1.0) - first.default);
+    for (value, q) in p.iter_mut().zip(entry.spec.params).take(entry.amplitudes) {
+        *value = q.default + 0.3 * (q.max.min(q.default + 1.0) - q.default);
+    }
     p
 }
 
@@ -99,6 +107,6 @@ fn hooks_that_are_not_declared_do_nothing() {
         let acts = |range: std::ops::Range<usize>| all[range].iter().any(|v| *v != 0.0);
         assert!(entry.uses(Hook::Force) || !acts(0..9), "{}", entry.spec.name);
         assert!(entry.uses(Hook::Pair) || !acts(9..11), "{}", entry.spec.name);
-        assert!(entry.uses(Hook::Contact) || !acts(11..13), "{}", entry.spec.name);
+        assert!(entry.uses(Hook::Contact) || !acts(11..17), "{}", entry.spec.name);
     }
 }

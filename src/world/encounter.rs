@@ -1,7 +1,9 @@
 //! Encounters: which pairs meet when, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{APPROACH, Path, Side, facing, point_velocity, resolve, time_of_impact};
+use super::impact::{
+    APPROACH, Path, Side, against_edge, facing, point_velocity, resolve, time_of_impact,
+};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::simulate::{ContactEffect, Few, Moving, Run};
@@ -254,7 +256,10 @@ impl<T: Scalar> Run<'_, T> {
         }
         let mut side_a = self.side(a);
         let mut side_b = self.side(b);
-        let impulse = resolve(&mut side_a, &mut side_b, near, &law);
+        let impulse = match side_a.ball {
+            Some(radius) if contact.b.is_none() => against_edge(&mut side_a, radius, near, &law),
+            _ => resolve(&mut side_a, &mut side_b, near, &law),
+        };
         for (i, side) in [(a, side_a), (b, side_b)] {
             if i < self.bodies.len() {
                 self.bodies[i].from = side.kinematics;

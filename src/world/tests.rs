@@ -21,7 +21,7 @@ fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
         active
     });
     let effects = active.collect();
-    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5 }
+    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5, spin_sd: 0.0 }
 }
 
 fn seconds(n: usize) -> Vec<f64> {
