@@ -90,11 +90,14 @@ pub struct ContactLaw<T> {
     pub friction: T,
     /// How far above a ball's centre a wall touches it, in radii.
     pub edge: T,
+    /// Share of a ball's slip that a wall's shear reverses where friction holds.
+    pub shear: T,
 }
 
 impl<T: Real> ContactLaw<T> {
     /// Plastic and frictionless: what happens where no effect says otherwise.
     pub fn plain() -> Self {
-        ContactLaw { restitution: T::zero(), friction: T::zero(), edge: T::zero() }
+        let zero = T::zero();
+        ContactLaw { restitution: zero, friction: zero, edge: zero, shear: zero }
     }
 }

@@ -9,8 +9,8 @@ pub struct Cushion;
 impl Effect for Cushion {
     const SPEC: EffectSpec = EffectSpec {
         name: "cushion",
-        doc: "A wall's edge touches a ball above its centre: restitution along the leaning normal, Coulomb friction against the slip of the whole spin.",
-        source: "Han, J. Mech. Sci. Technol. 19 (2005) 976; Mathavan, Jackson and Parkin, Proc. IMechE C 224 (2010) 1863",
+        doc: "A wall's edge touches a ball above its centre: restitution along the leaning normal, Coulomb friction against the slip of the whole spin, which the rubber's shear can reverse.",
+        source: "Han, J. Mech. Sci. Technol. 19 (2005) 976; Mathavan, Jackson and Parkin, Proc. IMechE C 224 (2010) 1863; Cross, Am. J. Phys. 70 (2002) 1093",
         hooks: &[Hook::Contact],
         params: &[
             ParamSpec {
@@ -20,7 +20,7 @@ impl Effect for Cushion {
                 min: 0.0,
                 max: 1.0,
                 scope: Scope::Setup,
-                doc: "separation over approach speed",
+                doc: "separation over approach speed along the leaning normal",
             },
             ParamSpec {
                 name: "mu",
@@ -36,9 +36,18 @@ impl Effect for Cushion {
                 unit: "1",
                 default: 0.0,
                 min: 0.0,
-                max: 0.8,
+                max: 0.6,
                 scope: Scope::Setup,
                 doc: "height of the edge over the ball's centre, in radii",
+            },
+            ParamSpec {
+                name: "tangential_restitution",
+                unit: "1",
+                default: 0.0,
+                min: 0.0,
+                max: 1.0,
+                scope: Scope::Setup,
+                doc: "share of the slip that comes back reversed where friction holds",
             },
         ],
     };
@@ -48,6 +57,7 @@ impl Effect for Cushion {
             out.restitution = (out.restitution + pa[0]).min(T::constant(1.0));
             out.friction += pa[1];
             out.edge += pa[2];
+            out.shear += pa[3];
         }
     }
 }

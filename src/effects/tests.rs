@@ -40,7 +40,7 @@ fn output<T: Scalar>(entry: &EffectEntry, p: &[T]) -> Vec<T> {
     for contact in [touching(), at_a_wall()] {
         let mut law = ContactLaw::plain();
         (hooks.contact)(p, p, &contact, &mut law);
-        all.extend([law.restitution, law.friction, law.edge]);
+        all.extend([law.restitution, law.friction, law.edge, law.shear]);
     }
     all
 }
@@ -107,6 +107,6 @@ fn hooks_that_are_not_declared_do_nothing() {
         let acts = |range: std::ops::Range<usize>| all[range].iter().any(|v| *v != 0.0);
         assert!(entry.uses(Hook::Force) || !acts(0..9), "{}", entry.spec.name);
         assert!(entry.uses(Hook::Pair) || !acts(9..11), "{}", entry.spec.name);
-        assert!(entry.uses(Hook::Contact) || !acts(11..17), "{}", entry.spec.name);
+        assert!(entry.uses(Hook::Contact) || !acts(11..19), "{}", entry.spec.name);
     }
 }

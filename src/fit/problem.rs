@@ -4,7 +4,9 @@ use super::noise::{Noise, wrapped};
 use crate::effects::{Scope, effect};
 use crate::num::{Jet, LANES, Real};
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, SPINS, simulate};
+use crate::world::{
+    BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, SPINS, simulate,
+};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;

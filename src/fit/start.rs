@@ -1,6 +1,6 @@
 //! Start values: what a line through the first frames of each track says, and other spins that a ball may have.
 
-use super::noise::Noise;
+use super::noise::{Noise, wrapped};
 use super::problem::Problem;
 use crate::num::{Vec2, vec2};
 use crate::scene::{Sample, Scene, Track};
@@ -15,9 +15,9 @@ const BENT: f64 = 4.0;
 const REST_DEVIATIONS: f64 = 3.5;
 /// Effects that can hold a body at rest.
 const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
-/// Other spins to start from: the roll as a share of rolling, and the spin about z in prior deviations (stun, draw,
-/// either side).
-const OTHER_SPINS: [(f64, f64); 4] = [(0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5)];
+/// Other spins to start from: the roll as a share of rolling, and the spin about z in prior deviations (plain rolling,
+/// stun, draw, either side).
+const OTHER_SPINS: [(f64, f64); 5] = [(1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5)];
 
 /// Puts each body of the model where its track begins, with the velocity of its first frames. A body that does
 /// not move there is at rest: friction holds it, and its velocity is no parameter.
@@ -42,8 +42,10 @@ pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
             state.spin = if moves && !body.shape.is_ball() { spin.x } else { 0.0 };
         }
         if body.shape.is_ball() && moves && model.spin_sd > 0.0 {
-            // It begins to roll, but its spin is a parameter of its own.
+            // It begins to roll, but its spin is a parameter of its own. What a tracker calls the yaw of a ball is too
+            // uncertain to be fitted; it tells where to start.
             state.roll = state.velocity.perp().scaled(1.0 / body.shape.bounding_radius());
+            state.spin = turn_rate(scene, begin).unwrap_or(0.0);
             body.start.rolling = false;
         }
     }
@@ -57,7 +59,8 @@ pub(super) fn other_spins(problem: &Problem) -> Vec<Vec<f64>> {
     for part in &problem.parts {
         let free = |slot: usize| part.slots.iter().find(|s| s.0 == slot).map(|s| s.1);
         for (b, body) in part.model.bodies.iter().enumerate().filter(|(_, b)| b.shape.is_ball()) {
-            let [Some(spin), Some(x), Some(y)] = SPINS.map(|k| free(b * width + k)).collect::<Vec<_>>()[..] else {
+            let [Some(spin), Some(x), Some(y)] = SPINS.map(|k| free(b * width + k)).collect::<Vec<_>>()[..]
+            else {
                 continue;
             };
             let side = part.model.spin_sd / body.shape.bounding_radius();
@@ -87,6 +90,16 @@ fn straight<'a>(scene: &Scene, track: &'a Track, sigma: f64) -> &'a [Sample] {
         begin = &begin[..begin.len() - 1];
     }
     begin
+}
+
+/// Mean turn rate (rad/s) over samples that follow each other, each turn taken the short way.
+fn turn_rate(scene: &Scene, samples: &[Sample]) -> Option<f64> {
+    let turn = |w: &[Sample]| {
+        Some((wrapped(w[1].yaw? - w[0].yaw?), scene.time_of(w[1].frame) - scene.time_of(w[0].frame)))
+    };
+    let turns = samples.windows(2).filter_map(turn);
+    let (angle, time) = turns.fold((0.0, 0.0), |sum, t| (sum.0 + t.0, sum.1 + t.1));
+    (time > 0.0).then(|| angle / time)
 }
 
 fn mean(samples: &[Sample]) -> Vec2 {

@@ -1,9 +1,7 @@
 //! Encounters: which pairs meet when, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{
-    APPROACH, Path, Side, against_edge, facing, point_velocity, resolve, time_of_impact,
-};
+use super::impact::{APPROACH, Path, Side, against_edge, facing, point_velocity, resolve, time_of_impact};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::simulate::{ContactEffect, Few, Moving, Run};

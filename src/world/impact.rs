@@ -262,7 +262,10 @@ pub(super) fn resolve<T: Real>(
         if slip.value() > 1e-12 {
             let (st, sz) = (slip_t / slip, slip_z / slip);
             let (along, coupling) = (st * st * ktt + sz * sz * kzz, st * knt);
-            let mu = law.friction.min(tangential_ratio(approach, slip, kick, knn, coupling, along));
+            // Friction ends where the slip does, and never so large that the contact would add energy.
+            let stick = (slip * knn + coupling * kick) / (along * kick + slip * coupling);
+            let mu = law.friction.min(stick.max(T::zero()));
+            let mu = mu.min(passive(approach, slip, kick, knn, coupling, along));
             normal = kick / (knn - mu * st * knt);
             tangential = -(mu * normal * st);
             vertical = -(mu * normal * sz);
@@ -284,8 +287,8 @@ pub(super) fn resolve<T: Real>(
 /// A ball against the edge of a wall, and the normal impulse (N s).
 ///
 /// The edge touches the ball `law.edge` radii above its centre, so the common normal leans by the arc sine of that and
-/// friction turns the ball about all three axes (Han, 2005). The ground keeps the ball from going down and gives no
-/// friction of its own meanwhile; the slip keeps its first direction (both simpler than Mathavan et al., 2010).
+/// friction turns the ball about all three axes (Han, 2005). The edge's rubber shears: where friction holds the touching
+/// point, the slip comes back reversed, `law.shear` of it (Cross, 2002). The ground takes the vertical part.
 pub(super) fn against_edge<T: Real>(
     ball: &mut Side<T>,
     radius: f64,
@@ -297,36 +300,25 @@ pub(super) fn against_edge<T: Real>(
     let sine = law.edge;
     let cosine = (-(sine * sine) + 1.0).sqrt();
     let k = &mut ball.kinematics;
-    let arm = ball.inverse_inertia * radius;
-    let approach = cosine * n.dot(k.velocity);
-    let kick = (law.restitution + 1.0) * approach;
-    let knn = cosine * cosine * ball.inverse_mass;
-    let mut normal = kick / knn;
-    let (mut along_t, mut along_u) = (T::zero(), T::zero());
+    let approach = n.dot(k.velocity);
+    // Never so little that the ball still approaches.
+    let kick = ((law.restitution + 1.0) * approach * cosine).max(approach / cosine);
+    let normal = kick / ball.inverse_mass;
     // Slip of the ball's point along the edge, and up the tangent u = z^ cos - n sin of the leaning plane.
     let slip_t = t.dot(k.velocity) + (cosine * k.spin - sine * n.dot(k.roll)) * radius;
-    let slip_u = -(sine * n.dot(k.velocity)) - t.dot(k.roll) * radius;
+    let slip_u = -(sine * approach) - t.dot(k.roll) * radius;
     let slip = (slip_t * slip_t + slip_u * slip_u).sqrt_or_zero();
-    // At friction zero only its derivative matters.
-    if slip.value() > 1e-12 && (law.friction.value() > 0.0 || T::DIFFERENTIATES) {
-        let (st, su) = (slip_t / slip, slip_u / slip);
-        let along = ball.inverse_mass * (st * st + su * su * sine * sine) + arm * radius;
-        let coupling = su * sine * cosine * ball.inverse_mass;
-        let mu = law.friction.min(tangential_ratio(approach, slip, kick, knn, coupling, along));
-        normal = kick / (knn - mu * coupling);
-        (along_t, along_u) = (-(mu * normal * st), -(mu * normal * su));
+    let (mut along_t, mut along_u) = (T::zero(), T::zero());
+    let arm = ball.inverse_inertia * radius;
+    if slip.value() > 1e-12 {
+        let held = slip * (law.shear + 1.0) / (ball.inverse_mass + arm * radius);
+        let share = (law.friction * normal).min(held) / slip;
+        (along_t, along_u) = (-(slip_t * share), -(slip_u * share));
     }
     k.velocity += (t * along_t - n * (normal * cosine + along_u * sine)) * ball.inverse_mass;
     k.spin += along_t * cosine * arm;
     k.roll -= (n * (along_t * sine) + t * along_u) * arm;
     normal
-}
-
-/// Ratio of tangential to normal impulse that friction reaches at most: it ends where the slip does, and never is so
-/// large that the contact would add energy.
-fn tangential_ratio<T: Real>(approach: T, slip: T, kick: T, knn: T, coupling: T, along: T) -> T {
-    let stick = (slip * knn + coupling * kick) / (along * kick + slip * coupling);
-    stick.max(T::zero()).min(passive(approach, slip, kick, knn, coupling, along))
 }
 
 /// Largest ratio of tangential to normal impulse at which the impulse does no work on the bodies:

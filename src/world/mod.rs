@@ -14,7 +14,9 @@ mod simulate;
 mod trace;
 
 pub use intervene::{Intervention, InterventionError};
-pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall};
+pub use model::{
+    ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall,
+};
 pub use motion::Kinematics;
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Limits, Rollout, simulate, trace};

@@ -143,8 +143,9 @@ pub static PRESETS: &[Preset] = &[
     // Published values: cloth 0.15 to 0.4 sliding and 0.005 to 0.015 rolling, spin that falls by 5 to 15 rad/s^2, balls
     // 0.92 to 0.98 restitution and 0.03 to 0.08 friction, rails 0.6 to 0.9 (Alciatore, Illustrated Principles of Pool,
     // and his table of physical properties; Marlow, 1995); an edge's own restitution up to 0.98 and friction 0.14
-    // (Mathavan et al., 2010); its height 0.27 radii over the centre by the rules of pool, 0.4 in snooker. A cue gives a
-    // surface speed of at most 5/4 of the ball's (contact half a radius off the centre).
+    // (Mathavan et al., 2010); its height 0.27 radii over the centre by the rules of pool, 0.4 in snooker; rubber gives
+    // back 0.2 to 0.8 of a slip that it holds (Cross, 2002). A cue gives a surface speed of at most 5/4 of the ball's
+    // (contact half a radius off the centre).
     Preset {
         name: "billiards",
         doc: "Balls on cloth between cushions, struck with any spin.",
@@ -163,6 +164,7 @@ pub static PRESETS: &[Preset] = &[
                     set("restitution", 0.8, 0.15, Scope::Setup),
                     set("mu", 0.2, 0.1, Scope::Setup),
                     set("height", 0.3, 0.1, Scope::Setup),
+                    set("tangential_restitution", 0.5, 0.25, Scope::Setup),
                 ],
             ),
         ],
