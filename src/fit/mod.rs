@@ -137,16 +137,23 @@ fn gauss_newton(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> 
             best = grown;
         }
     }
-    for start in start::other_spins(problem) {
-        if worst_chi_square(problem, &best.point, frames) <= GOOD {
-            break;
+    for other in start::other_spins(problem, &best.point) {
+        // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
+        for whole in [true, false] {
+            if worst_chi_square(problem, &best.point, frames) <= GOOD {
+                return Ok(best);
+            }
+            let tried = if whole {
+                minimise(problem, &other, frames, budget, stop)?
+            } else {
+                grow(problem, other.clone(), frames, budget, stop)?
+            };
+            let iterations = best.iterations + tried.iterations;
+            if tried.cost < best.cost {
+                best = tried;
+            }
+            best.iterations = iterations;
         }
-        let other = grow(problem, start, frames, budget, stop)?;
-        let iterations = best.iterations + other.iterations;
-        if other.cost < best.cost {
-            best = other;
-        }
-        best.iterations = iterations;
     }
     Ok(best)
 }

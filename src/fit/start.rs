@@ -4,7 +4,7 @@ use super::noise::{Noise, wrapped};
 use super::problem::Problem;
 use crate::num::{Vec2, vec2};
 use crate::scene::{Sample, Scene, Track};
-use crate::world::{BODY_VALUES, Model, SPINS};
+use crate::world::{BODY_VALUES, Model};
 
 /// Most and fewest samples of a track that the first line goes through.
 const FIRST: usize = 10;
@@ -16,8 +16,9 @@ const REST_DEVIATIONS: f64 = 3.5;
 /// Effects that can hold a body at rest.
 const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
 /// Other spins to start from: the roll as a share of rolling, and the spin about z in prior deviations (plain rolling,
-/// stun, draw, either side).
-const OTHER_SPINS: [(f64, f64); 5] = [(1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5)];
+/// stun, draw, either side; much and less, as a spin that friction ends before it matters has no gradient).
+const OTHER_SPINS: [(f64, f64); 7] =
+    [(1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -1.0)];
 
 /// Puts each body of the model where its track begins, with the velocity of its first frames. A body that does
 /// not move there is at rest: friction holds it, and its velocity is no parameter.
@@ -51,29 +52,28 @@ pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
     }
 }
 
-/// Starts of the search with other spins of the balls whose spins are free, one ball at a time.
-pub(super) fn other_spins(problem: &Problem) -> Vec<Vec<f64>> {
-    let start = problem.start();
-    let mut starts = vec![];
+/// Points of the search that differ from this one in the spin of one ball whose spin is free.
+pub(super) fn other_spins(problem: &Problem, point: &[f64]) -> Vec<Vec<f64>> {
+    let mut others = vec![];
     let width = BODY_VALUES.len();
     for part in &problem.parts {
         let free = |slot: usize| part.slots.iter().find(|s| s.0 == slot).map(|s| s.1);
         for (b, body) in part.model.bodies.iter().enumerate().filter(|(_, b)| b.shape.is_ball()) {
-            let [Some(spin), Some(x), Some(y)] = SPINS.map(|k| free(b * width + k)).collect::<Vec<_>>()[..]
-            else {
+            let of = |value: usize| free(b * width + value);
+            let [Some(vx), Some(vy), Some(spin), Some(x), Some(y)] = [3, 4, 5, 6, 7].map(of) else {
                 continue;
             };
-            let side = part.model.spin_sd / body.shape.bounding_radius();
-            for (share, turn) in OTHER_SPINS {
-                let mut other = start.clone();
-                other[spin] = turn * side;
-                other[x] *= share;
-                other[y] *= share;
-                starts.push(other);
+            let radius = body.shape.bounding_radius();
+            let rolling = vec2(point[vx], point[vy]).perp().scaled(1.0 / radius);
+            for (share, side) in OTHER_SPINS {
+                let mut other = point.to_vec();
+                other[spin] = side * part.model.spin_sd / radius;
+                (other[x], other[y]) = (share * rolling.x, share * rolling.y);
+                others.push(other);
             }
         }
     }
-    starts
+    others
 }
 
 /// The first samples of a track, as many as a line describes.
