@@ -98,6 +98,10 @@ pub struct ContactLaw<T> {
     pub damping: T,
     /// Share of the blow that is given: below 1 the contact is with something that may not be there.
     pub presence: T,
+    /// How far above a ball's centre a wall touches it, in radii.
+    pub edge: T,
+    /// Share of a ball's slip that a wall's shear reverses where friction holds.
+    pub shear: T,
 }
 
 impl<T: Real> ContactLaw<T> {
@@ -111,6 +115,8 @@ impl<T: Real> ContactLaw<T> {
             softness: zero,
             damping: zero,
             presence: T::constant(1.0),
+            edge: zero,
+            shear: zero,
         }
     }
 }

@@ -23,7 +23,9 @@ impl Effect for ContactFriction {
         }],
     };
 
-    fn contact<T: Real>(pa: &[T], _pb: &[T], _contact: &Contact<T>, out: &mut ContactLaw<T>) {
-        out.friction += pa[0];
+    fn contact<T: Real>(pa: &[T], _pb: &[T], contact: &Contact<T>, out: &mut ContactLaw<T>) {
+        if contact.b.is_some() {
+            out.friction += pa[0];
+        }
     }
 }

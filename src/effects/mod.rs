@@ -4,6 +4,7 @@ mod attractor_inverse_square;
 mod attractor_spring;
 mod contact_friction;
 mod coriolis;
+mod cushion;
 mod damping;
 mod frame_rate;
 mod friction_offset;
@@ -26,8 +27,10 @@ mod seed;
 mod sliding_friction;
 mod soft_contact;
 mod speed_dependent_restitution;
+mod spin_friction;
 #[cfg(test)]
 mod tests;
+mod tilt;
 mod tilted_camera;
 mod time_periodic;
 mod uniform_force;
@@ -52,6 +55,9 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),
     EffectEntry::of::<restitution::Restitution>(),
     EffectEntry::of::<contact_friction::ContactFriction>(),
+    EffectEntry::of::<cushion::Cushion>(),
+    EffectEntry::of::<spin_friction::SpinFriction>(),
+    EffectEntry::of::<tilt::Tilt>(),
     EffectEntry::of::<uniform_force::UniformForce>(),
     EffectEntry::of::<attractor_spring::AttractorSpring>(),
     EffectEntry::of::<attractor_inverse_square::AttractorInverseSquare>(),

@@ -1,4 +1,4 @@
-//! Restitution: how much of the approach speed comes back at a contact.
+//! Restitution: how much of the approach speed comes back when two objects meet.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
 use crate::body::{Contact, ContactLaw};
@@ -43,7 +43,9 @@ impl Effect for Restitution {
         ],
     };
 
-    fn contact<T: Real>(pa: &[T], pb: &[T], _contact: &Contact<T>, out: &mut ContactLaw<T>) {
-        out.restitution = (pa[0] * pa[1] * pb[1] * pa[2]).min(T::constant(1.0));
+    fn contact<T: Real>(pa: &[T], pb: &[T], contact: &Contact<T>, out: &mut ContactLaw<T>) {
+        if contact.b.is_some() {
+            out.restitution = (pa[0] * pa[1] * pb[1] * pa[2]).min(T::constant(1.0));
+        }
     }
 }

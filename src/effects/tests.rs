@@ -42,15 +42,20 @@ fn pair<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
     vec![f.x, f.y]
 }
 
+/// Laws of a contact with another body, and with a wall.
 fn contact<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
-    let (a, b) = (body(s), body(&constants(OTHER)));
+    let (a, other) = (body(s), body(&constants(OTHER)));
     let normal = vec2(T::constant(0.6), T::constant(0.8));
-    let approach = normal.dot(a.velocity - b.velocity);
-    let point = (a.position + b.position).scaled(0.5);
-    let mut law = ContactLaw::plain();
-    (T::hooks(entry).contact)(p, p, &Contact { a, b: Some(b), normal, point, approach }, &mut law);
-    let ContactLaw { restitution, friction, fading, softness, damping, presence, .. } = law;
-    vec![restitution, friction, fading, softness, damping, presence - 1.0]
+    let approach = normal.dot(a.velocity - other.velocity);
+    let point = (a.position + other.position).scaled(0.5);
+    let mut all = vec![];
+    for b in [Some(other), None] {
+        let mut law = ContactLaw::plain();
+        (T::hooks(entry).contact)(p, p, &Contact { a, b, normal, point, approach }, &mut law);
+        let ContactLaw { restitution, friction, fading, softness, damping, presence, edge, shear } = law;
+        all.extend([restitution, friction, fading, softness, damping, presence - 1.0, edge, shear]);
+    }
+    all
 }
 
 /// An obstacle that is absent, with its derivatives, is nothing.

@@ -131,10 +131,28 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
 fn gauss_newton(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> Result<Solution, FitError> {
     let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
     if worst_chi_square(problem, &best.point, frames) > GOOD {
-        let mut grown = grow(problem, frames, budget, stop)?;
+        let mut grown = grow(problem, problem.start(), frames, budget, stop)?;
         grown.iterations += best.iterations;
         if grown.cost < best.cost {
             best = grown;
+        }
+    }
+    for other in start::other_spins(problem, &best.point) {
+        // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
+        for whole in [true, false] {
+            if worst_chi_square(problem, &best.point, frames) <= GOOD {
+                return Ok(best);
+            }
+            let tried = if whole {
+                minimise(problem, &other, frames, budget, stop)?
+            } else {
+                grow(problem, other.clone(), frames, budget, stop)?
+            };
+            let iterations = best.iterations + tried.iterations;
+            if tried.cost < best.cost {
+                best = tried;
+            }
+            best.iterations = iterations;
         }
     }
     Ok(best)
@@ -163,8 +181,14 @@ fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
 
 /// Fits from the first frames on, taking in more as far as the model follows: no contact is passed before the
 /// motion up to it is right.
-fn grow(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> Result<Solution, FitError> {
-    let mut point = problem.start();
+fn grow(
+    problem: &Problem,
+    start: Vec<f64>,
+    frames: usize,
+    budget: usize,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let mut point = start;
     let mut window = LOOK_AHEAD.max(10).min(frames);
     let mut iterations = 0;
     loop {

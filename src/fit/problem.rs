@@ -4,7 +4,9 @@ use super::noise::{Noise, wrapped};
 use crate::effects::{Scope, effect};
 use crate::num::{Jet, LANES, Real};
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, film};
+use crate::world::{
+    BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, SPINS, film,
+};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
@@ -66,13 +68,17 @@ impl<'a> Problem<'a> {
             for (b, (body, object)) in model.bodies.iter().zip(&scene.objects).enumerate() {
                 let moves = body.start.state.velocity.norm() > 0.0 || body.start.state.spin != 0.0;
                 let yaw = scene.tracks[b].samples.iter().any(|s| s.yaw.is_some());
+                let ball = body.shape.is_ball();
+                let spun = moves && ball && model.spin_sd > 0.0;
                 let wanted = [
                     (0, "m", true),
                     (1, "m", true),
-                    (2, "rad", if body.shape.is_round() { yaw && !body.shape.is_ball() } else { true }),
+                    (2, "rad", if body.shape.is_round() { yaw && !ball } else { true }),
                     (3, "m/s", moves),
                     (4, "m/s", moves),
-                    (5, "rad/s", moves && !body.shape.is_ball()),
+                    (5, "rad/s", spun || (moves && !ball)),
+                    (6, "rad/s", spun),
+                    (7, "rad/s", spun),
                 ];
                 let start = [
                     body.start.state.position.x,
@@ -81,9 +87,12 @@ impl<'a> Problem<'a> {
                     body.start.state.velocity.x,
                     body.start.state.velocity.y,
                     body.start.state.spin,
+                    body.start.state.roll.x,
+                    body.start.state.roll.y,
                 ];
                 // Wide, so that a direction without data (the yaw of a square that nobody measured) stays finite.
-                let wide = [100.0 * noise.position, 100.0 * noise.position, 1.0, 10.0, 10.0, 3.0];
+                let wide = [100.0 * noise.position, 100.0 * noise.position, 1.0, 10.0, 10.0, 3.0, 3.0, 3.0];
+                let spin_sd = model.spin_sd / body.shape.bounding_radius();
                 for (value, unit, free_here) in wanted {
                     if free_here {
                         slots.push((b * width + value, free.len()));
@@ -95,7 +104,7 @@ impl<'a> Problem<'a> {
                             min: f64::NEG_INFINITY,
                             max: f64::INFINITY,
                             mean: if value == 5 { 0.0 } else { start[value] },
-                            sd: wide[value],
+                            sd: if spun && SPINS.contains(&value) { spin_sd } else { wide[value] },
                         });
                     }
                 }

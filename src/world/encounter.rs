@@ -1,7 +1,9 @@
 //! Encounters: which pairs meet when, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{APPROACH, Path, Side, effective_mass, facing, point_velocity, resolve, time_of_impact};
+use super::impact::{
+    APPROACH, Path, Side, against_edge, effective_mass, facing, point_velocity, resolve, time_of_impact,
+};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::simulate::{Blow, ContactEffect, Few, Moving, Run};
@@ -361,7 +363,10 @@ impl<T: Scalar> Run<'_, T> {
         law.restitution = self.restitution(&law, a, b, near, approach);
         let mut side_a = self.side(a);
         let mut side_b = self.side(b);
-        let impulse = resolve(&mut side_a, &mut side_b, near, &law);
+        let impulse = match side_a.ball {
+            Some(radius) if b >= self.bodies.len() => against_edge(&mut side_a, radius, near, &law),
+            _ => resolve(&mut side_a, &mut side_b, near, &law),
+        };
         let there = law.presence.value() > 0.0;
         for (i, side) in [(a, side_a), (b, side_b)] {
             if i < self.bodies.len() {

@@ -315,6 +315,43 @@ pub(super) fn resolve<T: Real>(
     normal
 }
 
+/// A ball against the edge of a wall, and the normal impulse (N s).
+///
+/// The edge touches the ball `law.edge` radii above its centre, so the common normal leans by the arc sine of that and
+/// friction turns the ball about all three axes (Han, 2005). The edge's rubber shears: where friction holds the touching
+/// point, the slip comes back reversed, `law.shear` of it (Cross, 2002). The ground takes the vertical part.
+pub(super) fn against_edge<T: Real>(
+    ball: &mut Side<T>,
+    radius: f64,
+    near: &Proximity<T>,
+    law: &ContactLaw<T>,
+) -> T {
+    let n = near.normal;
+    let t = n.perp();
+    let sine = law.edge;
+    let cosine = (-(sine * sine) + 1.0).sqrt();
+    let k = &mut ball.kinematics;
+    let approach = n.dot(k.velocity);
+    // Never so little that the ball still approaches.
+    let kick = ((law.restitution + 1.0) * approach * cosine).max(approach / cosine);
+    let normal = kick / ball.inverse_mass;
+    // Slip of the ball's point along the edge, and up the tangent u = z^ cos - n sin of the leaning plane.
+    let slip_t = t.dot(k.velocity) + (cosine * k.spin - sine * n.dot(k.roll)) * radius;
+    let slip_u = -(sine * approach) - t.dot(k.roll) * radius;
+    let slip = (slip_t * slip_t + slip_u * slip_u).sqrt_or_zero();
+    let (mut along_t, mut along_u) = (T::zero(), T::zero());
+    let arm = ball.inverse_inertia * radius;
+    if slip.value() > 1e-12 {
+        let held = slip * (law.shear + 1.0) / (ball.inverse_mass + arm * radius);
+        let share = (law.friction * normal).min(held) / slip;
+        (along_t, along_u) = (-(slip_t * share), -(slip_u * share));
+    }
+    k.velocity += (t * along_t - n * (normal * cosine + along_u * sine)) * ball.inverse_mass;
+    k.spin += along_t * cosine * arm;
+    k.roll -= (n * (along_t * sine) + t * along_u) * arm;
+    normal
+}
+
 /// Largest ratio of tangential to normal impulse at which the impulse does no work on the bodies:
 /// first positive root of `kick/2 (knn - 2 mu c + mu^2 k) = (approach + mu slip) (knn - mu c)`.
 fn passive<T: Real>(approach: T, slip: T, kick: T, knn: T, coupling: T, along: T) -> T {

@@ -17,7 +17,9 @@ mod trace;
 
 pub use film::film;
 pub use intervene::{Intervention, InterventionError};
-pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, Start, Wall};
+pub use model::{
+    ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall,
+};
 pub use motion::Kinematics;
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Limits, Rollout, simulate, trace};

@@ -16,6 +16,10 @@ pub struct Model {
     pub effects: Vec<ActiveEffect>,
     /// Prior standard deviation of the logarithm of a mass that is not given.
     pub mass_sd: f64,
+    /// Prior standard deviation of the spin with which a moving ball begins, about each axis and as the speed of its
+    /// surface (m/s); 0: balls begin as their `Start` says.
+    #[serde(default)]
+    pub spin_sd: f64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -87,6 +91,9 @@ pub enum Owner {
 
 /// Numbers that describe one body in [`Model::flatten`], in this order.
 pub const BODY_VALUES: [&str; 9] = ["x", "y", "yaw", "vx", "vy", "spin", "roll_x", "roll_y", "mass"];
+
+/// Indices of the spin vector among [`BODY_VALUES`].
+pub const SPINS: std::ops::RangeInclusive<usize> = 5..=7;
 
 /// Index of the mass among [`BODY_VALUES`].
 pub const MASS: usize = 8;

@@ -15,6 +15,8 @@ pub struct Preset {
     pub balls_roll: bool,
     /// Prior standard deviation of a log mass that the scene does not give.
     pub mass_sd: f64,
+    /// See [`Model::spin_sd`].
+    pub spin_sd: f64,
     pub effects: &'static [PresetEffect],
 }
 
@@ -23,6 +25,8 @@ pub struct PresetEffect {
     pub name: &'static str,
     /// Parameters that differ from the effect's spec.
     pub params: &'static [PresetParam],
+    /// Whether it is left out where there are no walls.
+    pub at_walls: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +55,11 @@ const fn set_by(
 }
 
 const fn with(name: &'static str, params: &'static [PresetParam]) -> PresetEffect {
-    PresetEffect { name, params }
+    PresetEffect { name, params, at_walls: false }
+}
+
+const fn at_walls(name: &'static str, params: &'static [PresetParam]) -> PresetEffect {
+    PresetEffect { name, params, at_walls: true }
 }
 
 /// Every preset there is.
@@ -61,6 +69,7 @@ pub static PRESETS: &[Preset] = &[
         doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
         balls_roll: true,
         mass_sd: 0.4,
+        spin_sd: 0.0,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
             with(
@@ -86,6 +95,7 @@ pub static PRESETS: &[Preset] = &[
         doc: "The published equations: sliding or rolling friction, quadratic drag, product law of restitution.",
         balls_roll: false,
         mass_sd: 1.0,
+        spin_sd: 0.0,
         effects: &[
             with(
                 "gliding_friction",
@@ -103,36 +113,60 @@ pub static PRESETS: &[Preset] = &[
     },
     Preset {
         name: "table",
-        doc: "Friction and restitution, balls roll; nothing else.",
+        doc: "Friction and restitution, balls roll; cushions where the scene has a table.",
         balls_roll: true,
         mass_sd: 0.5,
+        spin_sd: 0.0,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
             with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+            at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
     },
+    // An air film brakes at 0.01 to 0.1 1/s, the spin as much as the speed (a disc under uniform shear), each puck by its
+    // own weight and gap; a table levelled with a spirit level is off by 1 mm/m, 0.01 m/s^2; plastics rebound with 0.3
+    // to 0.9 and rub with 0.1 to 0.3 (Bowden and Tabor, The Friction and Lubrication of Solids, part II).
     Preset {
         name: "air_table",
-        doc: "Pucks on an air cushion: weak linear drag, restitution by pair.",
+        doc: "Pucks on an air cushion: weak drag, a table not quite level, restitution by pair, friction at contacts.",
         balls_roll: false,
         mass_sd: 0.5,
+        spin_sd: 0.0,
         effects: &[
-            with("linear_drag", &[set("c", 0.03, 0.03, Scope::Setup)]),
+            with("damping", &[set("linear", 0.03, 0.03, Scope::Object)]),
+            with("tilt", &[set("a_x", 0.0, 0.01, Scope::Setup), set("a_y", 0.0, 0.01, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Pair)]),
-            with("contact_friction", &[set("mu", 0.1, 0.1, Scope::Setup)]),
+            with("contact_friction", &[set("mu", 0.2, 0.1, Scope::Setup)]),
         ],
     },
+    // Published values: cloth 0.15 to 0.4 sliding and 0.005 to 0.015 rolling, spin that falls by 5 to 15 rad/s^2, balls
+    // 0.92 to 0.98 restitution and 0.03 to 0.08 friction, rails 0.6 to 0.9 (Alciatore, Illustrated Principles of Pool,
+    // and his table of physical properties; Marlow, 1995); an edge's own restitution up to 0.98 and friction 0.14
+    // (Mathavan et al., 2010); its height 0.27 radii over the centre by the rules of pool, 0.4 in snooker; rubber gives
+    // back 0.2 to 0.8 of a slip that it holds (Cross, 2002). A cue gives a surface speed of at most 5/4 of the ball's
+    // (contact half a radius off the centre).
     Preset {
         name: "billiards",
-        doc: "Balls on cloth between cushions.",
+        doc: "Balls on cloth between cushions, struck with any spin.",
         balls_roll: true,
         mass_sd: 0.1,
+        spin_sd: 2.0,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.2, 0.05, Scope::Setup)]),
-            with("rolling_resistance", &[set("mu", 0.01, 0.005, Scope::Setup)]),
-            with("restitution", &[set("coefficient", 0.9, 0.1, Scope::Setup)]),
+            with("sliding_friction", &[set("mu", 0.2, 0.06, Scope::Setup)]),
+            with("rolling_resistance", &[set("mu", 0.01, 0.004, Scope::Setup)]),
+            with("spin_friction", &[set("mu", 0.012, 0.005, Scope::Setup)]),
+            with("restitution", &[set("coefficient", 0.95, 0.03, Scope::Setup)]),
             with("contact_friction", &[set("mu", 0.06, 0.03, Scope::Setup)]),
+            at_walls(
+                "cushion",
+                &[
+                    set("restitution", 0.8, 0.15, Scope::Setup),
+                    set("mu", 0.2, 0.1, Scope::Setup),
+                    set("height", 0.3, 0.1, Scope::Setup),
+                    set("tangential_restitution", 0.5, 0.25, Scope::Setup),
+                ],
+            ),
         ],
     },
 ];
@@ -177,7 +211,9 @@ impl Preset {
                 }
             })
             .collect();
-        let effects = self.effects.iter().filter_map(|chosen| {
+        let walls = scene.table.map(cushions).unwrap_or_default();
+        let chosen = self.effects.iter().filter(|e| !(e.at_walls && walls.is_empty()));
+        let effects = chosen.filter_map(|chosen| {
             let mut active = ActiveEffect::new(&effect(chosen.name)?.spec, &bodies);
             for p in chosen.params {
                 if let Some(slot) = active.parameters.iter_mut().find(|q| q.name == p.name) {
@@ -194,8 +230,8 @@ impl Preset {
             Some(active)
         });
         let effects = effects.collect();
-        let walls = scene.table.map(cushions).unwrap_or_default();
-        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd: self.mass_sd }
+        let Preset { mass_sd, spin_sd, .. } = *self;
+        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd, spin_sd }
     }
 }
 

@@ -505,8 +505,11 @@ impl<'m, T: Scalar> Run<'m, T> {
                 }
             }
             Some(Change::StartRolling) if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED => {
+                // What is left of the slip (its derivatives, where a ball begins so) ends as friction would end it.
+                let velocity = k.velocity - self.laws.slip(i, &k).scaled(2.0 / 7.0);
                 self.bodies[i].mode = Mode::Roll;
-                self.bodies[i].from.roll = k.velocity.perp().scaled(1.0 / radius);
+                self.bodies[i].from.velocity = velocity;
+                self.bodies[i].from.roll = velocity.perp().scaled(1.0 / radius);
             }
             Some(Change::StartRolling) | None => {}
             Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),

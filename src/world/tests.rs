@@ -21,11 +21,28 @@ fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
         active
     });
     let effects = active.collect();
-    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5 }
+    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5, spin_sd: 0.0 }
 }
 
 fn seconds(n: usize) -> Vec<f64> {
     (0..=n).map(|f| f as f64 * 0.04).collect()
+}
+
+/// A ball that meets the wall x = 1 after a while; spins as speeds of its surface (m/s).
+fn shot(velocity: Vec2, roll: Vec2, side: f64, cushion: [f64; 4]) -> Model {
+    let radius = 0.03;
+    let mut ball = body(0, Shape::Ball { radius }, vec2(0.5, 0.0), velocity);
+    ball.start.state.roll = roll.scaled(1.0 / radius);
+    ball.start.state.spin = side / radius;
+    let laws: [(&str, &[f64]); 4] = [
+        ("sliding_friction", &[0.2]),
+        ("rolling_resistance", &[0.01]),
+        ("spin_friction", &[0.012]),
+        ("cushion", &cushion),
+    ];
+    let mut m = model(vec![ball], &laws);
+    m.walls.push(Wall { name: "right".into(), from: vec2(1.0, -9.0), to: vec2(1.0, 9.0) });
+    m
 }
 
 fn shape(kind: u8) -> Shape {
@@ -93,6 +110,20 @@ proptest! {
     #[test]
     fn contacts_keep_momentum_and_add_no_energy(seed in throws(), e in 0.0..1.0f64, mu in 0.0..0.5f64) {
         conserves(&model(crowd(&seed), &[("restitution", &[e, 1.0]), ("contact_friction", &[mu])]), 1e-3)?;
+    }
+
+    #[test]
+    fn a_cushion_adds_no_energy_and_lets_nothing_through(
+        speed in 1.5..4.0f64, vy in -3.0..3.0f64, rx in -4.0..4.0f64, ry in -4.0..4.0f64, side in -4.0..4.0f64,
+        e in 0.0..1.0f64, mu in 0.0..0.6f64, height in 0.0..0.6f64, shear in 0.0..1.0f64,
+    ) {
+        let m = shot(vec2(speed, vy), vec2(rx, ry), side, [e, mu, height, shear]);
+        let t = trace(&m, &seconds(40));
+        prop_assert_eq!(t.ending, Ending::Completed);
+        for f in 1..t.times.len() {
+            prop_assert!(t.energy[f] <= t.energy[f - 1] * (1.0 + 1e-9), "{} {}", t.energy[f - 1], t.energy[f]);
+            prop_assert!(t.states[f][0].expect("present").position.x < 0.97 + 1e-6);
+        }
     }
 
     #[test]
@@ -220,6 +251,66 @@ fn derivatives_agree_with_differences_through_impacts_stops_and_rolling() {
     bodies[2].mass = 1.7;
     let (good, all, worst) = derivatives_agree(&model(bodies, effects), &seconds(70));
     assert!(good as f64 >= 0.99 * all as f64, "{good} of {all}; {worst}");
+}
+
+#[test]
+fn derivatives_agree_with_differences_through_a_cushion() {
+    // Friction that slides, and friction that holds.
+    for mu in [0.05, 0.6] {
+        let m = shot(vec2(2.0, 0.7), vec2(-0.3, 1.2), 0.9, [0.8, mu, 0.3, 0.4]);
+        let (good, all, worst) = derivatives_agree(&m, &seconds(30));
+        assert_eq!(good, all, "{worst}");
+    }
+}
+
+#[test]
+fn running_side_comes_off_a_cushion_faster_than_check_side() {
+    let along = |side: f64| {
+        let t = trace(&shot(vec2(2.0, 0.7), vec2(0.0, 2.0), side, [0.8, 0.2, 0.28, 0.0]), &seconds(12));
+        t.states[12][0].expect("present").velocity.y
+    };
+    // At the right wall a spin to the left (positive) moves the touching point upwards, which friction opposes.
+    assert!(along(-1.5) > along(0.0) && along(0.0) > along(1.5));
+}
+
+#[test]
+fn a_ball_that_begins_without_slip_rolls_on_and_knows_what_its_spin_does() {
+    let (m, radius) = (shot(vec2(-1.0, 0.0), vec2(0.0, -1.0), 0.0, [0.0; 4]), 0.03);
+    let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
+    flat[7] = Jet::variable(-1.0 / radius, 0);
+    let end = simulate(&m, &flat, &seconds(5), &Limits::default()).states.pop().expect("frames");
+    let v = end[0].expect("present").velocity.x;
+    // v = (5 v0 + 2 r roll) / 7 once it rolls.
+    assert!((v.d[0] - 2.0 / 7.0 * radius).abs() < 1e-6, "{v:?}");
+}
+
+#[test]
+fn spin_friction_ends_a_spin_when_it_says() {
+    let t = trace(&shot(vec2(-0.5, 0.0), vec2(0.0, -0.5), 0.3, [0.0; 4]), &seconds(60));
+    // r dw/dt = -5/2 mu g.
+    let until = 0.3 / (2.5 * 0.012 * 9.81);
+    let spin = |f: usize| t.states[f][0].expect("present").spin * 0.03;
+    let half = (until / 2.0 / 0.04) as usize;
+    assert!((spin(half) - 0.3 * (1.0 - half as f64 * 0.04 / until)).abs() < 1e-6, "{}", spin(half));
+    assert_eq!(spin((until / 0.04) as usize + 2), 0.0);
+}
+
+#[test]
+fn on_a_tilted_table_all_masses_slide_alike_and_balls_roll_with_five_sevenths() {
+    let mut bodies = vec![
+        body(0, shape(0), vec2(0.0, 0.0), vec2(0.1, 0.0)),
+        body(1, shape(0), vec2(0.0, 3.0), vec2(0.1, 0.0)),
+    ];
+    bodies[1].mass = 3.0;
+    let t = trace(&model(bodies, &[("tilt", &[0.0, -0.3])]), &seconds(25));
+    for b in 0..2 {
+        let v = t.states[25][b].expect("present").velocity;
+        assert!((v - vec2(0.1, -0.3)).norm() < 1e-9, "{v:?}");
+    }
+    let mut ball = body(0, shape(1), vec2(0.0, 0.0), vec2(0.5, 0.0));
+    ball.start.rolling = true;
+    let t = trace(&model(vec![ball], &[("sliding_friction", &[0.2]), ("tilt", &[0.7, 0.0])]), &seconds(25));
+    assert!((t.states[25][0].expect("present").velocity.x - 1.0).abs() < 1e-6);
 }
 
 #[test]
