@@ -152,7 +152,7 @@ impl<T: Scalar> Run<'_, T> {
         if of_a.is_constant() && of_b.is_constant() {
             return near;
         }
-        near.grown(a.1.position, of_a, b.1.position, of_b)
+        near.grown((a.1.position, self.shape(a.0), of_a), (b.1.position, self.shape(b.0), of_b))
     }
 
     pub(super) fn impact(&mut self, mut time: f64, a: usize, b: usize) {

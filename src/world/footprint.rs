@@ -5,8 +5,17 @@ use crate::num::{Real, Vec2, vec2};
 use crate::scene::Shape;
 
 /// Friction over the foot for unit grip: mean of the unit slip velocities over the points that carry the
-/// weight, and the mean of their torque (m). Boxes stand on their corners, discs on their rim.
-pub(super) fn footprint<T: Real>(shape: &Shape, k: &Kinematics<T>) -> (Vec2<T>, T) {
+/// weight, and the mean of their torque (m). Boxes stand on their corners, discs on their rim. `growth` carries the
+/// derivatives by the shape's size.
+pub(super) fn footprint<T: Real>(shape: &Shape, growth: Option<T>, k: &Kinematics<T>) -> (Vec2<T>, T) {
+    let Some(growth) = growth else { return of_size(shape, k) };
+    // Lengths times a factor do what the spin times the factor does, but for the arm of the torque.
+    let factor = growth + 1.0;
+    let (force, torque) = of_size(shape, &Kinematics { spin: k.spin * factor, ..*k });
+    (force, torque * factor)
+}
+
+fn of_size<T: Real>(shape: &Shape, k: &Kinematics<T>) -> (Vec2<T>, T) {
     if k.spin.value() == 0.0 && !T::DIFFERENTIATES {
         return (k.velocity.unit(), T::zero());
     }

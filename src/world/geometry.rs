@@ -37,8 +37,8 @@ pub(super) struct Proximity<T> {
 }
 
 impl<T: Real> Proximity<T> {
-    /// Seen with outlines that have grown a little about their centres; the turn of a corner's normal is left out.
-    pub fn grown(self, a: Vec2<T>, growth_a: T, b: Vec2<T>, growth_b: T) -> Self {
+    /// Seen with outlines that have grown a little about their centres; where two corners meet, their normal stays.
+    pub fn grown(self, (a, sa, growth_a): Grown<T>, (b, sb, growth_b): Grown<T>) -> Self {
         let shift = |on: Vec2<T>, centre: Vec2<T>, growth: T, face: bool| {
             let arm = (on - centre) * growth;
             if face { self.normal * self.normal.dot(arm) } else { arm }
@@ -46,9 +46,17 @@ impl<T: Real> Proximity<T> {
         let on_a = self.on_a + shift(self.on_a, a, growth_a, self.feature == Feature::FaceOfA);
         let on_b = self.on_b + shift(self.on_b, b, growth_b, self.feature == Feature::FaceOfB);
         let gap = self.gap + self.normal.dot(on_b - self.on_b - on_a + self.on_a);
-        Proximity { gap, on_a, on_b, ..self }
+        let normal = match (self.feature, sa.is_round(), sb.is_round()) {
+            (Feature::Points, false, true) => (b - on_a).unit(),
+            (Feature::Points, true, false) => (on_b - a).unit(),
+            _ => self.normal,
+        };
+        Proximity { gap, normal, on_a, on_b, ..self }
     }
 }
+
+/// Where an outline's centre is, its shape and its relative growth.
+pub(super) type Grown<'s, T> = (Vec2<T>, &'s Shape, T);
 
 /// What carries the normal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
