@@ -182,3 +182,68 @@ fn what_cannot_be_fitted_says_why() {
     let start = Preset::for_world(scene.world).model(&scene);
     assert_eq!(fit(one, &[start], &options, &stop), Err(FitError::Stopped(Stopped)));
 }
+
+/// A film of two balls on a table with cushions: the first is struck with the given spins (as shares of rolling, and
+/// as a speed of the surface), meets the second and goes on to a cushion.
+fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
+    let radius = 0.0286;
+    let ball = |id| Object {
+        id,
+        color: "white".into(),
+        material: "phenolic".into(),
+        shape: Shape::Ball { radius },
+        mass: Some(0.17),
+    };
+    let mut scene = Scene {
+        name: "shot".into(),
+        setup: None,
+        world: WorldKind::Billiards,
+        fps: 25.0,
+        times: (0..100).map(|f| f as f64 * 0.04).collect(),
+        camera: None,
+        table: Some(crate::scene::Table { x: [0.0, 1.5], y: [0.0, 3.0] }),
+        noise_sigma: None,
+        tracks: vec![Track::default(); 2],
+        objects: vec![ball(0), ball(4)],
+    };
+    let mut truth = Preset::for_world(scene.world).model(&scene);
+    let (cue, velocity) = (&mut truth.bodies[0].start, vec2(1.1, 1.3));
+    cue.state.position = vec2(0.3, 0.5);
+    cue.state.velocity = velocity;
+    cue.state.roll = velocity.perp().scaled(follow / radius);
+    cue.state.spin = side / radius;
+    cue.rolling = false;
+    truth.bodies[1].start.state.position = vec2(0.85, 1.18);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut noise = move || -> f64 {
+        let z: f64 = StandardNormal.sample(&mut random);
+        SIGMA * z
+    };
+    for (frame, row) in trace(&truth, &scene.times).states.iter().enumerate() {
+        for (track, state) in scene.tracks.iter_mut().zip(row) {
+            let position = state.expect("both are there").position + vec2(noise(), noise());
+            track.samples.push(Sample { frame, position, yaw: None });
+        }
+    }
+    (scene, truth)
+}
+
+#[test]
+fn follow_draw_and_side_are_found_from_positions_alone() {
+    for (follow, side) in [(1.0, 0.0), (-0.8, 0.0), (0.3, 1.2), (0.6, -1.5)] {
+        let (scene, truth) = shot(7, follow, side);
+        let fit = fitted(&[scene]);
+        let found = &fit.scenes[0];
+        assert!(found.adequate, "{follow} {side}: {}", found.reduced_chi_square);
+        let (found, truth) = (&found.model.bodies, &truth.bodies);
+        for (name, off) in [
+            ("objects[0].roll_x", found[0].start.state.roll.x - truth[0].start.state.roll.x),
+            ("objects[0].roll_y", found[0].start.state.roll.y - truth[0].start.state.roll.y),
+            ("objects[0].spin", found[0].start.state.spin - truth[0].start.state.spin),
+        ] {
+            let sd = fit.posterior.estimates.iter().find(|e| e.name == name).expect(name).sd;
+            assert!(off.abs() < 4.0 * sd, "{follow} {side}: {name} is {off} ± {sd} rad/s off");
+        }
+        assert_eq!(found[1].start.state.velocity, vec2(0.0, 0.0));
+    }
+}
