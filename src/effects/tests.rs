@@ -139,7 +139,8 @@ fn an_effect_without_amplitude_is_absent_whatever_its_other_parameters() {
         // Numbers that mean nothing alone: a damper without its spring.
         let alone = |v: &f64| entry.spec.name == "soft_contact" && *v == p[1] || *v == 0.0;
         // Several amplitudes: a law that is the sum of two, each of which has its own.
-        let sum_of_laws = ["damping", "friction_offset", "gliding_friction"].contains(&entry.spec.name);
+        let sum_of_laws =
+            ["damping", "friction_offset", "gliding_friction", "cushion"].contains(&entry.spec.name);
         let p = if sum_of_laws { defaults(entry) } else { p.clone() };
         assert!(flat(entry, &p, &ONE).iter().all(alone), "{}", entry.spec.name);
     }

@@ -309,7 +309,9 @@ impl<T: Scalar> Laws<T> {
             let slope = (k.velocity.dot(r.velocity) + k.spin * r.spin * lever) / size;
             until_zero(size, slope).map(|t| (Change::Stop, t))
         };
-        if w.pivot.value() > 0.0 && k.spin.value() != 0.0 && k.velocity.value().norm() > REST_SPEED {
+        // What the footprint does to the spin fades with it; only a torque of its own ends it before the motion.
+        let pivots = (w.pivot * self.inverse_inertia[i]).value() > 0.5 * r.spin.value().abs();
+        if pivots && k.spin.value() != 0.0 && k.velocity.value().norm() > REST_SPEED {
             let stop = until_zero(k.spin.abs(), r.spin * k.spin.value().signum());
             if let Some(t) = stop
                 && change.as_ref().is_none_or(|(_, u)| t.value() < u.value())

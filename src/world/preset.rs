@@ -138,6 +138,11 @@ pub static PRESETS: &[Preset] = &[
             with("tilt", &[set("a_x", 0.0, 0.01, Scope::Setup), set("a_y", 0.0, 0.01, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Pair)]),
             with("contact_friction", &[set("mu", 0.2, 0.1, Scope::Setup)]),
+            // A marker is put on the middle by hand.
+            with(
+                "off_centre_marker",
+                &[set("arm_x", 0.0, 0.001, Scope::Object), set("arm_y", 0.0, 0.001, Scope::Object)],
+            ),
         ],
     },
     // Published values: cloth 0.15 to 0.4 sliding and 0.005 to 0.015 rolling, spin that falls by 5 to 15 rad/s^2, balls

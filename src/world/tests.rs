@@ -442,8 +442,8 @@ fn tolerance(entry: &EffectEntry) -> f64 {
     if entry.spec.name == "wrong_size" { 0.03 } else { 3e-3 }
 }
 
-/// Laws of the base that the meeting would not be one without.
-const BASE: [&str; 2] = ["restitution", "sliding_friction"];
+/// Laws of the base that the meeting would not be one without, and that of walls, of which it has none.
+const BASE: [&str; 3] = ["restitution", "sliding_friction", "cushion"];
 
 #[test]
 fn an_effect_at_zero_changes_no_bit() {
