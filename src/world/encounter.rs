@@ -287,7 +287,7 @@ impl<T: Scalar> Run<'_, T> {
             && near.gap.value() < 1e-6
             && rate.value() > -APPROACH.sqrt()
         {
-            self.touching.push(Touching { a, b, pressing: true, friction });
+            self.touching.push(Touching::new(a, b, friction));
             self.join(a, b);
         }
         self.pass_on(time, &self.involved(a, b), BLOW_SPEED);

@@ -11,8 +11,9 @@ use crate::scene::Shape;
 
 /// Rate at which a kept contact corrects its gap (1/s).
 const STIFFNESS: f64 = 25.0;
-/// Sweeps over simultaneous pressure points.
+/// Sweeps over simultaneous pressure points, at most, and the change of an acceleration that ends them (m/s^2).
 const SWEEPS: usize = 16;
+const SETTLED: f64 = 1e-6;
 
 /// A contact that lasts: bodies `a` and `b` (or wall `b - bodies`) press on each other.
 #[derive(Clone, Copy)]
@@ -22,6 +23,14 @@ pub(super) struct Touching<T> {
     pub pressing: bool,
     /// Coulomb coefficient between the two.
     pub friction: T,
+    /// Normal and tangential force at either end (N), as last found.
+    forces: [(T, T); 2],
+}
+
+impl<T: Real> Touching<T> {
+    pub fn new(a: usize, b: usize, friction: T) -> Self {
+        Touching { a, b, pressing: true, friction, forces: [(T::zero(), T::zero()); 2] }
+    }
 }
 
 impl<T: Scalar> Run<'_, T> {
@@ -113,14 +122,26 @@ impl<T: Scalar> Run<'_, T> {
         rates
     }
 
-    /// The pressure points of the group with their forces; `rates` take them in.
-    fn solved(&self, group: &[usize], k: &[Kinematics<T>], rates: &mut [Rates<T>]) -> Vec<PressurePoint<T>> {
+    /// The pressure points of the group with their forces; `rates` take them in. The search starts where the last
+    /// one ended.
+    fn solved(
+        &mut self,
+        group: &[usize],
+        k: &[Kinematics<T>],
+        rates: &mut [Rates<T>],
+    ) -> Vec<PressurePoint<T>> {
         let mut points = self.pressure_points(group, k);
-        let sweeps = if points.len() == 1 { 1 } else { SWEEPS };
-        for _ in 0..sweeps {
-            for p in &mut points {
-                p.press(rates);
+        for p in &points {
+            p.add(rates, p.force, p.rub);
+        }
+        for _ in 0..SWEEPS {
+            let moved = points.iter_mut().fold(0.0, |most, p| f64::max(most, p.press(rates)));
+            if moved < SETTLED {
+                break;
             }
+        }
+        for p in &points {
+            self.touching[p.contact].forces[p.end] = (p.force, p.rub);
         }
         points
     }
@@ -184,13 +205,15 @@ impl<T: Scalar> Run<'_, T> {
     /// The points at which kept contacts of the group press.
     fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = vec![];
-        for (contact, &Touching { a, b, friction, .. }) in self.touching.iter().enumerate() {
+        for (contact, &Touching { a, b, friction, forces, .. }) in self.touching.iter().enumerate() {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };
             let y = place(b);
             let (ka, kb) = (&k[x], y.map_or_else(|| self.kinematics(b), |y| k[y]));
             let (sa, sb) = (self.shape(a), self.shape(b));
-            for near in manifold(&Pose::of(ka, sa), sa, &Pose::of(&kb, sb), sb).into_iter().flatten() {
+            let ends = manifold(&Pose::of(ka, sa), sa, &Pose::of(&kb, sb), sb);
+            for (end, near) in ends.into_iter().enumerate() {
+                let Some(near) = near else { continue };
                 let near = self.grown(near, (a, ka), (b, &kb));
                 let point = (near.on_a + near.on_b).scaled(0.5);
                 let slip = point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a);
@@ -213,18 +236,20 @@ impl<T: Scalar> Run<'_, T> {
                     false => (friction, T::zero()),
                 };
                 if response.value() > 0.0 {
+                    let (force, rub) = forces[end];
                     points.push(PressurePoint {
                         contact,
+                        end,
                         sides,
                         normal: n,
                         response,
                         bias,
-                        force: T::zero(),
+                        force,
                         tangential_response,
                         slip,
                         aside,
                         up,
-                        rub: T::zero(),
+                        rub,
                     });
                 }
             }
@@ -263,6 +288,8 @@ fn lift_of<T: Real>(k: &Kinematics<T>, shape: &Shape, n: Vec2<T>) -> T {
 struct PressurePoint<T> {
     /// Index among the touching pairs.
     contact: usize,
+    /// Which end of the edge, where box meets box.
+    end: usize,
     sides: [Option<Pressed<T>>; 2],
     /// Unit normal from a to b.
     normal: Vec2<T>,
@@ -299,18 +326,16 @@ struct Pressed<T> {
 
 impl<T: Real> PressurePoint<T> {
     /// One step of projected Gauss-Seidel: the force at which the gap stays closed, never a pull, and the friction
-    /// that ends the slip, within Coulomb's bound.
-    fn press(&mut self, rates: &mut [Rates<T>]) {
+    /// that ends the slip, within Coulomb's bound. Gives the largest change of an acceleration (m/s^2).
+    fn press(&mut self, rates: &mut [Rates<T>]) -> f64 {
         let opening = self.bias + self.acceleration(rates, self.normal);
         let total = (self.force - opening / self.response).max(T::zero());
         let more = total - self.force;
         self.force = total;
-        for s in self.sides.iter().flatten() {
-            s.push(&mut rates[s.at], self.normal * more);
-            s.lift(&mut rates[s.at], self.normal, self.up * more);
-        }
+        self.add(rates, more, T::zero());
+        let pressed = (more * self.response).value().abs();
         if self.aside.value() == 0.0 && !T::DIFFERENTIATES {
-            return;
+            return pressed;
         }
         let across = self.normal.perp();
         let slipping = self.slip * (2.0 * STIFFNESS) + self.acceleration(rates, across);
@@ -318,8 +343,16 @@ impl<T: Real> PressurePoint<T> {
         let total = (self.rub - slipping / self.tangential_response).max(-most).min(most);
         let more = total - self.rub;
         self.rub = total;
+        self.add(rates, T::zero(), more);
+        pressed.max((more * self.tangential_response).value().abs())
+    }
+
+    /// Adds what a normal and a tangential force do to the accelerations.
+    fn add(&self, rates: &mut [Rates<T>], force: T, rub: T) {
+        let push = self.normal * force + self.normal.perp() * rub;
         for s in self.sides.iter().flatten() {
-            s.push(&mut rates[s.at], across * more);
+            s.push(&mut rates[s.at], push);
+            s.lift(&mut rates[s.at], self.normal, self.up * force);
         }
     }
 

@@ -92,8 +92,8 @@ fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
     0.5 * body.mass * (k.velocity.norm_squared() + turn)
 }
 
-/// A list that is mostly of one: groups are.
-pub(super) type Few<T> = SmallVec<[T; 1]>;
+/// A list that is mostly short: groups are.
+pub(super) type Few<T> = SmallVec<[T; 4]>;
 
 /// One body during a step: its state at `since`, and where its undisturbed motion leads.
 #[derive(Clone)]
