@@ -1,5 +1,6 @@
 //! The laws of motion and contact: one file each, one line each in [`EFFECTS`].
 
+mod ball_spin;
 mod contact_friction;
 mod damping;
 mod friction_offset;
@@ -20,6 +21,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<sliding_friction::SlidingFriction>(),
     EffectEntry::of::<friction_offset::FrictionOffset>(),
     EffectEntry::of::<rolling_resistance::RollingResistance>(),
+    EffectEntry::of::<ball_spin::BallSpin>(),
     EffectEntry::of::<gliding_friction::GlidingFriction>(),
     EffectEntry::of::<damping::Damping>(),
     EffectEntry::of::<linear_drag::LinearDrag>(),

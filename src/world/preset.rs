@@ -13,6 +13,8 @@ pub struct Preset {
     pub doc: &'static str,
     /// Balls begin to roll (otherwise they glide until something turns them).
     pub balls_roll: bool,
+    /// The preset that reads the same kind of scene the other way, where the data must decide between them.
+    pub rival: Option<&'static str>,
     /// Prior standard deviation of a log mass that the scene does not give.
     pub mass_sd: f64,
     pub effects: &'static [PresetEffect],
@@ -60,6 +62,7 @@ pub static PRESETS: &[Preset] = &[
         name: "clevrer",
         doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
         balls_roll: true,
+        rival: None,
         mass_sd: 0.4,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
@@ -85,6 +88,7 @@ pub static PRESETS: &[Preset] = &[
         name: "paper",
         doc: "The published equations: sliding or rolling friction, quadratic drag, product law of restitution.",
         balls_roll: false,
+        rival: None,
         mass_sd: 1.0,
         effects: &[
             with(
@@ -103,12 +107,30 @@ pub static PRESETS: &[Preset] = &[
     },
     Preset {
         name: "table",
-        doc: "Friction and restitution, balls roll; nothing else.",
+        doc: "Friction by material and restitution; balls roll, and slide after a hit until they roll again.",
         balls_roll: true,
+        rival: Some("table_glide"),
         mass_sd: 0.5,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
-            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
+            with("gliding_friction", &[set("sliding", 0.03, 0.05, Scope::Material)]),
+            with(
+                "ball_spin",
+                &[set("mu_slide", 0.1, 0.1, Scope::Setup), set("mu_roll", 0.02, 0.03, Scope::Material)],
+            ),
+            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "table_glide",
+        doc: "As `table`, but balls glide: nothing turns them about a horizontal axis.",
+        balls_roll: false,
+        rival: Some("table"),
+        mass_sd: 0.5,
+        effects: &[
+            with(
+                "gliding_friction",
+                &[set("sliding", 0.03, 0.05, Scope::Material), set("rolling", 0.03, 0.05, Scope::Material)],
+            ),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
         ],
     },
@@ -116,6 +138,7 @@ pub static PRESETS: &[Preset] = &[
         name: "air_table",
         doc: "Pucks on an air cushion: weak linear drag, restitution by pair.",
         balls_roll: false,
+        rival: None,
         mass_sd: 0.5,
         effects: &[
             with("linear_drag", &[set("c", 0.03, 0.03, Scope::Setup)]),
@@ -127,6 +150,7 @@ pub static PRESETS: &[Preset] = &[
         name: "billiards",
         doc: "Balls on cloth between cushions.",
         balls_roll: true,
+        rival: None,
         mass_sd: 0.1,
         effects: &[
             with("sliding_friction", &[set("mu", 0.2, 0.05, Scope::Setup)]),
@@ -228,6 +252,9 @@ mod tests {
         }
         for world in [WorldKind::Clevrer, WorldKind::Table, WorldKind::AirTable, WorldKind::Billiards] {
             Preset::for_world(world);
+        }
+        for rival in PRESETS.iter().filter_map(|p| p.rival) {
+            assert!(Preset::named(rival).is_some(), "{rival}");
         }
     }
 }
