@@ -9,12 +9,12 @@ mod start;
 #[cfg(test)]
 mod tests;
 
+pub use noise::{Noise, estimate as estimate_noise};
 pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::Model;
-use noise::Noise;
 use problem::Problem;
 use serde::{Deserialize, Serialize};
 use solve::{Solution, minimise};

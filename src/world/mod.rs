@@ -1,6 +1,7 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
 mod encounter;
+mod field;
 mod flight;
 mod footprint;
 mod geometry;
@@ -13,6 +14,7 @@ mod pressing;
 mod simulate;
 mod trace;
 
+pub use field::{Instant, accelerations};
 pub use intervene::{Intervention, InterventionError};
 pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, Start, Wall};
 pub use motion::Kinematics;
