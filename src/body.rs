@@ -50,6 +50,8 @@ pub struct Wrench<T> {
     pub damping: T,
     /// Most friction torque about z on top of what `grip` does over the footprint (N m).
     pub pivot: T,
+    /// Share by which the ground's dry friction is larger where the body is.
+    pub excess: T,
 }
 
 impl<T: Real> Wrench<T> {
@@ -64,6 +66,7 @@ impl<T: Real> Wrench<T> {
             rolling: zero,
             damping: zero,
             pivot: zero,
+            excess: zero,
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::num::Vec2;
 use crate::scene::Scene;
 use crate::world::{BODY_VALUES, Instant, Model, accelerations};
 use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Iterations of one search, and trials of the damping in each.
@@ -27,8 +28,8 @@ pub struct Lens<'a> {
     /// For each scene, all bodies in each frame.
     instants: Vec<Vec<Instant>>,
     stretches: Vec<Stretch>,
-    /// Rows of each scene in a residual.
-    rows: Vec<Range<usize>>,
+    /// Rows that are left out together: one video's, or one object's where there is one video.
+    pub folds: Vec<Vec<Range<usize>>>,
 }
 
 /// One free stretch of one body; its rows hold x, then y.
@@ -60,7 +61,8 @@ pub struct Seen {
     /// With the priors' share, and without, in units of the measurement noise.
     pub cost: f64,
     pub chi_square: f64,
-    pub by_scene: Vec<f64>,
+    /// Chi-square of the rows that did not count.
+    pub left_out: f64,
 }
 
 impl<'a> Lens<'a> {
@@ -68,21 +70,22 @@ impl<'a> Lens<'a> {
         let noises: Vec<Noise> = scenes.iter().map(estimate_noise).collect();
         let paths: Vec<Vec<Path>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
         let instants = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
-        let (mut stretches, mut rows, mut row) = (vec![], vec![], 0);
+        let (mut stretches, mut row) = (vec![], 0);
+        let mut folds: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
         for (scene, paths) in paths.iter().enumerate() {
-            let start = row;
             for (body, path) in paths.iter().enumerate() {
                 for range in &path.stretches {
                     let frames: Vec<usize> = range.clone().collect();
                     let basis = line_basis(&scenes[scene], &frames);
                     let count = frames.len();
                     stretches.push(Stretch { scene, body, frames, first_row: row, basis });
+                    let fold = if scenes.len() > 1 { scene } else { body };
+                    folds.entry(fold).or_default().push(row..row + 2 * count);
                     row += 2 * count;
                 }
             }
-            rows.push(start..row);
         }
-        Lens { scenes, noises, paths, instants, stretches, rows }
+        Lens { scenes, noises, paths, instants, stretches, folds: folds.into_values().collect() }
     }
 
     /// How many residuals there are, less what each stretch's start takes.
@@ -92,7 +95,7 @@ impl<'a> Lens<'a> {
 
     /// Measured minus integrated, in deviations, place and velocity of each stretch projected out.
     pub fn residual(&self, models: &[Model], flats: &[Vec<f64>]) -> DVector<f64> {
-        let mut out = DVector::zeros(self.rows.last().map_or(0, |r| r.end));
+        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
         for scene in 0..self.scenes.len() {
             self.scene_residual(scene, &models[scene], &flats[scene], &mut out);
         }
@@ -129,14 +132,14 @@ impl<'a> Lens<'a> {
         }
     }
 
-    /// Fits the free parameters from `start`, priors counting; scenes in `without` do not count.
+    /// Fits the free parameters from `start`, priors counting; rows in `without` do not count.
     pub fn solve(
         &self,
         models: &[Model],
         free: &[Free],
         start: &[f64],
         iterations: usize,
-        without: Option<usize>,
+        without: &[Range<usize>],
     ) -> Seen {
         let mut values = start.to_vec();
         let mut residual = self.residual(models, &flats(models, free, &values));
@@ -164,21 +167,17 @@ impl<'a> Lens<'a> {
                 break;
             }
         }
-        let by_scene: Vec<f64> =
-            self.rows.iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).collect();
         let sd = match normal.cholesky() {
             Some(c) => c.inverse().diagonal().iter().map(|v| v.max(0.0).sqrt()).collect(),
             None => free.iter().map(|f| f.sd).collect(),
         };
-        Seen { chi_square: by_scene.iter().sum(), by_scene, values, sd, cost }
+        Seen { chi_square: residual.norm_squared(), left_out: squares(&residual, without), values, sd, cost }
     }
 
     /// Sum of squares with the priors' terms.
-    fn cost(&self, residual: &DVector<f64>, free: &[Free], values: &[f64], without: Option<usize>) -> f64 {
-        let left: f64 =
-            without.map_or(0.0, |s| residual.rows(self.rows[s].start, self.rows[s].len()).norm_squared());
+    fn cost(&self, residual: &DVector<f64>, free: &[Free], values: &[f64], without: &[Range<usize>]) -> f64 {
         let priors: f64 = free.iter().zip(values).map(|(f, v)| ((v - f.mean) / f.sd).powi(2)).sum();
-        residual.norm_squared() - left + priors
+        residual.norm_squared() - squares(residual, without) + priors
     }
 
     /// Derivatives of the residual by differences; a parameter of one scene moves that scene only.
@@ -215,15 +214,14 @@ impl<'a> Lens<'a> {
         residual: &DVector<f64>,
         free: &[Free],
         values: &[f64],
-        without: Option<usize>,
+        without: &[Range<usize>],
     ) -> (DMatrix<f64>, DVector<f64>) {
         let mut h = jacobian.tr_mul(jacobian);
         let mut g = jacobian.tr_mul(residual);
-        if let Some(s) = without {
-            let (rows, len) = (self.rows[s].start, self.rows[s].len());
-            let part = jacobian.rows(rows, len);
+        for rows in without {
+            let part = jacobian.rows(rows.start, rows.len());
             h -= part.tr_mul(&part);
-            g -= part.tr_mul(&residual.rows(rows, len));
+            g -= part.tr_mul(&residual.rows(rows.start, rows.len()));
         }
         for (k, f) in free.iter().enumerate() {
             h[(k, k)] += 1.0 / (f.sd * f.sd);
@@ -253,9 +251,13 @@ impl<'a> Lens<'a> {
     pub fn projector(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Projector> {
         let residual = self.residual(models, &flats(models, free, values));
         let jacobian = self.jacobian(models, free, values, &residual);
-        let (h, _) = self.normal(&jacobian, &residual, free, values, None);
+        let (h, _) = self.normal(&jacobian, &residual, free, values, &[]);
         Some(Projector { residual, factor: h.cholesky()?, jacobian })
     }
+}
+
+fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
+    rows.iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum()
 }
 
 /// See [`Lens::projector`].
@@ -360,12 +362,15 @@ pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
     flats
 }
 
+/// Where the free parameters stand in the models.
+pub fn values_of(models: &[Model], free: &[Free]) -> Vec<f64> {
+    let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
+    free.iter().map(|f| f.slots.first().map_or(f.mean, |&(scene, slot)| flats[scene][slot])).collect()
+}
+
 /// Fits the models' parameters as the lens sees them.
 pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
     let free = free_parameters(models);
-    let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
-    let start: Vec<f64> =
-        free.iter().map(|f| f.slots.first().map_or(f.mean, |&(scene, slot)| flats[scene][slot])).collect();
-    let seen = lens.solve(models, &free, &start, ITERATIONS, None);
+    let seen = lens.solve(models, &free, &values_of(models, &free), ITERATIONS, &[]);
     (free, seen)
 }

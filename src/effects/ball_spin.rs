@@ -34,6 +34,8 @@ impl Effect for BallSpin {
         ],
     };
 
+    const AMPLITUDES: usize = 2;
+
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         if body.shape.is_ball() {
             let weight = body.mass * GRAVITY;

@@ -1,17 +1,34 @@
 //! The laws of motion and contact: one file each, one line each in [`EFFECTS`].
 
+mod attractor_inverse_square;
+mod attractor_spring;
 mod ball_spin;
 mod contact_friction;
+mod coriolis;
 mod damping;
 mod friction_offset;
+mod friction_patch;
 mod gliding_friction;
+mod lateral;
 mod linear_drag;
+mod magnus;
+mod pair_attraction;
+mod pair_repulsion;
 mod quadratic_drag;
+mod report;
 mod restitution;
 mod rolling_resistance;
+mod seed;
 mod sliding_friction;
 #[cfg(test)]
 mod tests;
+mod tilt;
+mod time_periodic;
+mod uniform_force;
+mod vortex;
+
+pub use report::{Quantity, joined};
+pub use seed::{Region, Seed, Seeds};
 
 use crate::body::{Body, Contact, ContactLaw, Wrench};
 use crate::num::{Jet, Real, Vec2};
@@ -28,6 +45,18 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),
     EffectEntry::of::<restitution::Restitution>(),
     EffectEntry::of::<contact_friction::ContactFriction>(),
+    EffectEntry::of::<uniform_force::UniformForce>(),
+    EffectEntry::of::<tilt::Tilt>(),
+    EffectEntry::of::<attractor_spring::AttractorSpring>(),
+    EffectEntry::of::<attractor_inverse_square::AttractorInverseSquare>(),
+    EffectEntry::of::<vortex::Vortex>(),
+    EffectEntry::of::<coriolis::Coriolis>(),
+    EffectEntry::of::<lateral::Lateral>(),
+    EffectEntry::of::<magnus::Magnus>(),
+    EffectEntry::of::<pair_attraction::PairAttraction>(),
+    EffectEntry::of::<pair_repulsion::PairRepulsion>(),
+    EffectEntry::of::<friction_patch::FrictionPatch>(),
+    EffectEntry::of::<time_periodic::TimePeriodic>(),
 ];
 
 /// The entry of that name.
@@ -38,6 +67,23 @@ pub fn effect(name: &str) -> Option<&'static EffectEntry> {
 /// A law: its spec and the hooks it has; a hook that is not overridden does nothing.
 pub trait Effect {
     const SPEC: EffectSpec;
+    /// Its name in reports, where several effects are forms of one kind.
+    const KIND: &'static str = Self::SPEC.name;
+    /// Which form of its kind it is.
+    const FORM: Option<&'static str> = None;
+    /// How many of the first parameters are amplitudes: the law is linear in them near zero, and absent where all are zero.
+    const AMPLITUDES: usize = 1;
+    const SYMMETRY: Symmetry = Symmetry::Isotropic;
+    /// Whether the law is the same at all times.
+    const STEADY: bool = true;
+    /// How a search begins.
+    const SEEDS: Seeds = &[];
+
+    /// The parameters as reports name them; vectors are joined by the rule of [`joined`].
+    fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
+        let form = Self::FORM.map(|word| ("form", Quantity::Word(word)));
+        form.into_iter().chain(joined(Self::SPEC.params, p)).collect()
+    }
 
     /// Adds to the wrench on `body` at `time` (s). `p` holds the parameters as they apply to this body.
     fn force<T: Real>(_p: &[T], _time: T, _body: &Body<T>, _out: &mut Wrench<T>) {}
@@ -61,7 +107,7 @@ pub struct EffectSpec {
     pub source: &'static str,
     /// Which hooks are in use.
     pub hooks: &'static [Hook],
-    /// The first is the amplitude: zero means absent.
+    /// The first are the amplitudes ([`Effect::AMPLITUDES`]): zero means absent.
     pub params: &'static [ParamSpec],
 }
 
@@ -70,6 +116,19 @@ pub enum Hook {
     Force,
     Pair,
     Contact,
+}
+
+/// Which changes of the world leave the law as it is, parameters kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Symmetry {
+    /// Shifts, turns and mirrors.
+    Isotropic,
+    /// Shifts and turns.
+    Chiral,
+    /// Shifts.
+    Shifts,
+    /// Turns about the place whose coordinates begin at parameter `center`, and mirrors through it.
+    About { center: usize, mirrors: bool },
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -115,6 +174,14 @@ pub struct Hooks<T> {
 
 pub struct EffectEntry {
     pub spec: EffectSpec,
+    /// See [`Effect::KIND`] and the constants after it.
+    pub kind: &'static str,
+    pub amplitudes: usize,
+    pub symmetry: Symmetry,
+    pub steady: bool,
+    pub seeds: Seeds,
+    /// See [`Effect::report`].
+    pub report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
     real: Hooks<f64>,
     jet: Hooks<Jet>,
 }
@@ -123,6 +190,12 @@ impl EffectEntry {
     const fn of<E: Effect>() -> Self {
         EffectEntry {
             spec: E::SPEC,
+            kind: E::KIND,
+            amplitudes: E::AMPLITUDES,
+            symmetry: E::SYMMETRY,
+            steady: E::STEADY,
+            seeds: E::SEEDS,
+            report: E::report,
             real: Hooks { force: E::force::<f64>, pair: E::pair::<f64>, contact: E::contact::<f64> },
             jet: Hooks { force: E::force::<Jet>, pair: E::pair::<Jet>, contact: E::contact::<Jet> },
         }

@@ -66,6 +66,8 @@ pub(super) struct Laws<T: Scalar> {
     pairs: Vec<PerBody<T>>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
     pub constant: Vec<bool>,
+    /// Whether no force depends on the time.
+    pub steady: bool,
 }
 
 /// One effect's hooks with its parameters, body by body.
@@ -83,7 +85,7 @@ impl<T: Scalar> PerBody<T> {
 
 impl<T: Scalar> Laws<T> {
     pub fn new(model: &Model, flat: &[T]) -> Self {
-        let (mut forces, mut pairs) = (vec![], vec![]);
+        let (mut forces, mut pairs, mut steady) = (vec![], vec![], true);
         let mut offset = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
             let first = offset;
@@ -105,19 +107,24 @@ impl<T: Scalar> Laws<T> {
                 }
             }
             let (hooks, count) = (T::hooks(entry), active.parameters.len());
-            let list = if force { &mut forces } else { &mut pairs };
-            list.push(PerBody { hooks, values, count });
+            steady &= entry.steady;
+            if force {
+                forces.push(PerBody { hooks, values: values.clone(), count });
+            }
+            if pair {
+                pairs.push(PerBody { hooks, values, count });
+            }
         }
         let shapes: Vec<Shape> = model.bodies.iter().map(|b| b.shape).collect();
         let one = T::constant(1.0);
         let mass: Vec<T> = (0..shapes.len()).map(|i| flat[i * BODY_VALUES.len() + MASS]).collect();
         let inverse_mass: Vec<T> = mass.iter().map(|&m| one / m).collect();
         let inverse_inertia = inverse_mass.iter().zip(&shapes).map(|(&m, s)| m / s.unit_inertia()).collect();
-        let steady = |law: &PerBody<T>, i: usize| law.of(i).iter().all(|p| p.is_constant());
+        let plain = |law: &PerBody<T>, i: usize| law.of(i).iter().all(|p| p.is_constant());
         let constant =
-            (0..shapes.len()).map(|i| mass[i].is_constant() && forces.iter().all(|law| steady(law, i)));
+            (0..shapes.len()).map(|i| mass[i].is_constant() && forces.iter().all(|law| plain(law, i)));
         let constant = constant.collect();
-        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs, constant }
+        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs, constant, steady }
     }
 
     /// Whether bodies act on each other at a distance.
@@ -143,6 +150,12 @@ impl<T: Scalar> Laws<T> {
         let mut out = Wrench::zero();
         for law in &self.forces {
             (law.hooks.force)(law.of(i), time, &body, &mut out);
+        }
+        if out.excess.value() != 0.0 || !out.excess.is_constant() {
+            let factor = out.excess + 1.0;
+            out.grip *= factor;
+            out.rolling *= factor;
+            out.pivot *= factor;
         }
         out
     }

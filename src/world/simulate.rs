@@ -15,6 +15,8 @@ use smallvec::SmallVec;
 
 /// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
 const MAX_STEP: f64 = 0.16;
+/// The same under forces that change with time: they may wake a body at rest.
+const UNSTEADY_STEP: f64 = 0.02;
 
 /// Longest stretch of bodies that act on each other (s).
 const CONTACT_STEP: f64 = 0.02;
@@ -267,7 +269,8 @@ impl<'m, T: Scalar> Run<'m, T> {
         if end <= now {
             return;
         }
-        let steps = ((end - now) / MAX_STEP - 1e-9).ceil().max(1.0) as usize;
+        let longest = if self.laws.steady { MAX_STEP } else { UNSTEADY_STEP };
+        let steps = ((end - now) / longest - 1e-9).ceil().max(1.0) as usize;
         for s in 0..steps {
             let at = |k: usize| if k == steps { end } else { now + (end - now) * k as f64 / steps as f64 };
             self.step(at(s), at(s + 1));

@@ -1,0 +1,41 @@
+//! Objects that push each other away at a distance.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, pair_attraction::softened};
+use crate::body::Body;
+use crate::num::{Real, Vec2};
+
+pub struct PairRepulsion;
+
+impl Effect for PairRepulsion {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "pair_repulsion",
+        doc: "F_i = -S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
+        source: "Coulomb's law with Plummer's softening (Mon. Not. R. Astron. Soc. 71 (1911) 460)",
+        hooks: &[Hook::Pair],
+        params: &[
+            ParamSpec {
+                name: "S",
+                unit: "N m^2",
+                default: 0.0,
+                min: 0.0,
+                max: 50.0,
+                scope: Scope::Setup,
+                doc: "strength of each pair",
+            },
+            ParamSpec {
+                name: "eps",
+                unit: "m",
+                default: 0.1,
+                min: 0.001,
+                max: 2.0,
+                scope: Scope::Setup,
+                doc: "distance within which the force is softened",
+            },
+        ],
+    };
+    const SEEDS: Seeds = &[("eps", Seed::Values(&[0.05, 0.2]))];
+
+    fn pair<T: Real>(p: &[T], a: &Body<T>, b: &Body<T>) -> Vec2<T> {
+        -softened(b.position - a.position, p[1]) * p[0]
+    }
+}
