@@ -2,7 +2,7 @@
 //! accelerations along the measured path. Positions are never differentiated twice.
 
 use super::path::{Path, paths};
-use crate::effects::{Hook, Scope, effect};
+use crate::effects::{EffectEntry, Hook, Scope, effect};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
@@ -16,9 +16,11 @@ const ITERATIONS: usize = 12;
 const TRIALS: usize = 6;
 /// A fall of chi-square below this share ends a search.
 const TOLERANCE: f64 = 1e-4;
-/// Step of a difference by a parameter, as a share of its prior's deviation and as a number.
+/// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
 const STEP_SHARE: f64 = 1e-4;
 const STEP: f64 = 1e-3;
+/// The same for lengths that a search begins with (m): the edge of a patch lies between two frames.
+const STRIDE: f64 = 0.04;
 
 /// What the force lens looks at: free stretches of all scenes.
 pub struct Lens<'a> {
@@ -51,6 +53,8 @@ pub struct Free {
     pub max: f64,
     pub mean: f64,
     pub sd: f64,
+    /// Step of its differences.
+    pub step: f64,
 }
 
 /// A least-squares solution of the lens.
@@ -191,19 +195,28 @@ impl<'a> Lens<'a> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
         for (k, f) in free.iter().enumerate() {
-            let step = (STEP_SHARE * f.sd).min(STEP);
-            let step = if values[k] + step > f.max { -step } else { step };
-            let mut moved = residual.clone();
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
-            for &scene in &scenes {
-                let mut flat = flats[scene].clone();
-                for &(_, slot) in f.slots.iter().filter(|s| s.0 == scene) {
-                    flat[slot] = values[k] + step;
+            let at = |value: f64| {
+                let mut moved = residual.clone();
+                for &scene in &scenes {
+                    let mut flat = flats[scene].clone();
+                    for &(_, slot) in f.slots.iter().filter(|s| s.0 == scene) {
+                        flat[slot] = value;
+                    }
+                    self.scene_residual(scene, &models[scene], &flat, &mut moved);
                 }
-                self.scene_residual(scene, &models[scene], &flat, &mut moved);
-            }
-            jacobian.set_column(k, &((moved - residual) / step));
+                moved
+            };
+            // The forces are linear in most parameters: one side will do where the step is small.
+            let up = if values[k] + f.step > f.max { values[k] - f.step } else { values[k] + f.step };
+            let (from, down) = if f.step > STEP {
+                let down = (values[k] - f.step).max(f.min);
+                (at(down), down)
+            } else {
+                (residual.clone(), values[k])
+            };
+            jacobian.set_column(k, &((at(up) - from) / (up - down)));
         }
         jacobian
     }
@@ -340,6 +353,7 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
                                 max: bounds.map_or(f64::INFINITY, |b| b.max),
                                 mean: *mean,
                                 sd: parameter.prior.sd,
+                                step: (STEP_SHARE * parameter.prior.sd).min(STEP),
                             }),
                         }
                     }
@@ -349,6 +363,18 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
         }
     }
     free
+}
+
+/// Wide differences by lengths, for the beginning of a search.
+pub fn stride(free: &mut [Free], entry: &EffectEntry) {
+    for (k, p) in entry.spec.params.iter().enumerate().skip(entry.amplitudes) {
+        let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
+        if p.unit == "m"
+            && let Some(f) = free.iter_mut().find(|f| f.name == name)
+        {
+            f.step = STRIDE;
+        }
+    }
 }
 
 /// The numbers of each model with the free parameters at `values`.

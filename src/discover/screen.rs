@@ -1,7 +1,7 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::force::{Free, Lens, Seen, flats, free_parameters};
-use crate::effects::{EFFECTS, EffectEntry, Hook, Region};
+use super::force::{Free, Lens, Seen, flats, free_parameters, stride, values_of};
+use crate::effects::{EFFECTS, EffectEntry, Hook, Region, effect};
 use crate::num::vec2;
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -20,6 +20,8 @@ const REFINED: usize = 3;
 const PROBE: f64 = 1e-3;
 /// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
 const WIDE: f64 = 10.0;
+/// Prior deviation of a friction's angle from the velocity (rad).
+const SKEW: f64 = 0.02;
 const REFINEMENTS: usize = 15;
 const PROOFS: usize = 4;
 
@@ -40,6 +42,23 @@ pub struct Candidate {
     pub chi_square: f64,
     /// The models with the candidate at these values, shared parameters refitted.
     pub models: Vec<Model>,
+}
+
+/// The models with what an engine or an uneven foot does beside physics, so that no law is found in it: the
+/// friction of each sliding body may be a little askew (found in Bullet's boxes and cylinders).
+pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        if let (None, Some(entry)) = (model.effect("friction_offset"), effect("friction_offset")) {
+            let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+            for p in active.parameters.iter_mut().filter(|p| p.name == "skew") {
+                p.prior.sd = SKEW;
+            }
+            model.effects.push(active);
+        }
+        model
+    };
+    models.iter().map(one).collect()
 }
 
 /// Effects that the models lack.
@@ -163,9 +182,13 @@ fn refine(
     region: &Region,
 ) -> (Vec<Free>, Seen, Vec<Model>) {
     let with = with_effect(models, entry, values, region);
+    let mut wide = free_parameters(&with);
+    stride(&mut wide, entry);
+    let start = values_of(&with, &wide);
+    let near = lens.solve(&with, &wide, &start, REFINEMENTS, &[]);
     let free = free_parameters(&with);
-    let start = super::force::values_of(&with, &free);
-    let seen = lens.solve(&with, &free, &start, REFINEMENTS, &[]);
+    let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
+    let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
     (free, seen, with)
 }
 

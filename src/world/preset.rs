@@ -56,6 +56,10 @@ const fn with(name: &'static str, params: &'static [PresetParam]) -> PresetEffec
     PresetEffect { name, params }
 }
 
+/// Friction a little beside the centre and askew: tight, so that it takes no more than what feet do.
+const UNEVEN_FOOT: &[PresetParam] =
+    &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)];
+
 /// Every preset there is.
 pub static PRESETS: &[Preset] = &[
     Preset {
@@ -68,7 +72,7 @@ pub static PRESETS: &[Preset] = &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
             with(
                 "friction_offset",
-                &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)],
+                UNEVEN_FOOT,
             ),
             with(
                 "damping",
@@ -113,6 +117,7 @@ pub static PRESETS: &[Preset] = &[
         mass_sd: 0.5,
         effects: &[
             with("gliding_friction", &[set("sliding", 0.03, 0.05, Scope::Material)]),
+            with("friction_offset", UNEVEN_FOOT),
             with(
                 "ball_spin",
                 &[set("mu_slide", 0.1, 0.1, Scope::Setup), set("mu_roll", 0.02, 0.03, Scope::Material)],
@@ -131,6 +136,7 @@ pub static PRESETS: &[Preset] = &[
                 "gliding_friction",
                 &[set("sliding", 0.03, 0.05, Scope::Material), set("rolling", 0.03, 0.05, Scope::Material)],
             ),
+            with("friction_offset", UNEVEN_FOOT),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
         ],
     },
