@@ -2,16 +2,21 @@
 
 use super::force::{Free, Lens, Seen, fit_forces};
 use super::screen::at_values;
-use crate::fit::{Fit, FitError, FitOptions, fit};
+use crate::effects::Scope;
+use crate::fit::{Begin, Fit, FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Share of the frames that a model is fitted to when the others are to prove it.
 const SHOWN: f64 = 0.75;
 /// What the force lens says is believed this many times less firmly: the data count again in the fit.
 const DOUBT: f64 = 5.0;
+/// A second look at a scene is kept when it fits at most this much worse.
+const KEPT: f64 = 1.05;
 /// Samples that a track needs before the held-out frames.
 const FEWEST: usize = 5;
 
@@ -42,7 +47,7 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
                 let own = |f: &&(&Free, &f64)| {
                     f.0.name == stem || f.0.name.strip_prefix(&stem).is_some_and(|r| r.starts_with('['))
                 };
-                let shared = !matches!(p.scope, crate::effects::Scope::Object | crate::effects::Scope::Pair);
+                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
                 let pairs: Vec<(&Free, &f64)> = free.iter().zip(&seen.sd).collect();
                 let widest = pairs.iter().filter(own).map(|(_, sd)| **sd).fold(0.0, f64::max);
                 if shared && widest > 0.0 {
@@ -64,7 +69,7 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let fit_all = fit(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    let fit_all = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -99,6 +104,97 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
     if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
 }
 
+/// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it.
+fn fit_set_up(scenes: &[Scene], models: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    let alone = each_alone(scenes, models, options, stop)?;
+    // Again with what the others say: a scene whose contacts were misread sees them right.
+    let led: Vec<Model> = pooled(models, &alone);
+    let again = each_alone(scenes, &led, options, stop)?;
+    let better = |(a, b): (Fit, Fit)| {
+        if b.scenes[0].reduced_chi_square <= KEPT * a.scenes[0].reduced_chi_square { b } else { a }
+    };
+    let alone: Vec<Fit> = alone.into_iter().zip(again).map(better).collect();
+    let mut near = pooled(models, &alone);
+    for (model, fitted) in near.iter_mut().zip(&alone) {
+        let found = &fitted.scenes[0].model;
+        model.bodies.clone_from(&found.bodies);
+        for (active, own) in model.effects.iter_mut().zip(&found.effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                // Beliefs stay what they were; only the place where the search begins is new.
+                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
+                if !shared {
+                    p.values.clone_from(&q.values);
+                }
+            }
+        }
+    }
+    for (model, asked) in near.iter_mut().zip(models) {
+        for (active, own) in model.effects.iter_mut().zip(&asked.effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                (p.means, p.prior) = (q.means.clone(), q.prior);
+            }
+        }
+    }
+    let together = FitOptions { begin: Begin::Models, ..*options };
+    fit(scenes, &near, &together, stop)
+}
+
+fn each_alone(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<Fit>, FitError> {
+    let one = |(scene, model)| fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop);
+    scenes.par_iter().zip(models).map(one).collect()
+}
+
+/// The models with shared parameters as the scenes together see them, believed as firmly as they are known.
+fn pooled(models: &[Model], alone: &[Fit]) -> Vec<Model> {
+    let mut all = models.to_vec();
+    for active in 0..models.first().map_or(0, |m| m.effects.len()) {
+        for k in 0..models[0].effects[active].parameters.len() {
+            pool(&mut all, alone, active, k);
+        }
+    }
+    all
+}
+
+/// Gives all models the mean of what the scenes say of one shared parameter, by precision; a scene that does not
+/// fit counts less.
+fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
+    let of = |m: &Model| m.effects.get(active).and_then(|e| e.parameters.get(k)).cloned();
+    let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+    for fitted in alone {
+        let scene = &fitted.scenes[0];
+        let Some(p) = of(&scene.model).filter(|p| !matches!(p.scope, Scope::Object | Scope::Pair)) else {
+            continue;
+        };
+        for label in &p.labels {
+            let name = p.full_name(&scene.model.effects[active], label);
+            if let Some(e) = fitted.posterior.estimates.iter().find(|e| e.name == name) {
+                let sd = e.sd.max(1e-9) * scene.reduced_chi_square.max(1.0);
+                let sum = sums.entry(label.clone()).or_default();
+                *sum = (sum.0 + e.value / (sd * sd), sum.1 + 1.0 / (sd * sd));
+            }
+        }
+    }
+    for model in near {
+        let Some(p) = model.effects.get_mut(active).and_then(|e| e.parameters.get_mut(k)) else { continue };
+        let mut least = 0.0;
+        for (label, value) in p.labels.iter().zip(&mut p.values) {
+            if let Some((weighted, weight)) = sums.get(label) {
+                *value = weighted / weight;
+                least = f64::max(least, 1.0 / weight.sqrt());
+            }
+        }
+        if !sums.is_empty() {
+            p.means.clone_from(&p.values);
+            p.prior.sd = p.prior.sd.min(DOUBT * least);
+        }
+    }
+}
+
 /// Error on the last frames of a fit to the first ones (m).
 fn held_out(
     scenes: &[Scene],
@@ -110,7 +206,7 @@ fn held_out(
     let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
     let lens = Lens::new(&shown);
     let (free, seen) = fit_forces(&lens, models);
-    let fitted = fit(&shown, &led(models, effect, &free, &seen), options, stop)?;
+    let fitted = fit_set_up(&shown, &led(models, effect, &free, &seen), options, stop)?;
     let (mut squares, mut count) = (0.0, 0usize);
     for ((scene, part), fitted) in scenes.iter().zip(&shown).zip(&fitted.scenes) {
         let rollout = trace(&fitted.model, &scene.times);
