@@ -6,7 +6,7 @@ use crate::effects::{EffectEntry, Hook, Scope, effect};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Instant, Model, accelerations};
+use crate::world::{BODY_VALUES, Instant, Kinematics, Model, accelerations};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -42,6 +42,22 @@ struct Stretch {
     first_row: usize,
     /// Orthonormal constant and line over the frames: place and velocity at the start are nobody's concern.
     basis: [Vec<f64>; 2],
+}
+
+impl Stretch {
+    /// Writes differences (m) in deviations, place and velocity projected out.
+    fn write(&self, differences: impl Iterator<Item = Vec2>, sigma: f64, out: &mut DVector<f64>) {
+        let n = self.frames.len();
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = differences.map(|d| (d.x / sigma, d.y / sigma)).unzip();
+        for values in [&mut x, &mut y] {
+            for base in &self.basis {
+                let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
+                values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
+            }
+        }
+        out.rows_mut(self.first_row, n).copy_from(&DVector::from_vec(x));
+        out.rows_mut(self.first_row + n, n).copy_from(&DVector::from_vec(y));
+    }
 }
 
 /// One parameter that the lens can move, and where it stands in each model.
@@ -119,20 +135,9 @@ impl<'a> Lens<'a> {
                 at.map_or(Vec2::zero(), |at| accelerations[f][at])
             };
             let integrated = integral(&self.scenes[scene], &s.frames, acceleration);
-            let n = s.frames.len();
-            let (mut x, mut y) = (vec![0.0; n], vec![0.0; n]);
-            for (k, &f) in s.frames.iter().enumerate() {
-                let difference = measured(f).unwrap_or(Vec2::zero()) - integrated[k];
-                (x[k], y[k]) = (difference.x / sigma, difference.y / sigma);
-            }
-            for values in [&mut x, &mut y] {
-                for base in &s.basis {
-                    let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
-                    values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
-                }
-            }
-            out.rows_mut(s.first_row, n).copy_from_slice(&x);
-            out.rows_mut(s.first_row + n, n).copy_from_slice(&y);
+            let differences = s.frames.iter().zip(&integrated);
+            let differences = differences.map(|(&f, at)| measured(f).unwrap_or(Vec2::zero()) - *at);
+            s.write(differences, sigma, out);
         }
     }
 
@@ -219,6 +224,28 @@ impl<'a> Lens<'a> {
             jacobian.set_column(k, &((at(up) - from) / (up - down)));
         }
         jacobian
+    }
+
+    /// The residual's derivative by the amplitude of an acceleration, or of a force where `force` is set.
+    pub fn column(
+        &self,
+        models: &[Model],
+        force: bool,
+        value: impl Fn(&Kinematics<f64>, f64) -> Vec2,
+    ) -> DVector<f64> {
+        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
+        for s in &self.stretches {
+            let body = &models[s.scene].bodies[s.body];
+            let share = if body.start.rolling { 5.0 / 7.0 } else { 1.0 } / if force { body.mass } else { 1.0 };
+            let acceleration = |f: usize| {
+                let instant = &self.instants[s.scene][f];
+                let here = instant.bodies.iter().find(|b| b.0 == s.body);
+                here.map_or(Vec2::zero(), |(_, k)| value(k, instant.time).scaled(share))
+            };
+            let integrated = integral(&self.scenes[s.scene], &s.frames, acceleration);
+            s.write(integrated.iter().map(|p| -*p), self.noises[s.scene].position, &mut out);
+        }
+        out
     }
 
     fn normal(
