@@ -91,11 +91,64 @@ pub struct ContactLaw<T> {
     pub restitution: T,
     /// Coulomb coefficient between the surfaces.
     pub friction: T,
+    /// Rate at which restitution falls with the approach speed (s/m).
+    pub fading: T,
+    /// One over the root of the surfaces' stiffness ((m/N)^0.5), and their damping (N s/m).
+    pub softness: T,
+    pub damping: T,
+    /// Share of the blow that is given: below 1 the contact is with something that may not be there.
+    pub presence: T,
 }
 
 impl<T: Real> ContactLaw<T> {
     /// Plastic and frictionless: what happens where no effect says otherwise.
     pub fn plain() -> Self {
-        ContactLaw { restitution: T::zero(), friction: T::zero() }
+        let zero = T::zero();
+        ContactLaw {
+            restitution: zero,
+            friction: zero,
+            fading: zero,
+            softness: zero,
+            damping: zero,
+            presence: T::constant(1.0),
+        }
     }
+}
+
+/// Something static that the scene does not show.
+#[derive(Debug, Clone, Copy)]
+pub struct Obstacle<T> {
+    /// How events call it.
+    pub name: &'static str,
+    pub outline: Outline<T>,
+    /// 0 lets bodies through, 1 is solid.
+    pub presence: T,
+    /// Ratio of separation to approach speed, whatever hits it.
+    pub restitution: T,
+}
+
+/// Outline of an [`Obstacle`].
+#[derive(Debug, Clone, Copy)]
+pub enum Outline<T> {
+    /// All that lies behind the line `x.n = offset` (m), n the unit vector at `angle` (rad).
+    HalfPlane { offset: T, angle: T },
+    /// m.
+    Disc { center: Vec2<T>, radius: T },
+}
+
+/// What a body is really like, as factors of what is believed.
+#[derive(Debug, Clone, Copy)]
+pub struct Matter<T> {
+    pub mass: T,
+    /// Of all lengths of its outline.
+    pub size: T,
+}
+
+/// What the camera reports of a body.
+#[derive(Debug, Clone, Copy)]
+pub struct View<T> {
+    /// m.
+    pub position: Vec2<T>,
+    /// rad.
+    pub yaw: T,
 }

@@ -1,6 +1,6 @@
 //! Ground friction that acts a little beside the centre of mass: a sliding body turns slowly and drifts.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
 use crate::body::{Body, Wrench};
 use crate::num::Real;
 
@@ -33,6 +33,8 @@ impl Effect for FrictionOffset {
             },
         ],
     };
+
+    const SYMMETRY: Symmetry = Symmetry::Chiral;
 
     fn force<T: Real>(p: &[T], _time: T, _body: &Body<T>, out: &mut Wrench<T>) {
         out.lever += p[0];

@@ -6,12 +6,17 @@ mod ball_spin;
 mod contact_friction;
 mod coriolis;
 mod damping;
+mod frame_rate;
 mod friction_offset;
 mod friction_patch;
 mod gliding_friction;
+mod hidden_object;
+mod hidden_wall;
 mod lateral;
 mod linear_drag;
 mod magnus;
+mod mass_change;
+mod off_centre_marker;
 mod pair_attraction;
 mod pair_repulsion;
 mod quadratic_drag;
@@ -20,17 +25,22 @@ mod restitution;
 mod rolling_resistance;
 mod seed;
 mod sliding_friction;
+mod soft_contact;
+mod speed_dependent_restitution;
 #[cfg(test)]
 mod tests;
 mod tilt;
+mod tilted_camera;
 mod time_periodic;
 mod uniform_force;
 mod vortex;
+mod wrong_scale;
+mod wrong_size;
 
 pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
-use crate::body::{Body, Contact, ContactLaw, Wrench};
+use crate::body::{Body, Contact, ContactLaw, Matter, Obstacle, View, Wrench};
 use crate::num::{Jet, Real, Vec2};
 
 /// Every effect there is. A new one is its file and a line here.
@@ -57,6 +67,16 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<pair_repulsion::PairRepulsion>(),
     EffectEntry::of::<friction_patch::FrictionPatch>(),
     EffectEntry::of::<time_periodic::TimePeriodic>(),
+    EffectEntry::of::<hidden_wall::HiddenWall>(),
+    EffectEntry::of::<hidden_object::HiddenObject>(),
+    EffectEntry::of::<speed_dependent_restitution::SpeedDependentRestitution>(),
+    EffectEntry::of::<soft_contact::SoftContact>(),
+    EffectEntry::of::<mass_change::MassChange>(),
+    EffectEntry::of::<wrong_size::WrongSize>(),
+    EffectEntry::of::<wrong_scale::WrongScale>(),
+    EffectEntry::of::<tilted_camera::TiltedCamera>(),
+    EffectEntry::of::<off_centre_marker::OffCentreMarker>(),
+    EffectEntry::of::<frame_rate::FrameRate>(),
 ];
 
 /// The entry of that name.
@@ -95,6 +115,22 @@ pub trait Effect {
 
     /// Shapes the law of a contact. `pa` and `pb` hold the parameters as they apply to either body.
     fn contact<T: Real>(_pa: &[T], _pb: &[T], _contact: &Contact<T>, _out: &mut ContactLaw<T>) {}
+
+    /// What nobody saw and bodies run into.
+    fn bodies<T: Real>(_p: &[T]) -> Option<Obstacle<T>> {
+        None
+    }
+
+    /// Corrects what is believed of a body.
+    fn matter<T: Real>(_p: &[T], _out: &mut Matter<T>) {}
+
+    /// Changes what the camera reports of a body.
+    fn observe<T: Real>(_p: &[T], _out: &mut View<T>) {}
+
+    /// By how much the true time differs from the film's `time` (s).
+    fn clock<T: Real>(_p: &[T], _time: f64) -> T {
+        T::zero()
+    }
 }
 
 /// What is known of an effect without running it.
@@ -116,6 +152,10 @@ pub enum Hook {
     Force,
     Pair,
     Contact,
+    Bodies,
+    Matter,
+    Observe,
+    Clock,
 }
 
 /// Which changes of the world leave the law as it is, parameters kept.
@@ -129,6 +169,8 @@ pub enum Symmetry {
     Shifts,
     /// Turns about the place whose coordinates begin at parameter `center`, and mirrors through it.
     About { center: usize, mirrors: bool },
+    /// Not any of these.
+    None,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -164,12 +206,38 @@ pub type ForceFn<T> = fn(&[T], T, &Body<T>, &mut Wrench<T>);
 pub type PairFn<T> = fn(&[T], &Body<T>, &Body<T>) -> Vec2<T>;
 /// See [`Effect::contact`].
 pub type ContactFn<T> = fn(&[T], &[T], &Contact<T>, &mut ContactLaw<T>);
+/// See [`Effect::bodies`].
+pub type BodiesFn<T> = fn(&[T]) -> Option<Obstacle<T>>;
+/// See [`Effect::matter`].
+pub type MatterFn<T> = fn(&[T], &mut Matter<T>);
+/// See [`Effect::observe`].
+pub type ObserveFn<T> = fn(&[T], &mut View<T>);
+/// See [`Effect::clock`].
+pub type ClockFn<T> = fn(&[T], f64) -> T;
 
 /// The hooks of one effect, compiled for one scalar.
 pub struct Hooks<T> {
     pub force: ForceFn<T>,
     pub pair: PairFn<T>,
     pub contact: ContactFn<T>,
+    pub bodies: BodiesFn<T>,
+    pub matter: MatterFn<T>,
+    pub observe: ObserveFn<T>,
+    pub clock: ClockFn<T>,
+}
+
+impl<T: Real> Hooks<T> {
+    const fn of<E: Effect>() -> Self {
+        Hooks {
+            force: E::force::<T>,
+            pair: E::pair::<T>,
+            contact: E::contact::<T>,
+            bodies: E::bodies::<T>,
+            matter: E::matter::<T>,
+            observe: E::observe::<T>,
+            clock: E::clock::<T>,
+        }
+    }
 }
 
 pub struct EffectEntry {
@@ -196,8 +264,8 @@ impl EffectEntry {
             steady: E::STEADY,
             seeds: E::SEEDS,
             report: E::report,
-            real: Hooks { force: E::force::<f64>, pair: E::pair::<f64>, contact: E::contact::<f64> },
-            jet: Hooks { force: E::force::<Jet>, pair: E::pair::<Jet>, contact: E::contact::<Jet> },
+            real: Hooks::of::<E>(),
+            jet: Hooks::of::<E>(),
         }
     }
 

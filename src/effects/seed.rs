@@ -11,6 +11,8 @@ pub enum Seed {
     /// Coordinates over the region of the data (m).
     PlaceX,
     PlaceY,
+    /// Distances of lines through the region from the origin (m).
+    Offset,
     /// Shares of the region's size (m).
     Reach,
     /// Directions all around (rad).
@@ -52,6 +54,11 @@ impl Seed {
             Seed::Values(values) => values.to_vec(),
             Seed::PlaceX => along(region.low.x, region.high.x),
             Seed::PlaceY => along(region.low.y, region.high.y),
+            Seed::Offset => {
+                let far = |v: Vec2| v.x.abs().max(v.y.abs());
+                let far = far(region.low).max(far(region.high));
+                along(-far, far)
+            }
             Seed::Reach => {
                 let size = (region.high.x - region.low.x).max(region.high.y - region.low.y);
                 REACHES.iter().map(|share| share * size).collect()

@@ -4,7 +4,7 @@ use super::noise::{Noise, wrapped};
 use crate::effects::{Scope, effect};
 use crate::num::{Jet, LANES, Real};
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, simulate};
+use crate::world::{BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, film};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
@@ -232,7 +232,7 @@ impl Part<'_> {
     }
 
     pub fn rollout(&self, free: &[Free], point: &[f64], window: Window) -> Rollout<f64> {
-        simulate(&self.model, &self.flat(free, point), self.times(window), &LIMITS)
+        film(&self.model, &self.flat(free, point), self.times(window), &LIMITS)
     }
 
     /// Calls `f(coordinate, whitened residual, row)` for each measurement in a fixed order.
@@ -269,7 +269,7 @@ impl Part<'_> {
 
     fn add_normal(&self, free: &[Free], point: &[f64], window: Window, normal: &mut Normal) {
         let flat = self.flat(free, point);
-        let rollout = simulate(&self.model, &flat, self.times(window), &LIMITS);
+        let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
         let components = self.components(&rollout);
@@ -283,7 +283,7 @@ impl Part<'_> {
                 let (slot, k) = self.slots[lane.slot];
                 jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
             }
-            let run = simulate(&self.model, &jets, self.times(window), &LIMITS);
+            let run = film(&self.model, &jets, self.times(window), &LIMITS);
             let count = LANES.min(width - first);
             self.each_sample(window, |body, frame, coordinate, _, sigma, row| {
                 if let Some(k) = run.states.get(frame).and_then(|s| s[body].as_ref()) {

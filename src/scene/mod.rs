@@ -140,6 +140,18 @@ impl Shape {
         }
     }
 
+    /// The same outline, lengths times `factor`.
+    pub fn scaled(&self, factor: f64) -> Shape {
+        match *self {
+            Shape::Disc { radius } => Shape::Disc { radius: radius * factor },
+            Shape::Ball { radius } => Shape::Ball { radius: radius * factor },
+            Shape::Square { half_side } => Shape::Square { half_side: half_side * factor },
+            Shape::Rectangle { half_length, half_width } => {
+                Shape::Rectangle { half_length: half_length * factor, half_width: half_width * factor }
+            }
+        }
+    }
+
     /// Moment of inertia about z for mass one (m^2): solid cylinder, sphere, box.
     pub fn unit_inertia(&self) -> f64 {
         match *self {

@@ -1,10 +1,10 @@
 //! Encounters: which pairs meet when, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{APPROACH, Path, Side, facing, point_velocity, resolve, time_of_impact};
+use super::impact::{APPROACH, Path, Side, effective_mass, facing, point_velocity, resolve, time_of_impact};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
-use super::simulate::{ContactEffect, Few, Moving, Run};
+use super::simulate::{Blow, ContactEffect, Few, Moving, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
 use crate::effects::Scalar;
@@ -21,6 +21,9 @@ const BLOW_SPEED: f64 = 1e-7;
 pub(super) const CUT_IN_SPEED: f64 = 1e-4;
 /// Gap at which a kept contact's point takes part in blows (m).
 const CLOSED: f64 = 1e-5;
+
+/// A body or wall and where it is.
+type Placed<'k, T> = (usize, &'k Kinematics<T>);
 
 impl<T: Scalar> Run<'_, T> {
     /// Candidate pairs by sweep and prune along x, then their times of impact.
@@ -58,7 +61,10 @@ impl<T: Scalar> Run<'_, T> {
     fn impact_of(&self, a: usize, b: usize) -> Option<(f64, usize, usize)> {
         let body = &self.bodies[a];
         let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
-        if body.mode == Mode::Absent || self.touching.iter().any(|t| t.a == a && t.b == b) {
+        let engaged = self.touching.iter().any(|t| t.a == a && t.b == b)
+            || self.passing.contains(&(a, b))
+            || self.blows.iter().any(|blow| blow.a == a && blow.b == b);
+        if body.mode == Mode::Absent || engaged {
             return None;
         }
         let other = match self.bodies.get(b) {
@@ -66,8 +72,9 @@ impl<T: Scalar> Run<'_, T> {
             Some(o) => o.path,
             None if still(body.mode) => return None,
             None => {
-                let (shape, still) = self.walls[b - self.bodies.len()];
-                Path::new(shape, body.path.start, body.path.end, still, still)
+                let wall = &self.walls[b - self.bodies.len()];
+                let still = wall.place.value();
+                Path::new(wall.shape, body.path.start, body.path.end, still, still)
             }
         };
         if !body.path.overlaps(&other) {
@@ -129,7 +136,21 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     fn facing_now(&self, a: usize, b: usize) -> (Proximity<T>, T) {
-        facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b))
+        let (near, rate) = facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b));
+        (self.grown(near, (a, &self.bodies[a].from), (b, &self.kinematics(b))), rate)
+    }
+
+    /// With the derivatives by the sizes of the outlines.
+    pub(super) fn grown(&self, near: Proximity<T>, a: Placed<T>, b: Placed<T>) -> Proximity<T> {
+        let growth = |i: usize| match i.checked_sub(self.bodies.len()) {
+            Some(wall) => self.walls[wall].growth,
+            None => self.laws.growth.get(i).copied().unwrap_or_default(),
+        };
+        let (of_a, of_b) = (growth(a.0), growth(b.0));
+        if of_a.is_constant() && of_b.is_constant() {
+            return near;
+        }
+        near.grown(a.1.position, of_a, b.1.position, of_b)
     }
 
     pub(super) fn impact(&mut self, mut time: f64, a: usize, b: usize) {
@@ -181,16 +202,109 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         let (near, _) = self.facing_now(a, b);
+        if let Some(delay) = self.delay(a, b, &near) {
+            if delay.value() > 0.0 {
+                self.blows.push(Blow { time: self.bodies[a].since + delay, a, b });
+                return self.go_on(a, b);
+            }
+            self.shift_group(a, delay);
+            if solid && !together {
+                self.shift_group(b, delay);
+            }
+        }
+        self.strike(time, a, b);
+    }
+
+    /// A soft contact gives its blow.
+    pub(super) fn blow(&mut self, which: usize) {
+        let Blow { time, a, b } = self.blows.swap_remove(which);
+        let together = self.bodies[a].group.contains(&b);
+        for i in [Some(a), (b < self.bodies.len() && !together).then_some(b)].into_iter().flatten() {
+            let before: Vec<_> = self.bodies[i]
+                .group
+                .iter()
+                .map(|&j| (j, self.bodies[j].from, self.bodies[j].since))
+                .collect();
+            self.move_group(i, time.value());
+            for (j, from, since) in before {
+                let Moving { from: to, since: until, .. } = self.bodies[j];
+                self.note(j, &from, since, &to, until);
+            }
+            self.shift_group(i, time.infinitesimal());
+        }
+        let (near, _) = self.facing_now(a, b);
+        if self.approach_at(a, b, &near).value() <= 0.0 {
+            return self.go_on(a, b);
+        }
+        self.strike(time.value(), a, b);
+    }
+
+    /// How long after touching the blow of a soft contact comes (s); `None` where contacts are hard.
+    ///
+    /// A linear spring and damper that never pulls gives back `e` of the approach speed after `duration` (Schwager and
+    /// Poeschel 2007). In between the bodies go straight on until the blow, so that the motion after is the same.
+    fn delay(&self, a: usize, b: usize, near: &Proximity<T>) -> Option<T> {
+        let approach = self.approach_at(a, b, near);
+        let law = self.law(a, b, near, approach);
+        if law.softness.value() == 0.0 && law.softness.is_constant() {
+            return None;
+        }
+        let (_, duration) = law.spring(self.effective_mass(a, b, near));
+        let e = self.restitution(&law, a, b, near, approach);
+        Some(e * (duration + law.damping * law.softness * law.softness) / (e + 1.0))
+    }
+
+    /// Mass that the normal blow moves (kg).
+    fn effective_mass(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
+        effective_mass(&self.side(a), &self.side(b), near)
+    }
+
+    /// Restitution with all that lowers it.
+    fn restitution(&self, law: &ContactLaw<T>, a: usize, b: usize, near: &Proximity<T>, approach: T) -> T {
+        if approach.value() < REBOUND_SPEED {
+            return T::zero();
+        }
+        let mut e = law.restitution;
+        if law.fading.value() != 0.0 || !law.fading.is_constant() {
+            e *= (-(law.fading * approach)).exp();
+        }
+        if law.softness.value() != 0.0 || !law.softness.is_constant() {
+            e *= law.spring(self.effective_mass(a, b, near)).0;
+        }
+        e
+    }
+
+    /// Contact and what follows from it, the bodies being where they touch at `time`.
+    fn strike(&mut self, time: f64, a: usize, b: usize) {
+        let (near, _) = self.facing_now(a, b);
         self.bounce(time, a, b, &near);
         let (near, rate) = self.facing_now(a, b);
-        if rate.value() < REBOUND_SPEED * 0.1 && near.gap.value() < 1e-6 && rate.value() > -APPROACH.sqrt() {
+        if self.passes(a, b, rate) {
+            self.passing.push((a, b));
+        } else if rate.value() < REBOUND_SPEED * 0.1
+            && near.gap.value() < 1e-6
+            && rate.value() > -APPROACH.sqrt()
+        {
             self.touching.push(Touching { a, b, pressing: true });
             self.join(a, b);
         }
         self.pass_on(time, &self.involved(a, b), BLOW_SPEED);
+        self.go_on(a, b);
+    }
+
+    /// Whether an obstacle lets the body through that still approaches it.
+    fn passes(&self, a: usize, b: usize, rate: T) -> bool {
+        let obstacle = b.checked_sub(self.bodies.len()).and_then(|w| self.walls[w].obstacle);
+        obstacle.is_some_and(|(presence, _)| {
+            presence.value() < 1.0 && rate.value() < -APPROACH && self.bodies[a].mode != Mode::Rest
+        })
+    }
+
+    /// New ways of the bodies that have met.
+    fn go_on(&mut self, a: usize, b: usize) {
         let changed = self.involved(a, b);
         self.predict(a);
-        if solid && !self.bodies[a].group.contains(&b) {
+        if b < self.bodies.len() && !self.bodies[a].group.contains(&b) {
             self.predict(b);
         }
         self.refresh(&changed);
@@ -220,7 +334,9 @@ impl<T: Scalar> Run<'_, T> {
 
     fn points_now(&self, a: usize, b: usize) -> [Option<Proximity<T>>; 2] {
         let (sa, sb) = (self.shape(a), self.shape(b));
-        manifold(&Pose::of(&self.kinematics(a), sa), sa, &Pose::of(&self.kinematics(b), sb), sb)
+        let (ka, kb) = (self.kinematics(a), self.kinematics(b));
+        let points = manifold(&Pose::of(&ka, sa), sa, &Pose::of(&kb, sb), sb);
+        points.map(|near| near.map(|near| self.grown(near, (a, &ka), (b, &kb))))
     }
 
     /// Speed at which the gap closes (m/s).
@@ -241,29 +357,26 @@ impl<T: Scalar> Run<'_, T> {
     fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) {
         let approach = self.approach_at(a, b, near);
         let point = (near.on_a + near.on_b).scaled(0.5);
-        let body = |run: &Self, i: usize| run.laws.body(i, &run.bodies[i].from);
-        let other = (b < self.bodies.len()).then(|| body(self, b));
-        let contact = Contact { a: body(self, a), b: other, normal: near.normal, point, approach };
-        let mut law = ContactLaw::plain();
-        for effect in &self.contact_effects {
-            let (pa, pb) = (self.contact_values(effect, a, b), self.contact_values(effect, b, a));
-            (effect.hook)(&pa, &pb, &contact, &mut law);
-        }
-        if approach.value() < REBOUND_SPEED {
-            law.restitution = T::zero();
-        }
+        let mut law = self.law(a, b, near, approach);
+        law.restitution = self.restitution(&law, a, b, near, approach);
         let mut side_a = self.side(a);
         let mut side_b = self.side(b);
         let impulse = resolve(&mut side_a, &mut side_b, near, &law);
+        let there = law.presence.value() > 0.0;
         for (i, side) in [(a, side_a), (b, side_b)] {
             if i < self.bodies.len() {
                 self.bodies[i].from = side.kinematics;
-                self.bodies[i].mode = Mode::Slide;
+                if there {
+                    self.bodies[i].mode = Mode::Slide;
+                }
             }
+        }
+        if !there {
+            return;
         }
         let id = |i: usize| self.model.bodies.get(i).map(|body| body.id);
         let objects: Vec<u32> = [id(a), id(b)].into_iter().flatten().collect();
-        let wall = self.model.walls.get(b.wrapping_sub(self.bodies.len())).map(|w| w.name.clone());
+        let wall = self.walls.get(b.wrapping_sub(self.bodies.len())).map(|w| w.name.clone());
         let earlier = self.events.iter_mut().rev().take_while(|e| e.time > time - SAME_CONTACT);
         let same = earlier
             .filter(|e| e.kind == EventKind::Collision)
@@ -281,6 +394,25 @@ impl<T: Scalar> Run<'_, T> {
             impulse: Some(impulse.value()),
             wall,
         });
+    }
+
+    /// What the contact effects say of this contact.
+    fn law(&self, a: usize, b: usize, near: &Proximity<T>, approach: T) -> ContactLaw<T> {
+        let body = |i: usize| self.laws.body(i, &self.bodies[i].from);
+        let other = (b < self.bodies.len()).then(|| body(b));
+        let point = (near.on_a + near.on_b).scaled(0.5);
+        let contact = Contact { a: body(a), b: other, normal: near.normal, point, approach };
+        let mut law = ContactLaw::plain();
+        for effect in &self.contact_effects {
+            let (pa, pb) = (self.contact_values(effect, a, b), self.contact_values(effect, b, a));
+            (effect.hook)(&pa, &pb, &contact, &mut law);
+        }
+        if let Some((presence, restitution)) =
+            b.checked_sub(self.bodies.len()).and_then(|w| self.walls[w].obstacle)
+        {
+            (law.presence, law.restitution) = (presence, restitution);
+        }
+        law
     }
 
     fn side(&self, i: usize) -> Side<T> {
@@ -307,16 +439,6 @@ impl<T: Scalar> Run<'_, T> {
     fn contact_values(&self, effect: &ContactEffect<T>, i: usize, j: usize) -> Vec<T> {
         let body = |k: usize| self.model.bodies.get(k);
         let (Some(this), other) = (body(i).or(body(j)), body(j).or(body(i))) else { return vec![] };
-        let other = other.unwrap_or(this);
-        let mut first = effect.first;
-        let mut values = Vec::with_capacity(effect.parameters.len());
-        for p in effect.parameters {
-            values.push(match p.index(this, other) {
-                Some(k) => self.flat[first + k],
-                None => T::constant(p.prior.mean),
-            });
-            first += p.values.len();
-        }
-        values
+        effect.active.values_for(effect.first, self.flat, this, other.unwrap_or(this))
     }
 }

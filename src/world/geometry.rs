@@ -36,6 +36,20 @@ pub(super) struct Proximity<T> {
     pub feature: Feature,
 }
 
+impl<T: Real> Proximity<T> {
+    /// Seen with outlines that have grown a little about their centres; the turn of a corner's normal is left out.
+    pub fn grown(self, a: Vec2<T>, growth_a: T, b: Vec2<T>, growth_b: T) -> Self {
+        let shift = |on: Vec2<T>, centre: Vec2<T>, growth: T, face: bool| {
+            let arm = (on - centre) * growth;
+            if face { self.normal * self.normal.dot(arm) } else { arm }
+        };
+        let on_a = self.on_a + shift(self.on_a, a, growth_a, self.feature == Feature::FaceOfA);
+        let on_b = self.on_b + shift(self.on_b, b, growth_b, self.feature == Feature::FaceOfB);
+        let gap = self.gap + self.normal.dot(on_b - self.on_b - on_a + self.on_a);
+        Proximity { gap, on_a, on_b, ..self }
+    }
+}
+
 /// What carries the normal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Feature {

@@ -220,6 +220,37 @@ pub(super) struct Side<T> {
     pub ball: Option<f64>,
 }
 
+/// Mass that a blow along the normal moves (kg).
+pub(super) fn effective_mass<T: Real>(a: &Side<T>, b: &Side<T>, near: &Proximity<T>) -> T {
+    let point = (near.on_a + near.on_b).scaled(0.5);
+    let inverse = |s: &Side<T>| {
+        let arm = (point - s.kinematics.position).cross(near.normal);
+        s.inverse_mass + arm * arm * s.inverse_inertia
+    };
+    T::constant(1.0) / (inverse(a) + inverse(b))
+}
+
+impl<T: Real> ContactLaw<T> {
+    /// Restitution and duration (s) of a spring and damper that moves `mass` (kg) and never pulls: with z the ratio of
+    /// the damping to the critical one and w the angular frequency, exp(-2 z f) and 2 f/w, f = acos z / sqrt(1 - z^2).
+    pub(super) fn spring(&self, mass: T) -> (T, T) {
+        let period = mass.sqrt() * self.softness;
+        let z = self.damping * self.softness / (mass.sqrt() * 2.0);
+        let x = z.value();
+        let below = 1.0 - x * x;
+        let f = if below > 1e-6 {
+            x.acos() / below.sqrt()
+        } else if below < -1e-6 {
+            x.acosh() / (-below).sqrt()
+        } else {
+            1.0 - (x - 1.0) / 3.0
+        };
+        let slope = if below.abs() > 1e-6 { (x * f - 1.0) / below } else { -1.0 / 3.0 };
+        let f = z.chain(f, slope);
+        ((-(z * f * 2.0)).exp(), f * period * 2.0)
+    }
+}
+
 /// Impulses of one contact on a and b, and the normal impulse (N s).
 ///
 /// Newton's restitution along the normal; a tangential impulse against the slip of the touching points, of at
@@ -243,7 +274,7 @@ pub(super) fn resolve<T: Real>(
             + rb.cross(p) * rb.cross(q) * b.inverse_inertia
     };
     let knn = response(n, n);
-    let kick = (law.restitution + 1.0) * approach;
+    let kick = (law.restitution + 1.0) * approach * law.presence;
     let mut normal = kick / knn;
     let mut tangential = T::zero();
     let mut vertical = T::zero();

@@ -2,6 +2,7 @@
 
 mod encounter;
 mod field;
+mod film;
 mod flight;
 mod footprint;
 mod geometry;
@@ -9,12 +10,14 @@ mod impact;
 mod intervene;
 mod model;
 mod motion;
+mod obstacle;
 mod preset;
 mod pressing;
 mod simulate;
 mod trace;
 
 pub use field::{Instant, accelerations};
+pub use film::film;
 pub use intervene::{Intervention, InterventionError};
 pub use model::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, Start, Wall};
 pub use motion::Kinematics;

@@ -1,8 +1,8 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
 use super::trace::State;
-use crate::effects::{EffectSpec, Hook, Scope, effect};
-use crate::num::Vec2;
+use crate::effects::{EffectEntry, EffectSpec, Hook, Scope, effect};
+use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 use serde::{Deserialize, Serialize};
 
@@ -163,6 +163,16 @@ impl Model {
         self.effects.iter().any(|e| pairs(&e))
     }
 
+    /// The effects that are on, with their entries and where their values begin in [`flatten`](Self::flatten).
+    pub(super) fn active(&self) -> impl Iterator<Item = (&ActiveEffect, &'static EffectEntry, usize)> {
+        let mut next = BODY_VALUES.len() * self.bodies.len();
+        self.effects.iter().filter_map(move |active| {
+            let first = next;
+            next += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
+            Some((active, effect(&active.name).filter(|_| active.on)?, first))
+        })
+    }
+
     /// Parameters of all effects, in order.
     pub fn parameters(&self) -> impl Iterator<Item = &Parameter> {
         self.effects.iter().flat_map(|e| &e.parameters)
@@ -194,6 +204,18 @@ impl BodySpec {
 }
 
 impl ActiveEffect {
+    /// The numbers as they apply to body `a` (touching `b`, or the same body where there is none); the effect's values
+    /// begin at `first` in `flat`.
+    pub(super) fn values_for<T: Real>(&self, first: usize, flat: &[T], a: &BodySpec, b: &BodySpec) -> Vec<T> {
+        let mut first = first;
+        let value = |p: &Parameter| {
+            let at = first;
+            first += p.values.len();
+            p.index(a, b).map_or(T::constant(p.prior.mean), |k| flat[at + k])
+        };
+        self.parameters.iter().map(value).collect()
+    }
+
     /// The effect as its spec gives it, with a value for every body.
     pub fn new(spec: &EffectSpec, bodies: &[BodySpec]) -> Self {
         let parameters = spec.params.iter().map(|p| {

@@ -2,8 +2,8 @@
 
 use super::footprint::footprint;
 use super::model::{BODY_VALUES, MASS, Model};
-use crate::body::{Body, Wrench};
-use crate::effects::{Hook, Hooks, Scalar, effect};
+use crate::body::{Body, Matter, Wrench};
+use crate::effects::{Hook, Hooks, Scalar};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 
@@ -62,6 +62,8 @@ pub(super) struct Laws<T: Scalar> {
     pub mass: Vec<T>,
     pub inverse_mass: Vec<T>,
     pub inverse_inertia: Vec<T>,
+    /// Relative growth of each outline: derivatives only; empty where there are none.
+    pub growth: Vec<T>,
     forces: Vec<PerBody<T>>,
     pairs: Vec<PerBody<T>>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
@@ -86,45 +88,47 @@ impl<T: Scalar> PerBody<T> {
 impl<T: Scalar> Laws<T> {
     pub fn new(model: &Model, flat: &[T]) -> Self {
         let (mut forces, mut pairs, mut steady) = (vec![], vec![], true);
-        let mut offset = BODY_VALUES.len() * model.bodies.len();
-        for active in &model.effects {
-            let first = offset;
-            offset += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
-            let Some(entry) = effect(&active.name).filter(|_| active.on) else { continue };
+        let one = T::constant(1.0);
+        let mut matter = vec![Matter { mass: one, size: one }; model.bodies.len()];
+        for (active, entry, first) in model.active() {
+            let hooks = T::hooks(entry);
+            let values = |body| active.values_for(first, flat, body, body);
+            if entry.uses(Hook::Matter) {
+                for (body, matter) in model.bodies.iter().zip(&mut matter) {
+                    (hooks.matter)(&values(body), matter);
+                }
+            }
             let (force, pair) = (entry.uses(Hook::Force), entry.uses(Hook::Pair));
             if !force && !pair {
                 continue;
             }
-            let mut values = vec![];
-            for body in &model.bodies {
-                let mut at = first;
-                for p in &active.parameters {
-                    values.push(match p.index(body, body) {
-                        Some(i) => flat[at + i],
-                        None => T::constant(p.prior.mean),
-                    });
-                    at += p.values.len();
-                }
-            }
-            let (hooks, count) = (T::hooks(entry), active.parameters.len());
             steady &= entry.steady;
-            if force {
-                forces.push(PerBody { hooks, values: values.clone(), count });
-            }
-            if pair {
-                pairs.push(PerBody { hooks, values, count });
+            let (values, count) = (model.bodies.iter().flat_map(values).collect(), active.parameters.len());
+            let list = if force { &mut forces } else { &mut pairs };
+            list.push(PerBody { hooks, values, count });
+        }
+        let shapes: Vec<Shape> =
+            model.bodies.iter().zip(&matter).map(|(b, m)| b.shape.scaled(m.size.value())).collect();
+        let mut growth: Vec<T> = matter.iter().map(|m| (m.size / m.size.value()).infinitesimal()).collect();
+        if growth.iter().all(|g| g.is_constant()) {
+            growth.clear();
+        }
+        let believed = (0..shapes.len()).map(|i| flat[i * BODY_VALUES.len() + MASS]);
+        let mass: Vec<T> = believed.zip(&matter).map(|(m, real)| m * real.mass).collect();
+        let inverse_mass: Vec<T> = mass.iter().map(|&m| one / m).collect();
+        let mut inverse_inertia: Vec<T> =
+            inverse_mass.iter().zip(&shapes).map(|(&m, s)| m / s.unit_inertia()).collect();
+        for ((inertia, shape), growth) in inverse_inertia.iter_mut().zip(&shapes).zip(&growth) {
+            // A ball's speeds at its surface do not depend on its size.
+            if !shape.is_ball() {
+                *inertia *= -*growth * 2.0 + 1.0;
             }
         }
-        let shapes: Vec<Shape> = model.bodies.iter().map(|b| b.shape).collect();
-        let one = T::constant(1.0);
-        let mass: Vec<T> = (0..shapes.len()).map(|i| flat[i * BODY_VALUES.len() + MASS]).collect();
-        let inverse_mass: Vec<T> = mass.iter().map(|&m| one / m).collect();
-        let inverse_inertia = inverse_mass.iter().zip(&shapes).map(|(&m, s)| m / s.unit_inertia()).collect();
         let plain = |law: &PerBody<T>, i: usize| law.of(i).iter().all(|p| p.is_constant());
         let constant =
             (0..shapes.len()).map(|i| mass[i].is_constant() && forces.iter().all(|law| plain(law, i)));
         let constant = constant.collect();
-        Laws { shapes, mass, inverse_mass, inverse_inertia, forces, pairs, constant, steady }
+        Laws { shapes, mass, inverse_mass, inverse_inertia, growth, forces, pairs, constant, steady }
     }
 
     /// Whether bodies act on each other at a distance.

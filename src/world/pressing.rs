@@ -26,6 +26,7 @@ impl<T: Scalar> Run<'_, T> {
     /// Bodies joined by kept contacts or pair forces move as one group; released contacts are forgotten.
     pub(super) fn regroup(&mut self) {
         self.touching.retain(|t| t.pressing);
+        self.leave_obstacles();
         for i in 0..self.bodies.len() {
             self.bodies[i].group.clear();
             self.bodies[i].group.push(i);
@@ -42,6 +43,17 @@ impl<T: Scalar> Run<'_, T> {
             let Touching { a, b, .. } = self.touching[k];
             self.join(a, b);
         }
+    }
+
+    /// A body that has come out of an obstacle may run into it again.
+    fn leave_obstacles(&mut self) {
+        let inside = |&(a, b): &(usize, usize)| {
+            let (near, rate) =
+                facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b));
+            near.gap.value() <= 0.0 || rate.value() < 0.0
+        };
+        let passing = self.passing.iter().copied().filter(inside).collect();
+        self.passing = passing;
     }
 
     pub(super) fn join(&mut self, a: usize, b: usize) {
@@ -149,6 +161,7 @@ impl<T: Scalar> Run<'_, T> {
             let (ka, kb) = (&k[x], y.map_or_else(|| self.kinematics(b), |y| k[y]));
             let (sa, sb) = (self.shape(a), self.shape(b));
             for near in manifold(&Pose::of(ka, sa), sa, &Pose::of(&kb, sb), sb).into_iter().flatten() {
+                let near = self.grown(near, (a, ka), (b, &kb));
                 let point = (near.on_a + near.on_b).scaled(0.5);
                 let rate = near.normal.dot(point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a));
                 let sides = [

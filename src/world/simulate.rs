@@ -3,13 +3,14 @@
 use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
 use super::flight::{APPROACH_SHARE, Flight, SHORTEST_APPROACH, SHORTEST_STRETCH};
 use super::impact::Path;
-use super::model::{BODY_VALUES, BodySpec, Model};
+use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
 use super::motion::{Change, Kinematics, Laws, Mode, REST_SPEED, Rates};
+use super::obstacle::Static;
 use super::pressing::Touching;
 use super::trace::{Ending, Event, EventKind, State, Trace};
 use crate::body::Wrench;
-use crate::effects::{ContactFn, Hook, Scalar, effect};
-use crate::num::{Vec2, vec2};
+use crate::effects::{ContactFn, Hook, Scalar};
+use crate::num::Vec2;
 use crate::scene::Shape;
 use smallvec::SmallVec;
 
@@ -112,8 +113,16 @@ pub(super) struct Moving<T> {
 
 pub(super) struct ContactEffect<'m, T> {
     pub hook: ContactFn<T>,
-    pub parameters: &'m [super::model::Parameter],
+    pub active: &'m ActiveEffect,
     pub first: usize,
+}
+
+/// A soft contact's blow that is due.
+#[derive(Clone, Copy)]
+pub(super) struct Blow<T> {
+    pub time: T,
+    pub a: usize,
+    pub b: usize,
 }
 
 pub(super) struct Run<'m, T: Scalar> {
@@ -122,8 +131,11 @@ pub(super) struct Run<'m, T: Scalar> {
     pub laws: Laws<T>,
     pub contact_effects: Vec<ContactEffect<'m, T>>,
     pub bodies: Vec<Moving<T>>,
-    pub walls: Vec<(Shape, Kinematics<f64>)>,
+    pub walls: Vec<Static<T>>,
     pub touching: Vec<Touching>,
+    /// Bodies inside an obstacle that lets them through.
+    pub passing: Vec<(usize, usize)>,
+    pub blows: Vec<Blow<T>>,
     pub impacts: Vec<(f64, usize, usize)>,
     /// The laws without derivatives, for bodies that carry none.
     pub plain: Option<Laws<f64>>,
@@ -138,26 +150,17 @@ pub(super) struct Run<'m, T: Scalar> {
 
 impl<'m, T: Scalar> Run<'m, T> {
     fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &Limits) -> Self {
-        let mut contact_effects = vec![];
-        let mut first = BODY_VALUES.len() * model.bodies.len();
-        for active in &model.effects {
-            if let Some(entry) = effect(&active.name).filter(|e| active.on && e.uses(Hook::Contact)) {
-                let hook = T::hooks(entry).contact;
-                contact_effects.push(ContactEffect { hook, parameters: &active.parameters, first });
-            }
-            first += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
-        }
+        let laws = Laws::new(model, flat);
+        let contact_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Contact));
+        let contact_effects = contact_effects.map(|(active, entry, first)| ContactEffect {
+            hook: T::hooks(entry).contact,
+            active,
+            first,
+        });
         let bodies = model.bodies.iter().enumerate().map(|(i, b)| {
-            let p = &flat[i * BODY_VALUES.len()..];
-            let mut from = Kinematics {
-                position: vec2(p[0], p[1]),
-                yaw: p[2],
-                velocity: vec2(p[3], p[4]),
-                spin: p[5],
-                roll: vec2(p[6], p[7]),
-            };
+            let mut from = Kinematics::starting(&flat[i * BODY_VALUES.len()..]);
             if b.start.rolling {
-                from.roll = from.velocity.perp().scaled(1.0 / b.shape.bounding_radius());
+                from.roll = from.velocity.perp().scaled(1.0 / laws.shapes[i].bounding_radius());
             }
             let still = from.value();
             Moving {
@@ -167,33 +170,24 @@ impl<'m, T: Scalar> Run<'m, T> {
                 until: T::constant(b.start.time),
                 to: from,
                 change: None,
-                path: Path::new(b.shape, b.start.time, b.start.time, still, still),
+                path: Path::new(laws.shapes[i], b.start.time, b.start.time, still, still),
                 group: vec![i],
                 next: 0,
             }
         });
-        let walls = model.walls.iter().map(|w| {
-            let along = w.to - w.from;
-            let shape = Shape::Rectangle { half_length: 0.5 * along.norm(), half_width: 0.0 };
-            let still = Kinematics {
-                position: (w.from + w.to).scaled(0.5),
-                yaw: along.y.atan2(along.x),
-                velocity: Vec2::zero(),
-                spin: 0.0,
-                roll: Vec2::zero(),
-            };
-            (shape, still)
-        });
+        let bodies = bodies.collect();
         let values = || flat.iter().map(|v| v.value()).collect::<Vec<f64>>();
         Run {
             plain: T::DIFFERENTIATES.then(|| Laws::new(model, &values())),
             times,
             states: vec![vec![None; model.bodies.len()]; times.len()],
-            laws: Laws::new(model, flat),
-            contact_effects,
-            bodies: bodies.collect(),
-            walls: walls.collect(),
+            laws,
+            contact_effects: contact_effects.collect(),
+            bodies,
+            walls: Static::all(model, flat),
             touching: vec![],
+            passing: vec![],
+            blows: vec![],
             impacts: vec![],
             order: (0..model.bodies.len()).collect(),
             step_end: 0.0,
@@ -301,6 +295,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             match next {
                 Next::Change(i) => self.change(i),
                 Next::Impact(time, a, b) => self.impact(time, a, b),
+                Next::Blow(which) => self.blow(which),
             }
         }
         for i in 0..self.bodies.len() {
@@ -450,14 +445,14 @@ impl<'m, T: Scalar> Run<'m, T> {
     pub(super) fn kinematics(&self, i: usize) -> Kinematics<T> {
         match self.bodies.get(i) {
             Some(body) => body.from,
-            None => Kinematics::constant(&self.walls[i - self.bodies.len()].1),
+            None => self.walls[i - self.bodies.len()].place,
         }
     }
 
     pub(super) fn shape(&self, b: usize) -> &Shape {
         match self.laws.shapes.get(b) {
             Some(shape) => shape,
-            None => &self.walls[b - self.bodies.len()].0,
+            None => &self.walls[b - self.bodies.len()].shape,
         }
     }
 
@@ -475,6 +470,9 @@ impl<'m, T: Scalar> Run<'m, T> {
         }
         for &(time, a, b) in &self.impacts {
             offer(time, Next::Impact(time, a, b));
+        }
+        for (which, blow) in self.blows.iter().enumerate().filter(|(_, b)| b.time.value() <= self.step_end) {
+            offer(blow.time.value(), Next::Blow(which));
         }
         best.map(|(_, next)| next)
     }
@@ -527,4 +525,6 @@ impl<'m, T: Scalar> Run<'m, T> {
 enum Next {
     Change(usize),
     Impact(f64, usize, usize),
+    /// Index among the blows.
+    Blow(usize),
 }

@@ -1,7 +1,7 @@
 //! Properties of the simulation: conservation, exact derivatives, no tunnelling, determinism.
 
 use super::*;
-use crate::effects::{Scope, effect};
+use crate::effects::{EFFECTS, EffectEntry, Hook, Scope, effect};
 use crate::num::{Jet, LANES, Vec2, vec2};
 use crate::scene::Shape;
 use proptest::prelude::*;
@@ -300,5 +300,121 @@ fn the_papers_spheres_glide_to_rest_where_its_equation_says() {
         let last = t.states[100][0].expect("it is there");
         assert!((last.position.x - reach).abs() < 1e-5 && last.velocity.norm() == 0.0, "{last:?} {reach}");
         assert_eq!(t.events.iter().filter(|e| e.kind == EventKind::Stop).count(), 1);
+    }
+}
+
+/// Three bodies that meet each other, with what the effects of the table need to act on.
+fn meeting(extra: &EffectEntry, values: &[f64]) -> Model {
+    let mut bodies = vec![
+        body(0, shape(0), vec2(3.0, 2.0), vec2(-1.1, 0.05)),
+        body(3, shape(2), vec2(2.2, 2.1), vec2(-0.2, -0.1)),
+        body(7, shape(1), vec2(2.1, 3.0), vec2(0.1, -1.2)),
+    ];
+    bodies[0].start.state.spin = 0.7;
+    bodies[1].start.state.spin = -0.4;
+    bodies[1].mass = 1.6;
+    let base: [(&str, &[f64]); 3] =
+        [("sliding_friction", &[0.03]), ("restitution", &[0.7, 1.0]), ("contact_friction", &[0.1])];
+    let base: Vec<(&str, &[f64])> = base.into_iter().filter(|(name, _)| *name != extra.spec.name).collect();
+    let mut m = model(bodies, &base);
+    let mut active = ActiveEffect::new(&extra.spec, &m.bodies);
+    for (p, v) in active.parameters.iter_mut().zip(values) {
+        *p = Parameter::new(&p.name.clone(), Scope::Setup, Prior { mean: *v, sd: 0.0 }, &m.bodies);
+    }
+    m.effects.push(active);
+    m
+}
+
+/// Where the meeting's bodies come through; small numbers of the rest.
+fn placed(entry: &EffectEntry, amplitude: f64) -> Vec<f64> {
+    let place = |(k, q): (usize, &crate::effects::ParamSpec)| match q.name {
+        _ if k < entry.amplitudes => amplitude,
+        "center_x" => 1.9,
+        "center_y" => 1.2,
+        "offset" => 1.9,
+        "Omega" => 1.5,
+        _ => q.default,
+    };
+    entry.spec.params.iter().enumerate().map(place).collect()
+}
+
+/// Positions that the camera reports at the end, and the derivatives by the numbers from `first` on.
+fn ends(m: &Model, flat: &[Jet], n: usize) -> Vec<Jet> {
+    let rollout = film(m, flat, &seconds(n), &Limits::default());
+    let last = rollout.states.last().expect("frames");
+    last.iter().flatten().flat_map(|k| [k.position.x, k.position.y]).collect()
+}
+
+/// Laws of the base that the meeting would not be one without.
+const BASE: [&str; 2] = ["restitution", "sliding_friction"];
+
+#[test]
+fn an_effect_at_zero_changes_no_bit() {
+    for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name) && !e.uses(Hook::Pair) && e.steady) {
+        let mut m = meeting(entry, &placed(entry, 0.0));
+        let times = seconds(60);
+        let limits = Limits::default();
+        let with = film(&m, &m.flatten(), &times, &limits);
+        m.effects.pop();
+        let without = film(&m, &m.flatten(), &times, &limits);
+        assert_eq!(format!("{:?}", with.states), format!("{:?}", without.states), "{}", entry.spec.name);
+        assert_eq!(with.events, without.events, "{}", entry.spec.name);
+    }
+}
+
+/// What the score test stands on: at absent, the derivative by each amplitude is what a little of it does.
+#[test]
+fn the_derivative_at_zero_is_what_a_little_of_the_effect_does() {
+    for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name)) {
+        for k in 0..entry.amplitudes {
+            let m = meeting(entry, &placed(entry, 0.0));
+            let first = m.flat_len() - entry.spec.params.len();
+            let at = |value: f64, lane: f64| {
+                let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
+                flat[first + k].v = value;
+                flat[first + k].d[0] = lane;
+                ends(&m, &flat, 50)
+            };
+            let h = 1e-6;
+            let (exact, some, none) = (at(0.0, 1.0), at(h, 0.0), at(0.0, 0.0));
+            for ((e, s), n) in exact.iter().zip(&some).zip(&none) {
+                let difference = (s.v - n.v) / h;
+                assert!(
+                    (e.d[0] - difference).abs() <= 2e-3 * (1.0 + difference.abs()),
+                    "{} {k}: {} {difference}",
+                    entry.spec.name,
+                    e.d[0]
+                );
+            }
+            assert!(exact.iter().any(|e| e.d[0] != 0.0), "{} {k} does nothing", entry.spec.name);
+        }
+    }
+}
+
+#[test]
+fn derivatives_hold_with_each_effect_present() {
+    for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name)) {
+        let amplitude = 0.25 * entry.spec.params[0].max.min(1.0);
+        let m = meeting(entry, &placed(entry, amplitude));
+        let first = m.flat_len() - entry.spec.params.len();
+        for k in 0..entry.spec.params.len() {
+            let at = |value: f64, lane: f64| {
+                let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
+                flat[first + k].v += value;
+                flat[first + k].d[0] = lane;
+                ends(&m, &flat, 50)
+            };
+            let h = 1e-6;
+            let (exact, up, down) = (at(0.0, 1.0), at(h, 0.0), at(-h, 0.0));
+            for ((e, u), d) in exact.iter().zip(&up).zip(&down) {
+                let difference = (u.v - d.v) / (2.0 * h);
+                let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
+                assert!(
+                    (e.d[0] - difference).abs() <= 5e-3 * (1.0 + difference.abs()),
+                    "{name}: {} {difference}",
+                    e.d[0]
+                );
+            }
+        }
     }
 }
