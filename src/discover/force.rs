@@ -236,7 +236,8 @@ impl<'a> Lens<'a> {
         let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
         for s in &self.stretches {
             let body = &models[s.scene].bodies[s.body];
-            let share = if body.start.rolling { 5.0 / 7.0 } else { 1.0 } / if force { body.mass } else { 1.0 };
+            let share =
+                if body.start.rolling { 5.0 / 7.0 } else { 1.0 } / if force { body.mass } else { 1.0 };
             let acceleration = |f: usize| {
                 let instant = &self.instants[s.scene][f];
                 let here = instant.bodies.iter().find(|b| b.0 == s.body);

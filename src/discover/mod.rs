@@ -1,12 +1,21 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
+mod contact;
+mod experiment;
 mod force;
+mod formula;
+mod inquire;
+mod outcome;
 mod path;
 mod revise;
 mod screen;
 mod search;
 
+pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
 pub use force::{Lens, fit_forces, flats, free_parameters};
+pub use formula::residual_law;
+pub use inquire::{DiscoverOptions, discover};
+pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
 pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};

@@ -3,7 +3,7 @@
 use crate::fit::Noise;
 use crate::num::{Vec2, vec2};
 use crate::scene::{Scene, Track};
-use crate::world::Kinematics;
+use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -11,6 +11,8 @@ use std::ops::Range;
 const SPAN: usize = 15;
 /// Samples that make a stretch worth looking at.
 const SHORTEST: usize = 8;
+/// Samples that a velocity can be had from.
+const SHORTEST_SMOOTH: usize = 5;
 /// Bodies nearer than this may have touched within a frame (m).
 const NEAR: f64 = 0.03;
 /// Frames around a contact that are left out: the exact time of the impact is not known.
@@ -32,6 +34,8 @@ pub struct Path {
     pub motion: Vec<Option<Kinematics<f64>>>,
     /// Frames of free motion: no contact, no jump, not at rest.
     pub stretches: Vec<Range<usize>>,
+    /// Frames over which `motion` is smoothed, rest included.
+    pub smooth: Vec<Range<usize>>,
     /// Sudden changes of velocity that no other object explains.
     pub jumps: Vec<Jump>,
     /// Frames in which another object was near enough to touch, and the index of its track.
@@ -49,6 +53,24 @@ pub struct Jump {
     pub change: Vec2,
     /// In deviations of its measurement.
     pub sigmas: f64,
+}
+
+/// The model with bodies that begin as the smoothed tracks do, where those are smooth at their beginning; `None`
+/// where one is not.
+pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
+    let mut model = model.clone();
+    for ((body, track), path) in model.bodies.iter_mut().zip(&scene.tracks).zip(paths) {
+        let Some(first) = track.samples.first() else { continue };
+        let smooth = path.smooth.iter().any(|r| r.contains(&first.frame));
+        let motion = path.motion.get(first.frame).copied().flatten().filter(|_| smooth)?;
+        let state = &mut body.start.state;
+        body.start.time = scene.time_of(first.frame);
+        let moves = motion.velocity.norm() > SLOW;
+        (state.position, state.yaw) = (motion.position, motion.yaw);
+        state.velocity = if moves { motion.velocity } else { vec2(0.0, 0.0) };
+        state.spin = if moves { motion.spin } else { 0.0 };
+    }
+    Some(model)
 }
 
 /// The motion of each object of the scene. Deterministic.
@@ -98,14 +120,16 @@ fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Pa
     }
     let yaws = (!scene.objects[i].shape.is_ball()).then(|| unwrapped_yaws(scene, i));
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
-    for segment in runs(&usable) {
-        smooth(scene, own, yaws.as_deref(), segment, &mut motion);
+    let smoothed: Vec<Range<usize>> =
+        runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST_SMOOTH).collect();
+    for segment in &smoothed {
+        smooth(scene, own, yaws.as_deref(), segment.clone(), &mut motion);
     }
     for f in 0..frames {
         usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
     }
     let stretches = runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST).collect();
-    Path { motion, stretches, jumps, near }
+    Path { motion, stretches, smooth: smoothed, jumps, near }
 }
 
 fn still(position: Vec2) -> Kinematics<f64> {

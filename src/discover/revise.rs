@@ -135,7 +135,7 @@ fn fit_set_up(scenes: &[Scene], models: &[Model], options: &FitOptions, stop: St
             }
         }
     }
-    let together = FitOptions { begin: Begin::Models, ..*options };
+    let together = FitOptions { begin: Begin::Near, ..*options };
     fit(scenes, &near, &together, stop)
 }
 

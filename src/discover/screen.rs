@@ -38,6 +38,8 @@ pub struct Candidate {
     pub gain: f64,
     /// Fall of chi-square on what was left out, summed, and the number of parts that gained.
     pub held_out: f64,
+    /// Chi-square of what was left out, summed.
+    pub left_out: f64,
     pub folds_gained: usize,
     pub chi_square: f64,
     /// The models with the candidate at these values, shared parameters refitted.
@@ -150,10 +152,11 @@ pub fn screen(
     let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, &fitted, entry, values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
-    let (mut held_out, mut folds_gained) = (0.0, 0);
+    let (mut held_out, mut left_out, mut folds_gained) = (0.0, 0.0, 0);
     for fold in &lens.folds {
         let without = lens.solve(&fitted, free, &seen.values, PROOFS, fold);
         let candidate = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        left_out += candidate.left_out;
         held_out += without.left_out - candidate.left_out;
         folds_gained += usize::from(without.left_out > candidate.left_out);
     }
@@ -164,6 +167,7 @@ pub fn screen(
         added: added.len(),
         gain: seen.cost - seen_with.cost,
         held_out,
+        left_out,
         folds_gained,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),

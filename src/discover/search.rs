@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters (BIC), that an effect must
 /// bring: the price of looking at the whole library.
-const PROOF: f64 = 20.0;
+pub const PROOF: f64 = 20.0;
 /// A richer law must beat a simpler one by this, and on what was left out too.
 const RICHER: f64 = 10.0;
 /// A simpler law that explains this share is asked for first.

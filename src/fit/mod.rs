@@ -36,8 +36,10 @@ pub enum Begin {
     /// At lines through the first frames of the tracks.
     #[default]
     Tracks,
-    /// At the start states that the models have; they are taken to be near, so windows do not grow.
+    /// At the start states that the models have.
     Models,
+    /// The same, and they are taken to be so near that windows need not grow.
+    Near,
 }
 
 /// How the cost is minimised.
@@ -152,7 +154,7 @@ fn gauss_newton(
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
     let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
-    if options.begin == Begin::Tracks && worst_chi_square(problem, &best.point, frames) > GOOD {
+    if options.begin != Begin::Near && worst_chi_square(problem, &best.point, frames) > GOOD {
         let mut grown = grow(problem, frames, budget, stop)?;
         grown.iterations += best.iterations;
         if grown.cost < best.cost {
@@ -162,7 +164,8 @@ fn gauss_newton(
     Ok(best)
 }
 
-fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
+/// Whether the models can be fitted to the scenes at all.
+pub fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
     if scenes.is_empty() {
         return Err(FitError::NoScene);
     }

@@ -70,10 +70,7 @@ pub static PRESETS: &[Preset] = &[
         mass_sd: 0.4,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
-            with(
-                "friction_offset",
-                UNEVEN_FOOT,
-            ),
+            with("friction_offset", UNEVEN_FOOT),
             with(
                 "damping",
                 &[
