@@ -7,12 +7,13 @@ use super::formula::residual_law;
 use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
-use super::search::{FreeMotion, PROOF, search};
+use super::search::{FreeMotion, PROOF, search, search_on};
 use crate::effects::EffectEntry;
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Residuals in free motion below which nothing can be said.
@@ -20,7 +21,7 @@ const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
-const FOLLOWED: f64 = 3.0;
+const FOLLOWED: f64 = 1.3;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DiscoverOptions {
@@ -31,7 +32,7 @@ pub struct DiscoverOptions {
 
 impl Default for DiscoverOptions {
     fn default() -> Self {
-        DiscoverOptions { max_effects: 2, fit: FitOptions::default() }
+        DiscoverOptions { max_effects: 2, fit: FitOptions { max_iterations: 60, ..FitOptions::default() } }
     }
 }
 
@@ -47,29 +48,42 @@ pub fn discover(
     if lens.degrees_of_freedom() < FEWEST {
         return Ok(not_identifiable(&lens));
     }
-    let readings = readings(scenes, models);
-    let most = options.max_effects.max(1);
-    let mut found: Vec<(Vec<Model>, FreeMotion)> = vec![];
-    for models in readings {
+    let mut seen: Vec<Reading> = vec![];
+    for models in readings(scenes, models) {
         let models = with_nuisance(&models);
-        let motion = search(&lens, &models, 1, stop)?;
-        found.push((models, motion));
+        let motion = search(&lens, &models, stop)?;
+        seen.push(Reading { models, motion, contacts: vec![], films: 0.0 });
     }
-    let least = found.iter().map(|f| f.1.priced()).fold(f64::INFINITY, f64::min);
-    found.retain(|f| f.1.priced() < least + SAME);
-    let mut best: Option<(Vec<Model>, FreeMotion, Revision)> = None;
-    for (models, motion) in found {
-        let motion =
-            if most > 1 && !motion.found.is_empty() { search(&lens, &models, most, stop)? } else { motion };
-        let last = motion.found.last().map(|c| c.entry.spec.name);
-        let revision = revise(&lens, &motion.models, last, &options.fit, stop)?;
-        let better = |b: &Revision| revision.reduced_chi_square < b.reduced_chi_square;
-        if best.as_ref().is_none_or(|(_, _, b)| better(b)) {
-            best = Some((models, motion, revision));
-        }
+    let least = seen.iter().map(|r| r.motion.priced()).fold(f64::INFINITY, f64::min);
+    seen.retain(|r| r.motion.priced() < least + SAME);
+    for reading in &mut seen {
+        let motion = reading.motion.clone();
+        reading.motion = search_on(&lens, &reading.models, motion, options.max_effects, stop)?;
+        let films = contacts(&lens, &reading.motion.models);
+        let sought = sought(&reading.motion.models, scenes);
+        let screened = screen_contacts(&films, &region(scenes), &sought, stop)?;
+        reading.films = screened.iter().find(|c| c.proven()).map_or(films_cost(&screened), |c| c.after);
+        reading.contacts = screened;
     }
-    let Some((models, motion, last)) = best else { return Ok(not_identifiable(&lens)) };
-    conclude(&lens, &models, motion, last, options, stop)
+    let cost = |r: &Reading| r.motion.priced() + r.films;
+    let best = seen.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    match best {
+        Some(reading) => conclude(&lens, reading, options, stop),
+        None => Ok(not_identifiable(&lens)),
+    }
+}
+
+/// One reading of the base with what the lenses see of it.
+struct Reading {
+    models: Vec<Model>,
+    motion: FreeMotion,
+    contacts: Vec<ContactCandidate>,
+    /// Chi-square of the short films around contacts.
+    films: f64,
+}
+
+fn films_cost(screened: &[ContactCandidate]) -> f64 {
+    screened.first().map_or(0.0, |c| c.before)
 }
 
 /// The models, and the other reading of the same scenes where the preset has one.
@@ -89,34 +103,31 @@ fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
 
 fn conclude(
     lens: &Lens,
-    models: &[Model],
-    motion: FreeMotion,
-    last: Revision,
+    reading: Reading,
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
+    let Reading { models, motion, contacts: of_contacts, .. } = reading;
     let noise_sigma = pooled_noise(lens);
     let region = region(lens.scenes);
-    let room = options.max_effects.saturating_sub(motion.found.len());
-    let films = contacts(lens, &motion.models);
-    let of_contacts = match room {
-        0 => vec![],
-        _ => screen_contacts(&films, &region, &sought(&motion.models, lens.scenes), stop)?,
-    };
-    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven());
-    let mut revisions = vec![];
-    if !motion.found.is_empty() {
-        revisions.push(revise(lens, models, None, &options.fit, stop)?);
-        for step in &motion.found[..motion.found.len() - 1] {
-            let name = Some(step.entry.spec.name);
-            revisions.push(revise(lens, &step.models, name, &options.fit, stop)?);
-        }
+    let room = options.max_effects > motion.found.len();
+    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
+    // All revisions at once: none needs another.
+    let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
+    for (number, step) in motion.found.iter().enumerate() {
+        let last = number + 1 == motion.found.len();
+        let models = if last { &motion.models } else { &step.models };
+        steps.push((Some(step.entry.spec.name), models.clone()));
     }
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, &last.fit)).collect();
-    revisions.push(last);
     if let Some(c) = proven {
-        let with = with_contact(&motion.models, c.entry, &c.values, &region);
-        revisions.push(revise(lens, &with, Some(c.entry.spec.name), &options.fit, stop)?);
+        steps.push((Some(c.entry.spec.name), with_contact(&motion.models, c.entry, &c.values, &region)));
+    }
+    let revisions: Result<Vec<Revision>, FitError> =
+        steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
+    let revisions = revisions?;
+    let last = &revisions[motion.found.len()];
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, &last.fit)).collect();
+    if let Some(c) = proven {
         effects.push(Found {
             kind: c.entry.kind.to_string(),
             effect: c.entry.spec.name.to_string(),
@@ -175,20 +186,19 @@ fn conclude(
 
 /// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of
 /// the lens.
-fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, fit: &Fit) -> Found {
+fn found(motion: &FreeMotion, c: &Candidate, fit: &Fit) -> Found {
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
-    let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let (mut values, sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
     let followed = fit.scenes.iter().all(|s| s.reduced_chi_square < FOLLOWED);
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
-            (values[k], sd[k]) = (motion.seen.values[at], motion.seen.sd[at] * scale);
+            values[k] = motion.seen.values[at];
         }
         if let (true, [e]) = (followed, &estimates_of(fit, c.entry, p.name)[..]) {
             values[k] = e.value;
         }
     }
-    debug_assert!(!lens.scenes.is_empty());
     Found {
         kind: c.entry.kind.to_string(),
         effect: c.entry.spec.name.to_string(),

@@ -19,7 +19,7 @@ pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Valu
 pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
 pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};
-pub use search::{FreeMotion, search};
+pub use search::{FreeMotion, search, search_on};
 
 /// Reduced chi-square of the free motion above which structure remains.
 pub const MISFIT: f64 = 1.3;

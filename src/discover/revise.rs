@@ -17,6 +17,8 @@ const SHOWN: f64 = 0.75;
 const DOUBT: f64 = 5.0;
 /// A second look at a scene is kept when it fits at most this much worse.
 const KEPT: f64 = 1.05;
+/// A scene that the common fit follows this many times worse than its own fit is lost.
+const LOST: f64 = 2.0;
 /// Samples that a track needs before the held-out frames.
 const FEWEST: usize = 5;
 
@@ -136,7 +138,16 @@ fn fit_set_up(scenes: &[Scene], models: &[Model], options: &FitOptions, stop: St
         }
     }
     let together = FitOptions { begin: Begin::Near, ..*options };
-    fit(scenes, &near, &together, stop)
+    let mut joint = fit(scenes, &near, &together, stop)?;
+    // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
+    for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
+        if let [own] = &alone.scenes[..]
+            && own.reduced_chi_square * LOST < scene.reduced_chi_square
+        {
+            scene.clone_from(own);
+        }
+    }
+    Ok(joint)
 }
 
 fn each_alone(

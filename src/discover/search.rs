@@ -49,36 +49,42 @@ impl FreeMotion {
     }
 }
 
-/// Adds at most `most` effects to the models. Deterministic, whatever the number of threads.
-pub fn search(lens: &Lens, models: &[Model], most: usize, stop: Stop) -> Result<FreeMotion, Stopped> {
-    let mut greedy = one_after_another(lens, models, most, None, stop)?;
+/// Adds at most one effect to the models. Deterministic, whatever the number of threads.
+pub fn search(lens: &Lens, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
+    one_after_another(lens, models, 1, None, stop)
+}
+
+/// Adds more effects, at most `most` in all, after what `search` found for the same models.
+pub fn search_on(
+    lens: &Lens,
+    models: &[Model],
+    begun: FreeMotion,
+    most: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let (Some(first), true) = (begun.found.first().cloned(), most > 1) else { return Ok(begun) };
+    let (ranked, alike) = (begun.ranked, begun.alike);
+    let mut greedy = one_after_another(lens, models, most, Some(first), stop)?;
     if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
         // The first pick may be a compromise of two: begin with the next ones too.
         let first = greedy.found[0].entry.spec.name;
-        let others: Vec<Candidate> = first_round(lens, models)
-            .into_iter()
-            .map(|(_, c)| c)
-            .filter(|c| c.entry.spec.name != first)
-            .take(FIRST_CHOICES)
-            .collect();
-        for other in others {
+        let others = ranked.iter().map(|(_, c)| c).filter(|c| c.entry.spec.name != first);
+        for other in others.take(FIRST_CHOICES).cloned() {
             let pair = one_after_another(lens, models, most, Some(other), stop)?;
             if pair.priced() + RICHER < greedy.priced() {
                 greedy = pair;
             }
         }
     }
+    // The round that chose the first effect is the one that ranks the library.
+    greedy.alike = if greedy.found.len() > 1 { vec![] } else { alike };
+    greedy.ranked = ranked;
     Ok(greedy)
 }
 
 /// Whether noise explains what is left.
 fn explained(free: &FreeMotion) -> bool {
     free.reduced_chi_square() < super::MISFIT
-}
-
-fn first_round(lens: &Lens, models: &[Model]) -> Vec<(f64, Candidate)> {
-    let base = fit_forces(lens, models);
-    round(lens, models, &base)
 }
 
 /// All candidates beside the models, best first.
