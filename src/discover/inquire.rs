@@ -9,7 +9,7 @@ use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{FreeMotion, PROOF, search, search_on};
 use crate::effects::EffectEntry;
-use crate::fit::{Fit, FitError, FitOptions};
+use crate::fit::{FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
@@ -66,8 +66,9 @@ pub fn discover(
         reading.contacts = screened;
     }
     let cost = |r: &Reading| r.motion.priced() + r.films;
-    let best = seen.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)));
-    match best {
+    let least = seen.iter().map(cost).fold(f64::INFINITY, f64::min);
+    seen.retain(|r| cost(r) < least + SAME);
+    match by_trajectories(&lens, seen, options, stop)? {
         Some(reading) => conclude(&lens, reading, options, stop),
         None => Ok(not_identifiable(&lens)),
     }
@@ -84,6 +85,28 @@ struct Reading {
 
 fn films_cost(screened: &[ContactCandidate]) -> f64 {
     screened.first().map_or(0.0, |c| c.before)
+}
+
+/// The reading whose trajectories follow the scenes best; a scene that none follows decides little.
+fn by_trajectories(
+    lens: &Lens,
+    mut seen: Vec<Reading>,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Reading>, FitError> {
+    if seen.len() < 2 {
+        return Ok(seen.pop());
+    }
+    let mut best: Option<(f64, Reading)> = None;
+    for reading in seen {
+        let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
+        let revision = revise(lens, &reading.motion.models, effect, &options.fit, stop)?;
+        let misfit: f64 = revision.fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
+        if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
+            best = Some((misfit, reading));
+        }
+    }
+    Ok(best.map(|(_, reading)| reading))
 }
 
 /// The models, and the other reading of the same scenes where the preset has one.
@@ -126,7 +149,7 @@ fn conclude(
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
     let revisions = revisions?;
     let last = &revisions[motion.found.len()];
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, &last.fit)).collect();
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
     if let Some(c) = proven {
         effects.push(Found {
             kind: c.entry.kind.to_string(),
@@ -186,16 +209,16 @@ fn conclude(
 
 /// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of
 /// the lens.
-fn found(motion: &FreeMotion, c: &Candidate, fit: &Fit) -> Found {
+fn found(motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
     let (mut values, sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
-    let followed = fit.scenes.iter().all(|s| s.reduced_chi_square < FOLLOWED);
+    let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
             values[k] = motion.seen.values[at];
         }
-        if let (true, [e]) = (followed, &estimates_of(fit, c.entry, p.name)[..]) {
+        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
             values[k] = e.value;
         }
     }

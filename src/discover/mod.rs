@@ -1,5 +1,6 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
+mod compare;
 mod contact;
 mod experiment;
 mod force;
@@ -11,6 +12,7 @@ mod revise;
 mod screen;
 mod search;
 
+pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
 pub use force::{Lens, fit_forces, flats, free_parameters};
 pub use formula::residual_law;

@@ -19,8 +19,10 @@ const NEAR: f64 = 0.03;
 const MARGIN: usize = 1;
 /// Time that a ball needs to roll again after a hit (s), at the slip of a fast hit on smooth ground.
 const SETTLING: f64 = 0.4;
-/// Speed below which friction may hold a body or has no direction (m/s).
-const SLOW: f64 = 0.04;
+/// Speed below which friction has no certain direction (m/s): three deviations of a velocity at the end of a stretch.
+const SLOW: f64 = 0.08;
+/// Speed below which a body is taken to begin at rest (m/s).
+const AT_REST: f64 = 0.04;
 /// A velocity jump shows by this many deviations, and still by this many where the acceleration may change too.
 const JUMP: f64 = 6.0;
 const SURE_JUMP: f64 = 4.0;
@@ -65,7 +67,7 @@ pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
         let motion = path.motion.get(first.frame).copied().flatten().filter(|_| smooth)?;
         let state = &mut body.start.state;
         body.start.time = scene.time_of(first.frame);
-        let moves = motion.velocity.norm() > SLOW;
+        let moves = motion.velocity.norm() > AT_REST;
         (state.position, state.yaw) = (motion.position, motion.yaw);
         state.velocity = if moves { motion.velocity } else { vec2(0.0, 0.0) };
         state.spin = if moves { motion.spin } else { 0.0 };

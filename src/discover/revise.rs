@@ -3,7 +3,7 @@
 use super::force::{Free, Lens, Seen, fit_forces};
 use super::screen::at_values;
 use crate::effects::Scope;
-use crate::fit::{Begin, Fit, FitError, FitOptions, fit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -36,6 +36,8 @@ pub struct Revision {
     pub left_out_rmse: f64,
     /// Over all scenes.
     pub reduced_chi_square: f64,
+    /// Scenes that the common numbers could not follow, with numbers of their own: chaos, or a law that is not right.
+    pub apart: Vec<String>,
 }
 
 /// The models with beliefs about what acts between contacts as the lens has them.
@@ -71,7 +73,7 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let fit_all = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    let (fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -85,13 +87,19 @@ pub fn revise(
         left_out += lens.solve(models, &free, &seen.values, 4, fold).left_out;
     }
     let sigma = pooled_noise(lens);
+    let parts = held_out(lens.scenes, models, effect, options, stop)?;
+    let whole = parts.iter().fold(HeldOut::default(), |a, b| HeldOut {
+        squares: a.squares + b.squares,
+        count: a.count + b.count,
+    });
     Ok(Revision {
         effect: effect.map(str::to_string),
         rmse: (squares / f64::max(count, 1.0)).sqrt(),
-        held_out_rmse: held_out(lens.scenes, models, effect, options, stop)?,
+        held_out_rmse: whole.rmse(),
         left_out_rmse: sigma * (left_out / lens.degrees_of_freedom().max(1) as f64).sqrt(),
         reduced_chi_square: chi_square / f64::max(degrees, 1.0),
         fit: fit_all,
+        apart,
     })
 }
 
@@ -107,7 +115,12 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
 }
 
 /// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it.
-fn fit_set_up(scenes: &[Scene], models: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+fn fit_set_up(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Fit, Vec<String>), FitError> {
     let alone = each_alone(scenes, models, options, stop)?;
     // Again with what the others say: a scene whose contacts were misread sees them right.
     let led: Vec<Model> = pooled(models, &alone);
@@ -140,14 +153,16 @@ fn fit_set_up(scenes: &[Scene], models: &[Model], options: &FitOptions, stop: St
     let together = FitOptions { begin: Begin::Near, ..*options };
     let mut joint = fit(scenes, &near, &together, stop)?;
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
+    let mut apart = vec![];
     for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
         if let [own] = &alone.scenes[..]
             && own.reduced_chi_square * LOST < scene.reduced_chi_square
         {
             scene.clone_from(own);
+            apart.push(scene.name.clone());
         }
     }
-    Ok(joint)
+    Ok((joint, apart))
 }
 
 fn each_alone(
@@ -206,34 +221,49 @@ fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
     }
 }
 
-/// Error on the last frames of a fit to the first ones (m).
-fn held_out(
+/// Squared error on frames that a fit has not seen.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct HeldOut {
+    squares: f64,
+    count: usize,
+}
+
+impl HeldOut {
+    /// m.
+    pub fn rmse(self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+}
+
+/// Error of each scene on the last frames of a fit to the first ones.
+pub fn held_out(
     scenes: &[Scene],
     models: &[Model],
     effect: Option<&str>,
     options: &FitOptions,
     stop: Stop,
-) -> Result<f64, FitError> {
+) -> Result<Vec<HeldOut>, FitError> {
     let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
     let lens = Lens::new(&shown);
     let (free, seen) = fit_forces(&lens, models);
-    let fitted = fit_set_up(&shown, &led(models, effect, &free, &seen), options, stop)?;
-    let (mut squares, mut count) = (0.0, 0usize);
-    for ((scene, part), fitted) in scenes.iter().zip(&shown).zip(&fitted.scenes) {
+    let (fitted, _) = fit_set_up(&shown, &led(models, effect, &free, &seen), options, stop)?;
+    let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
         let rollout = trace(&fitted.model, &scene.times);
+        let mut sum = HeldOut::default();
         for (body, (track, seen)) in scene.tracks.iter().zip(&part.tracks).enumerate() {
             if seen.samples.len() < FEWEST {
                 continue;
             }
             for s in track.samples.iter().filter(|s| s.frame >= part.times.len()) {
                 if let Some(state) = rollout.states.get(s.frame).and_then(|row| row[body]) {
-                    squares += (state.position - s.position).norm_squared();
-                    count += 2;
+                    sum.squares += (state.position - s.position).norm_squared();
+                    sum.count += 2;
                 }
             }
         }
-    }
-    Ok((squares / count.max(1) as f64).sqrt())
+        sum
+    };
+    Ok(scenes.iter().zip(&shown).zip(&fitted.scenes).map(one).collect())
 }
 
 fn first_frames(scene: &Scene) -> Scene {
