@@ -3,7 +3,7 @@
 
 use super::force::Lens;
 use super::path::{Jump, Path, started};
-use super::screen::with_effect;
+use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
 use crate::num::{Stop, Vec2};
@@ -65,7 +65,9 @@ impl ContactCandidate {
     /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
     pub fn proven(&self) -> bool {
         let seen = self.entry.uses(Hook::Contact);
-        self.score > PROOF && self.remains < EXPLAINED && (!seen || self.gained > 1)
+        let significant =
+            self.values.first().zip(self.sd.first()).is_some_and(|(a, sd)| a.abs() > CERTAIN * sd);
+        self.score > PROOF && self.remains < EXPLAINED && (!seen || (self.gained > 1 && significant))
     }
 }
 
@@ -210,10 +212,11 @@ pub fn screen_contacts(
     let fitted = fitted?;
     let least = fitted.iter().map(|f| chi_squares(&f.2).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
     let unit = (least / degrees.max(1) as f64).max(1.0);
-    let mut all: Vec<ContactCandidate> = fitted
-        .into_iter()
+    let all: Result<Vec<ContactCandidate>, FitError> = fitted
+        .into_par_iter()
         .map(|(entry, start, fit)| {
             let after = chi_squares(&fit);
+            let before = without(films, &fit, entry, &before, &options, stop)?;
             let mut values = start.clone();
             let mut sd = vec![0.0; values.len()];
             let mut added = 0;
@@ -228,7 +231,7 @@ pub fn screen_contacts(
                 }
             }
             let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
-            ContactCandidate {
+            Ok(ContactCandidate {
                 entry,
                 values,
                 sd,
@@ -238,9 +241,10 @@ pub fn screen_contacts(
                 after: sum,
                 remains: sum / degrees.max(1) as f64,
                 gained: after.iter().zip(&before).filter(|(a, b)| **b - **a > CHANCE * unit).count(),
-            }
+            })
         })
         .collect();
+    let mut all = all?;
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<ContactCandidate> = vec![];
     for c in all {
@@ -249,6 +253,24 @@ pub fn screen_contacts(
         }
     }
     Ok(kept)
+}
+
+/// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
+/// the effect leads to: a search that escaped a bad minimum is no discovery.
+fn without(
+    films: &Contacts,
+    with: &Fit,
+    entry: &EffectEntry,
+    before: &[f64],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<f64>, FitError> {
+    let mut models: Vec<Model> = with.scenes.iter().map(|s| s.model.clone()).collect();
+    models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != entry.spec.name));
+    let near = FitOptions { begin: Begin::Near, ..*options };
+    let again = chi_squares(&fit(&films.scenes, &models, &near, stop)?);
+    let sum = |all: &[f64]| all.iter().sum::<f64>();
+    Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
 }
 
 /// What the fit says of one parameter of an effect, for each label.

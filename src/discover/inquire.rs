@@ -1,15 +1,17 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
+use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
 use super::formula::residual_law;
 use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
+use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{FreeMotion, PROOF, search, search_on};
 use crate::effects::EffectEntry;
-use crate::fit::{FitError, FitOptions};
+use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
@@ -72,6 +74,39 @@ pub fn discover(
         Some(reading) => conclude(&lens, reading, options, stop),
         None => Ok(not_identifiable(&lens)),
     }
+}
+
+/// Where a fitted model fails, and which laws would explain it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    pub comparison: Comparison,
+    /// Reduced chi-square of the free motion: 1 is noise.
+    pub free_motion: f64,
+    /// Best first.
+    pub ranked: Vec<Ranked>,
+    /// Sudden changes of velocity that no other object explains: index of the scene, and what happened.
+    pub jumps: Vec<(usize, Jump)>,
+}
+
+/// Diagnoses the models of a fit.
+pub fn diagnose(
+    scenes: &[Scene],
+    fit: &Fit,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Diagnosis, FitError> {
+    let comparison = compare(scenes, fit, &options.fit, stop)?;
+    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let lens = Lens::new(scenes);
+    let motion = search(&lens, &with_nuisance(&models), stop)?;
+    let films = contacts(&lens, &motion.models);
+    let of_contacts = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    Ok(Diagnosis {
+        comparison,
+        free_motion: motion.base.chi_square / motion.degrees_of_freedom,
+        ranked: ranked(&motion, &of_contacts, &[], pooled_noise(&lens)),
+        jumps: films.jumps,
+    })
 }
 
 /// One reading of the base with what the lenses see of it.
@@ -157,27 +192,8 @@ fn conclude(
             parameters: reported(c.entry, &c.values, &c.sd),
         });
     }
-    let degrees = motion.degrees_of_freedom;
-    let mut ranked: Vec<Ranked> = motion
-        .ranked
-        .iter()
-        .map(|(score, c)| Ranked {
-            kind: c.entry.kind.to_string(),
-            effect: c.entry.spec.name.to_string(),
-            log_evidence: 0.5 * score,
-            held_out_rmse: noise_sigma * (c.left_out / degrees).max(0.0).sqrt(),
-        })
-        .collect();
-    ranked.extend(of_contacts.iter().map(|c| Ranked {
-        kind: c.entry.kind.to_string(),
-        effect: c.entry.spec.name.to_string(),
-        log_evidence: 0.5 * c.score,
-        held_out_rmse: noise_sigma * c.remains.sqrt(),
-    }));
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
-    // What was added comes first, then the others by evidence.
-    let place = |r: &Ranked| names.iter().position(|n| *n == r.effect).unwrap_or(names.len());
-    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
+    let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
     let ambiguous: Vec<Vec<String>> =
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
     let outside = motion.reduced_chi_square() > super::MISFIT;
@@ -205,6 +221,30 @@ fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// What was added first, then the others by evidence.
+fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
+    let degrees = motion.degrees_of_freedom;
+    let mut ranked: Vec<Ranked> = motion
+        .ranked
+        .iter()
+        .map(|(score, c)| Ranked {
+            kind: c.entry.kind.to_string(),
+            effect: c.entry.spec.name.to_string(),
+            log_evidence: 0.5 * score,
+            held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
+        })
+        .collect();
+    ranked.extend(contacts.iter().map(|c| Ranked {
+        kind: c.entry.kind.to_string(),
+        effect: c.entry.spec.name.to_string(),
+        log_evidence: 0.5 * c.score,
+        held_out_rmse: sigma * c.remains.sqrt(),
+    }));
+    let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
+    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
+    ranked
 }
 
 /// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of

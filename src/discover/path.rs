@@ -5,6 +5,7 @@ use crate::num::{Vec2, vec2};
 use crate::scene::{Scene, Track};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Samples of one local parabola: over 0.6 s at 25 frames/s a velocity is known to 1 sigma/s.
@@ -45,7 +46,7 @@ pub struct Path {
 }
 
 /// A sudden change of velocity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Jump {
     /// Frame after which it happened.
     pub frame: usize,

@@ -20,6 +20,8 @@ const REFINED: usize = 3;
 const PROBE: f64 = 1e-3;
 /// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
 const WIDE: f64 = 10.0;
+/// An amplitude differs from zero by this many deviations.
+pub const CERTAIN: f64 = 4.0;
 /// Prior deviation of a friction's angle from the velocity (rad).
 const SKEW: f64 = 0.02;
 const REFINEMENTS: usize = 15;
@@ -61,6 +63,14 @@ pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
         model
     };
     models.iter().map(one).collect()
+}
+
+impl Candidate {
+    /// Whether an amplitude differs from zero beyond doubt.
+    pub fn certain(&self) -> bool {
+        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
+        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
+    }
 }
 
 /// Effects that the models lack.

@@ -87,6 +87,12 @@ fn explained(free: &FreeMotion) -> bool {
     free.reduced_chi_square() < super::MISFIT
 }
 
+/// Whether a candidate is worth its price and certain, and what was left out gains too (with one part there is
+/// nothing to leave out).
+fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
+    score > PROOF && c.certain() && (c.held_out > 0.0 || lens.folds.len() < 2)
+}
+
 /// All candidates beside the models, best first.
 fn round(lens: &Lens, models: &[Model], base: &(Vec<Free>, Seen)) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
@@ -135,29 +141,28 @@ fn one_after_another(
     let mut given = first;
     for number in 0..most {
         stop(number as f64 / (most + 1) as f64)?;
-        let (score, winner) = match given.take() {
-            Some(candidate) => (f64::INFINITY, candidate),
+        let winner = match given.take() {
+            Some(candidate) => candidate,
             None => {
                 let ranked = round(lens, &state.models, &(free, seen));
-                let Some((score, winner)) = ranked.first().cloned() else { break };
+                let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c)).cloned();
                 if number == 0 || state.ranked.is_empty() {
                     state.ranked = ranked.clone();
                 }
-                if score > PROOF && winner.held_out > 0.0 {
-                    let near = ranked.iter().filter(|(s, c)| score - s < ALIKE && c.held_out > 0.0);
-                    let mut kinds: Vec<&str> = near.map(|(_, c)| c.entry.kind).collect();
-                    kinds.dedup();
-                    if kinds.len() > 1 {
-                        state.alike.push(kinds);
+                let Some((score, winner)) = chosen else { break };
+                let near = ranked.iter().filter(|(s, c)| score - s < ALIKE && proven(lens, *s, c));
+                let mut kinds: Vec<&str> = vec![];
+                for (_, c) in near {
+                    if !kinds.contains(&c.entry.kind) {
+                        kinds.push(c.entry.kind);
                     }
                 }
-                (score, winner)
+                if kinds.len() > 1 {
+                    state.alike.push(kinds);
+                }
+                winner
             }
         };
-        // What was left out must gain too: with one part there is nothing to leave out.
-        if score <= PROOF || (winner.held_out <= 0.0 && lens.folds.len() > 1) {
-            break;
-        }
         state.models = winner.models.clone();
         (free, seen) = fit_forces(lens, &state.models);
         state.models = at_values(&state.models, &free, &seen.values);
