@@ -11,6 +11,8 @@ mod path;
 mod revise;
 mod screen;
 mod search;
+#[cfg(test)]
+mod tests;
 
 pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};

@@ -15,6 +15,8 @@ use std::collections::BTreeMap;
 const SHOWN: f64 = 0.75;
 /// What the force lens says is believed this many times less firmly: the data count again in the fit.
 const DOUBT: f64 = 5.0;
+/// A scene that fits this well alone needs no second look (reduced chi-square).
+const WELL: f64 = 1.5;
 /// A second look at a scene is kept when it fits at most this much worse.
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
@@ -124,11 +126,18 @@ fn fit_set_up(
     let alone = each_alone(scenes, models, options, stop)?;
     // Again with what the others say: a scene whose contacts were misread sees them right.
     let led: Vec<Model> = pooled(models, &alone);
-    let again = each_alone(scenes, &led, options, stop)?;
-    let better = |(a, b): (Fit, Fit)| {
-        if b.scenes[0].reduced_chi_square <= KEPT * a.scenes[0].reduced_chi_square { b } else { a }
+    let again: Result<Vec<Option<Fit>>, FitError> = (scenes, &led, &alone)
+        .into_par_iter()
+        .map(|(scene, model, alone)| match alone.scenes.first() {
+            Some(s) if s.reduced_chi_square < WELL => Ok(None),
+            _ => fit_alone(scene, model, options, stop).map(Some),
+        })
+        .collect();
+    let better = |(a, b): (Fit, Option<Fit>)| match b {
+        Some(b) if b.scenes[0].reduced_chi_square <= KEPT * a.scenes[0].reduced_chi_square => b,
+        _ => a,
     };
-    let alone: Vec<Fit> = alone.into_iter().zip(again).map(better).collect();
+    let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let mut near = pooled(models, &alone);
     for (model, fitted) in near.iter_mut().zip(&alone) {
         let found = &fitted.scenes[0].model;
@@ -171,8 +180,11 @@ fn each_alone(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Vec<Fit>, FitError> {
-    let one = |(scene, model)| fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop);
-    scenes.par_iter().zip(models).map(one).collect()
+    scenes.par_iter().zip(models).map(|(scene, model)| fit_alone(scene, model, options, stop)).collect()
+}
+
+fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
 }
 
 /// The models with shared parameters as the scenes together see them, believed as firmly as they are known.
