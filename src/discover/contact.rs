@@ -19,6 +19,10 @@ const LONGEST: usize = 40;
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
 /// bring: engines differ in their contacts by more than the noise.
 const PROOF: f64 = 40.0;
+/// One short film alone proves a law of contact when it brings this many times as much.
+const STRONG: f64 = 3.0;
+/// A short film that nothing follows better than this (reduced chi-square) tells nothing.
+const FOLLOWED: f64 = 4.0;
 /// Jumps agree with one wall within this distance (m) and cosine.
 const SAME_WALL: f64 = 0.15;
 const SAME_NORMAL: f64 = 0.9;
@@ -64,10 +68,11 @@ pub struct ContactCandidate {
 impl ContactCandidate {
     /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
     pub fn proven(&self) -> bool {
-        let seen = self.entry.uses(Hook::Contact);
+        let law = self.entry.uses(Hook::Contact);
+        let often = self.gained > 1 || (self.score > STRONG * PROOF && self.remains < super::MISFIT);
         let significant =
             self.values.first().zip(self.sd.first()).is_some_and(|(a, sd)| a.abs() > CERTAIN * sd);
-        self.score > PROOF && self.remains < EXPLAINED && (!seen || (self.gained > 1 && significant))
+        self.score > PROOF && self.remains < EXPLAINED && (!law || (often && significant))
     }
 }
 
@@ -210,6 +215,19 @@ pub fn screen_contacts(
         })
         .collect();
     let fitted = fitted?;
+    let follows = |film: usize| {
+        let least = fitted.iter().map(|f| &f.2).chain([&base]).map(|f| f.scenes[film].reduced_chi_square);
+        least.fold(f64::INFINITY, f64::min) < FOLLOWED
+    };
+    let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
+    if followed.len() < films.scenes.len() {
+        let rest = Contacts {
+            scenes: followed.iter().map(|&f| films.scenes[f].clone()).collect(),
+            models: followed.iter().map(|&f| films.models[f].clone()).collect(),
+            jumps: films.jumps.clone(),
+        };
+        return screen_contacts(&rest, region, candidates, stop);
+    }
     let least = fitted.iter().map(|f| chi_squares(&f.2).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
     let unit = (least / degrees.max(1) as f64).max(1.0);
     let all: Result<Vec<ContactCandidate>, FitError> = fitted
