@@ -41,23 +41,30 @@ const TERMS: [Term; 20] = [
     Term { x: "t", y: "", value: |_, t| vec2(t, 0.0) },
 ];
 
+/// A sparse law and what it leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResidualLaw {
+    pub text: String,
+    pub terms: usize,
+    pub chi_square: f64,
+}
+
 /// The sparse law beside the models' own, as `ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
 /// does not roll); `None` where no term proves itself.
-pub fn residual_law(lens: &Lens, models: &[Model], free: &[Free], values: &[f64]) -> Option<String> {
+pub fn residual_law(lens: &Lens, models: &[Model], free: &[Free], values: &[f64]) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, values)?;
     // The same law for all masses, or a force: the data say which.
     let laws = [false, true].map(|force| select(lens, models, &projector, force));
-    let best = laws.into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(best.1)
+    laws.into_iter().flatten().min_by(|a, b| a.chi_square.total_cmp(&b.chi_square))
 }
 
-/// Forward selection; chi-square that remains and the law's text.
+/// Forward selection.
 fn select(
     lens: &Lens,
     models: &[Model],
     projector: &super::force::Projector,
     force: bool,
-) -> Option<(f64, String)> {
+) -> Option<ResidualLaw> {
     let all: Vec<_> = TERMS.iter().map(|t| lens.column(models, force, t.value)).collect();
     let degrees = lens.degrees_of_freedom().max(1) as f64;
     let start = projector.residual.norm_squared();
@@ -87,5 +94,6 @@ fn select(
         let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
         if force { format!("({sum})/m") } else { sum }
     };
-    Some((start - best.0, format!("ax = {}; ay = {}", side(|t| t.x), side(|t| t.y))))
+    let text = format!("ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
+    Some(ResidualLaw { text, terms: chosen.len(), chi_square: start - best.0 })
 }

@@ -4,7 +4,7 @@ use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
-use super::formula::residual_law;
+use super::formula::{ResidualLaw, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
 use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
@@ -24,6 +24,9 @@ const FEWEST: usize = 60;
 const SAME: f64 = 20.0;
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 const FOLLOWED: f64 = 1.3;
+
+/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
+const FORMULA_PROOF: f64 = 40.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DiscoverOptions {
@@ -196,9 +199,18 @@ fn conclude(
     let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
     let ambiguous: Vec<Vec<String>> =
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
-    let outside = motion.reduced_chi_square() > super::MISFIT;
-    let (free, seen) = fit_forces(lens, &motion.models);
-    let formula = outside.then(|| residual_law(lens, &motion.models, &free, &seen.values)).flatten();
+    // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
+    let explained =
+        proven.is_some() && revisions.last().is_some_and(|r| r.reduced_chi_square < super::MISFIT);
+    let misfit = motion.reduced_chi_square() > super::MISFIT && !explained;
+    let law_beside = |models: &[Model]| {
+        let (free, seen) = fit_forces(lens, models);
+        residual_law(lens, models, &free, &seen.values)
+    };
+    let compromise = (!motion.found.is_empty()).then(|| law_beside(&steps[0].1)).flatten();
+    let compromise = compromise.filter(|law| beats(law, &motion));
+    let outside = misfit || compromise.is_some();
+    let formula = compromise.or_else(|| misfit.then(|| law_beside(&motion.models)).flatten()).map(|l| l.text);
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
         () if !ambiguous.is_empty() => Verdict::Ambiguous,
@@ -221,6 +233,13 @@ fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.
+fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
+    let priced = law.chi_square + law.terms as f64 * motion.degrees_of_freedom.ln();
+    let unit = (law.chi_square / motion.degrees_of_freedom).max(1.0);
+    (motion.priced() - priced) / unit > FORMULA_PROOF
 }
 
 /// What was added first, then the others by evidence.
@@ -300,7 +319,9 @@ fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
         Verdict::OutsideLibrary => {
-            format!("reduced chi-square {left:.2} remains after the best laws of the library")
+            format!(
+                "no law of the library is the one; reduced chi-square {left:.2} remains after its best, and the formula says more"
+            )
         }
         Verdict::NotIdentifiable => String::new(),
     }

@@ -17,7 +17,7 @@ mod tests;
 pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
 pub use force::{Lens, fit_forces, flats, free_parameters};
-pub use formula::residual_law;
+pub use formula::{ResidualLaw, residual_law};
 pub use inquire::{Diagnosis, DiscoverOptions, diagnose, discover};
 pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 pub use path::{Jump, Path, paths};

@@ -27,6 +27,8 @@ const AT_REST: f64 = 0.04;
 /// A velocity jump shows by this many deviations, and still by this many where the acceleration may change too.
 const JUMP: f64 = 6.0;
 const SURE_JUMP: f64 = 4.0;
+/// How often a track is searched for jumps.
+const LOOKS: usize = 3;
 /// Samples on either side of a possible jump.
 const WING: usize = 8;
 
@@ -114,13 +116,20 @@ fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Pa
         usable[f.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
     }
     let mut jumps = vec![];
-    for segment in runs(&usable) {
-        jumps.extend(find_jumps(scene, noise, own, segment));
+    // One jump may hide another near it.
+    for _ in 0..LOOKS {
+        let seen: Vec<Jump> =
+            runs(&usable).into_iter().flat_map(|segment| find_jumps(scene, noise, own, segment)).collect();
+        for jump in &seen {
+            let end = (jump.frame + 1 + MARGIN + settles).min(frames);
+            usable[jump.frame.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
+        }
+        if seen.is_empty() {
+            break;
+        }
+        jumps.extend(seen);
     }
-    for jump in &jumps {
-        let end = (jump.frame + 1 + MARGIN + settles).min(frames);
-        usable[jump.frame.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
-    }
+    jumps.sort_by_key(|j| j.frame);
     let yaws = (!scene.objects[i].shape.is_ball()).then(|| unwrapped_yaws(scene, i));
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
     let smoothed: Vec<Range<usize>> =
