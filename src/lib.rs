@@ -4,6 +4,7 @@ pub mod api;
 pub mod body;
 pub mod cli;
 pub mod config;
+pub mod discover;
 pub mod effects;
 pub mod engine;
 pub mod fit;

@@ -2,6 +2,7 @@
 
 mod attractor_inverse_square;
 mod attractor_spring;
+mod ball_spin;
 mod contact_friction;
 mod coriolis;
 mod cushion;
@@ -49,6 +50,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<sliding_friction::SlidingFriction>(),
     EffectEntry::of::<friction_offset::FrictionOffset>(),
     EffectEntry::of::<rolling_resistance::RollingResistance>(),
+    EffectEntry::of::<ball_spin::BallSpin>(),
     EffectEntry::of::<gliding_friction::GlidingFriction>(),
     EffectEntry::of::<damping::Damping>(),
     EffectEntry::of::<linear_drag::LinearDrag>(),
@@ -59,6 +61,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<spin_friction::SpinFriction>(),
     EffectEntry::of::<tilt::Tilt>(),
     EffectEntry::of::<uniform_force::UniformForce>(),
+    EffectEntry::of::<tilt::Tilt>(),
     EffectEntry::of::<attractor_spring::AttractorSpring>(),
     EffectEntry::of::<attractor_inverse_square::AttractorInverseSquare>(),
     EffectEntry::of::<vortex::Vortex>(),

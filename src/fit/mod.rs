@@ -9,12 +9,12 @@ mod start;
 #[cfg(test)]
 mod tests;
 
+pub use noise::{Noise, estimate as estimate_noise};
 pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::Model;
-use noise::Noise;
 use problem::Problem;
 use serde::{Deserialize, Serialize};
 use solve::{Solution, minimise};
@@ -24,6 +24,22 @@ pub struct FitOptions {
     /// Most iterations, over all stages.
     pub max_iterations: usize,
     pub method: Method,
+    /// Where the search begins.
+    #[serde(default)]
+    pub begin: Begin,
+}
+
+/// Where a search begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Begin {
+    /// At lines through the first frames of the tracks.
+    #[default]
+    Tracks,
+    /// At the start states that the models have.
+    Models,
+    /// The same, and they are taken to be so near that windows need not grow.
+    Near,
 }
 
 /// How the cost is minimised.
@@ -40,7 +56,7 @@ pub enum Method {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        FitOptions { max_iterations: 200, method: Method::default() }
+        FitOptions { max_iterations: 200, method: Method::default(), begin: Begin::default() }
     }
 }
 
@@ -114,13 +130,15 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
     check(scenes, start)?;
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let mut models = start.to_vec();
-    for ((scene, model), noise) in scenes.iter().zip(&mut models).zip(&noises) {
-        start::from_tracks(scene, model, noise);
+    if options.begin == Begin::Tracks {
+        for ((scene, model), noise) in scenes.iter().zip(&mut models).zip(&noises) {
+            start::from_tracks(scene, model, noise);
+        }
     }
     let problem = Problem::new(scenes, models, &noises);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
     let best = match options.method {
-        Method::GaussNewton => gauss_newton(&problem, frames, options.max_iterations, stop)?,
+        Method::GaussNewton => gauss_newton(&problem, frames, options, stop)?,
         Method::Paper => paper::minimise(&problem, frames, options.max_iterations, stop)?,
     };
     let posterior = Posterior::at(&problem, &best.point, frames);
@@ -128,9 +146,15 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
     Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
 }
 
-fn gauss_newton(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> Result<Solution, FitError> {
+fn gauss_newton(
+    problem: &Problem,
+    frames: usize,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let budget = options.max_iterations;
     let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
-    if worst_chi_square(problem, &best.point, frames) > GOOD {
+    if options.begin != Begin::Near && worst_chi_square(problem, &best.point, frames) > GOOD {
         let mut grown = grow(problem, problem.start(), frames, budget, stop)?;
         grown.iterations += best.iterations;
         if grown.cost < best.cost {
@@ -158,7 +182,8 @@ fn gauss_newton(problem: &Problem, frames: usize, budget: usize, stop: Stop) -> 
     Ok(best)
 }
 
-fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
+/// Whether the models can be fitted to the scenes at all.
+pub fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
     if scenes.is_empty() {
         return Err(FitError::NoScene);
     }

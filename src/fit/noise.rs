@@ -11,7 +11,7 @@ const SMALLEST: f64 = 1e-6;
 
 /// Standard deviations of the measurements of one scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Noise {
+pub struct Noise {
     /// Of each coordinate of a position (m).
     pub position: f64,
     /// Of a yaw (rad); `None` where no yaw that matters was measured.
@@ -20,7 +20,7 @@ pub(super) struct Noise {
 
 /// Median absolute second difference over three neighbouring frames, scaled to a standard deviation:
 /// smooth motion and the few impacts leave the median alone.
-pub(super) fn estimate(scene: &Scene) -> Noise {
+pub fn estimate(scene: &Scene) -> Noise {
     let mut positions = vec![];
     let mut yaws = vec![];
     for (object, track) in scene.objects.iter().zip(&scene.tracks) {

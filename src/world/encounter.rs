@@ -294,10 +294,15 @@ impl<T: Scalar> Run<'_, T> {
         self.go_on(a, b);
     }
 
+    /// Presence and restitution that an obstacle has for body `a`.
+    fn obstacle(&self, a: usize, b: usize) -> Option<(T, T)> {
+        let wall = b.checked_sub(self.bodies.len()).and_then(|w| self.walls.get(w))?;
+        wall.obstacle.as_ref()?.get(a).copied()
+    }
+
     /// Whether an obstacle lets the body through that still approaches it.
     fn passes(&self, a: usize, b: usize, rate: T) -> bool {
-        let obstacle = b.checked_sub(self.bodies.len()).and_then(|w| self.walls[w].obstacle);
-        obstacle.is_some_and(|(presence, _)| {
+        self.obstacle(a, b).is_some_and(|(presence, _)| {
             presence.value() < 1.0 && rate.value() < -APPROACH && self.bodies[a].mode != Mode::Rest
         })
     }
@@ -413,9 +418,7 @@ impl<T: Scalar> Run<'_, T> {
             let (pa, pb) = (self.contact_values(effect, a, b), self.contact_values(effect, b, a));
             (effect.hook)(&pa, &pb, &contact, &mut law);
         }
-        if let Some((presence, restitution)) =
-            b.checked_sub(self.bodies.len()).and_then(|w| self.walls[w].obstacle)
-        {
+        if let Some((presence, restitution)) = self.obstacle(a, b) {
             (law.presence, law.restitution) = (presence, restitution);
         }
         law

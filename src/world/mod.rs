@@ -1,6 +1,7 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
 mod encounter;
+mod field;
 mod film;
 mod flight;
 mod footprint;
@@ -15,6 +16,7 @@ mod pressing;
 mod simulate;
 mod trace;
 
+pub use field::{Instant, accelerations};
 pub use film::film;
 pub use intervene::{Intervention, InterventionError};
 pub use model::{

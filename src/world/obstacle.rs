@@ -17,8 +17,8 @@ pub(super) struct Static<T> {
     pub place: Kinematics<T>,
     /// Relative growth of the outline: derivatives only.
     pub growth: T,
-    /// Presence and restitution of an obstacle; a wall takes part in the contact laws as bodies do.
-    pub obstacle: Option<(T, T)>,
+    /// Presence and restitution of an obstacle for each body; a wall takes part in the contact laws as bodies do.
+    pub obstacle: Option<Vec<(T, T)>>,
 }
 
 impl<T: Scalar> Static<T> {
@@ -38,14 +38,15 @@ impl<T: Scalar> Static<T> {
         let mut all: Vec<Self> = walls.collect();
         let Some(any) = model.bodies.first() else { return all };
         for (active, entry, first) in model.active().filter(|(_, e, _)| e.uses(Hook::Bodies)) {
-            let found = (T::hooks(entry).bodies)(&active.values_for(first, flat, any, any));
+            let met_by = |body| (T::hooks(entry).bodies)(&active.values_for(first, flat, body, body));
             let there = |o: &Obstacle<T>| o.presence.value() > 0.0 || !o.presence.is_constant();
-            all.extend(found.filter(there).map(Self::of));
+            let each = model.bodies.iter().filter_map(met_by).map(|o| (o.presence, o.restitution)).collect();
+            all.extend(met_by(any).filter(there).map(|o| Self::of(o, each)));
         }
         all
     }
 
-    fn of(obstacle: Obstacle<T>) -> Self {
+    fn of(obstacle: Obstacle<T>, each: Vec<(T, T)>) -> Self {
         let (shape, place, growth) = match obstacle.outline {
             Outline::HalfPlane { offset, angle } => {
                 let shape = Shape::Square { half_side: HALF_PLANE };
@@ -57,7 +58,7 @@ impl<T: Scalar> Static<T> {
             }
         };
         let name = obstacle.name.to_string();
-        Static { name, shape, place, growth, obstacle: Some((obstacle.presence, obstacle.restitution)) }
+        Static { name, shape, place, growth, obstacle: Some(each) }
     }
 }
 

@@ -13,6 +13,8 @@ pub struct Preset {
     pub doc: &'static str,
     /// Balls begin to roll (otherwise they glide until something turns them).
     pub balls_roll: bool,
+    /// The preset that reads the same kind of scene the other way, where the data must decide between them.
+    pub rival: Option<&'static str>,
     /// Prior standard deviation of a log mass that the scene does not give.
     pub mass_sd: f64,
     /// See [`Model::spin_sd`].
@@ -62,20 +64,22 @@ const fn at_walls(name: &'static str, params: &'static [PresetParam]) -> PresetE
     PresetEffect { name, params, at_walls: true }
 }
 
+/// Friction a little beside the centre and askew: tight, so that it takes no more than what feet do.
+const UNEVEN_FOOT: &[PresetParam] =
+    &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)];
+
 /// Every preset there is.
 pub static PRESETS: &[Preset] = &[
     Preset {
         name: "clevrer",
         doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
         balls_roll: true,
+        rival: None,
         mass_sd: 0.4,
         spin_sd: 0.0,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
-            with(
-                "friction_offset",
-                &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)],
-            ),
+            with("friction_offset", UNEVEN_FOOT),
             with(
                 "damping",
                 &[
@@ -94,6 +98,7 @@ pub static PRESETS: &[Preset] = &[
         name: "paper",
         doc: "The published equations: sliding or rolling friction, quadratic drag, product law of restitution.",
         balls_roll: false,
+        rival: None,
         mass_sd: 1.0,
         spin_sd: 0.0,
         effects: &[
@@ -113,13 +118,35 @@ pub static PRESETS: &[Preset] = &[
     },
     Preset {
         name: "table",
-        doc: "Friction and restitution, balls roll; cushions where the scene has a table.",
+        doc: "Friction by material and restitution; balls roll, and slide after a hit until they roll again; cushions where the scene has a table.",
         balls_roll: true,
+        rival: Some("table_glide"),
         mass_sd: 0.5,
         spin_sd: 0.0,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.05, Scope::Material)]),
-            with("rolling_resistance", &[set("mu", 0.01, 0.02, Scope::Setup)]),
+            with("gliding_friction", &[set("sliding", 0.03, 0.05, Scope::Material)]),
+            with("friction_offset", UNEVEN_FOOT),
+            with(
+                "ball_spin",
+                &[set("mu_slide", 0.1, 0.1, Scope::Setup), set("mu_roll", 0.02, 0.03, Scope::Material)],
+            ),
+            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+            at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
+        ],
+    },
+    Preset {
+        name: "table_glide",
+        doc: "As `table`, but balls glide: nothing turns them about a horizontal axis.",
+        balls_roll: false,
+        rival: Some("table"),
+        spin_sd: 0.0,
+        mass_sd: 0.5,
+        effects: &[
+            with(
+                "gliding_friction",
+                &[set("sliding", 0.03, 0.05, Scope::Material), set("rolling", 0.03, 0.05, Scope::Material)],
+            ),
+            with("friction_offset", UNEVEN_FOOT),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
@@ -131,6 +158,7 @@ pub static PRESETS: &[Preset] = &[
         name: "air_table",
         doc: "Pucks on an air cushion: weak drag, a table not quite level, restitution by pair, friction at contacts.",
         balls_roll: false,
+        rival: None,
         mass_sd: 0.5,
         spin_sd: 0.0,
         effects: &[
@@ -155,6 +183,7 @@ pub static PRESETS: &[Preset] = &[
         name: "billiards",
         doc: "Balls on cloth between cushions, struck with any spin.",
         balls_roll: true,
+        rival: None,
         mass_sd: 0.1,
         spin_sd: 2.0,
         effects: &[
@@ -269,6 +298,9 @@ mod tests {
         }
         for world in [WorldKind::Clevrer, WorldKind::Table, WorldKind::AirTable, WorldKind::Billiards] {
             Preset::for_world(world);
+        }
+        for rival in PRESETS.iter().filter_map(|p| p.rival) {
+            assert!(Preset::named(rival).is_some(), "{rival}");
         }
     }
 }

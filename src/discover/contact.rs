@@ -1,0 +1,366 @@
+//! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
+//! trajectory space. Short films start anew, so that no error is carried from contact to contact.
+
+use super::force::Lens;
+use super::path::{Jump, Path, started};
+use super::screen::{CERTAIN, with_effect};
+use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
+use crate::num::{Stop, Vec2};
+use crate::scene::Scene;
+use crate::world::{Model, Parameter, Prior};
+use rayon::prelude::*;
+
+/// Frames before and after a contact that a short film shows.
+const BEFORE: usize = 14;
+const AFTER: usize = 16;
+/// Longest time that objects may be near each other in one short film (frames): they may have stopped there.
+const LONGEST: usize = 40;
+/// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
+/// bring: engines differ in their contacts by more than the noise.
+const PROOF: f64 = 40.0;
+/// One short film alone proves a law of contact when it brings this many times as much.
+const STRONG: f64 = 3.0;
+/// A short film that nothing follows better than this (reduced chi-square) tells nothing.
+const FOLLOWED: f64 = 4.0;
+/// Jumps agree with one wall within this distance (m) and cosine.
+const SAME_WALL: f64 = 0.15;
+const SAME_NORMAL: f64 = 0.9;
+/// Radii of unseen objects that are tried (m).
+const RADII: [f64; 3] = [0.1, 0.2, 0.4];
+/// Reduced chi-square of the short films up to which a law explains them.
+const EXPLAINED: f64 = 2.0;
+/// Fall of one short film's chi-square that is more than chance, in units of what remains.
+const CHANCE: f64 = 6.0;
+/// Iterations of one fit of short films.
+const ITERATIONS: usize = 40;
+/// Prior deviation of the ratio of a pair's restitution to the others'.
+const SCATTER: f64 = 0.15;
+/// Prior deviations of a wall's restitution and angle.
+const RESTITUTION_SD: f64 = 0.3;
+
+/// The short films of a set-up, with models of what they show.
+pub struct Contacts {
+    pub scenes: Vec<Scene>,
+    pub models: Vec<Model>,
+    /// Whether a jump without a partner is in it.
+    pub jumps: Vec<(usize, Jump)>,
+}
+
+/// A law of contact as the short films see it.
+#[derive(Clone)]
+pub struct ContactCandidate {
+    pub entry: &'static EffectEntry,
+    pub values: Vec<f64>,
+    pub sd: Vec<f64>,
+    pub added: usize,
+    /// Fall of chi-square in units of what remains, the price of the parameters paid.
+    pub score: f64,
+    /// Chi-square of the short films without and with it.
+    pub before: f64,
+    pub after: f64,
+    /// The same over its degrees of freedom.
+    pub remains: f64,
+    /// Short films that gained by more than chance.
+    pub gained: usize,
+}
+
+impl ContactCandidate {
+    /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
+    pub fn proven(&self) -> bool {
+        let law = self.entry.uses(Hook::Contact);
+        let often = self.gained > 1 || (self.score > STRONG * PROOF && self.remains < super::MISFIT);
+        let significant =
+            self.values.first().zip(self.sd.first()).is_some_and(|(a, sd)| a.abs() > CERTAIN * sd);
+        self.score > PROOF && self.remains < EXPLAINED && (!law || (often && significant))
+    }
+}
+
+/// Cuts the short films; forces between contacts stay as the models have them.
+pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
+    let mut all = Contacts { scenes: vec![], models: vec![], jumps: vec![] };
+    for (index, (scene, paths)) in lens.scenes.iter().zip(&lens.paths).enumerate() {
+        // Spans of frames with the objects in them, merged while they overlap and share an object.
+        let mut spans: Vec<(usize, usize, Vec<usize>)> = vec![];
+        for (i, path) in paths.iter().enumerate() {
+            for j in (0..paths.len()).filter(|&j| j > i) {
+                let mut frames: Vec<usize> =
+                    path.near.iter().filter(|(_, other)| *other == j).map(|n| n.0).collect();
+                frames.sort_unstable();
+                let mut run: Option<(usize, usize)> = None;
+                for f in frames {
+                    match &mut run {
+                        Some((_, last)) if f - *last <= AFTER => *last = f,
+                        _ => {
+                            spans.extend(run.map(|(a, b)| (a, b, vec![i, j])));
+                            run = Some((f, f));
+                        }
+                    }
+                }
+                spans.extend(run.map(|(a, b)| (a, b, vec![i, j])));
+            }
+            for jump in &path.jumps {
+                spans.push((jump.frame, jump.frame, vec![i]));
+                all.jumps.push((index, *jump));
+            }
+        }
+        for span in &mut spans {
+            span.1 = span.1.min(span.0 + LONGEST);
+        }
+        spans.sort();
+        let mut merged: Vec<(usize, usize, Vec<usize>)> = vec![];
+        for span in spans {
+            let joins = merged.iter_mut().find(|m| {
+                span.0 <= m.1 + BEFORE && m.0 <= span.1 + BEFORE && span.2.iter().any(|b| m.2.contains(b))
+            });
+            match joins {
+                Some(m) => {
+                    (m.0, m.1) = (m.0.min(span.0), m.1.max(span.1));
+                    m.2.extend(&span.2);
+                    m.2.sort_unstable();
+                    m.2.dedup();
+                }
+                None => merged.push(span),
+            }
+        }
+        for (first, last, bodies) in merged {
+            let window = first.saturating_sub(BEFORE)..(last + AFTER).min(scene.times.len());
+            let film = short_film(scene, &bodies, window.start, window.end);
+            let own: Vec<Path> = bodies.iter().map(|&b| paths[b].clone()).collect();
+            let model = part(&models[index], &bodies);
+            // What is hit as the film begins has no velocity to begin with.
+            if let Some(model) = started(&film, &own, &model) {
+                all.models.push(model);
+                all.scenes.push(film);
+            }
+        }
+    }
+    all
+}
+
+fn short_film(scene: &Scene, bodies: &[usize], first: usize, end: usize) -> Scene {
+    let mut film = scene.clone();
+    film.times.truncate(end);
+    film.objects = bodies.iter().map(|&b| scene.objects[b].clone()).collect();
+    film.tracks = bodies.iter().map(|&b| scene.tracks[b].clone()).collect();
+    for track in &mut film.tracks {
+        track.samples.retain(|s| (first..end).contains(&s.frame));
+    }
+    film
+}
+
+/// The model with these bodies only; what acts between contacts is known and stays.
+fn part(model: &Model, bodies: &[usize]) -> Model {
+    let mut part = model.clone();
+    part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
+    for active in &mut part.effects {
+        let entry = effect(&active.name);
+        let between = entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
+        for p in &mut active.parameters {
+            let mut own = Parameter::new(&p.name, p.scope, p.prior, &part.bodies);
+            for (label, (value, mean)) in own.labels.iter().zip(own.values.iter_mut().zip(&mut own.means)) {
+                if let Ok(at) = p.labels.binary_search(label) {
+                    (*value, *mean) = (p.values[at], p.means[at]);
+                }
+            }
+            // Engines scatter from pair to pair; a law must say more than that.
+            if active.name == "restitution" && p.name == "deviation" && p.prior.sd == 0.0 {
+                own = Parameter::new(&p.name, Scope::Pair, Prior { mean: 1.0, sd: SCATTER }, &part.bodies);
+            }
+            let known = between && active.name != "ball_spin" && p.scope != Scope::Object;
+            if known {
+                own.prior = Prior { sd: 0.0, ..own.prior };
+            }
+            *p = own;
+        }
+    }
+    part
+}
+
+fn chi_squares(fit: &Fit) -> Vec<f64> {
+    fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
+}
+
+/// Laws of contact and things that nobody saw, best first. Empty where nothing touches anything.
+pub fn screen_contacts(
+    films: &Contacts,
+    region: &Region,
+    candidates: &[&'static EffectEntry],
+    stop: Stop,
+) -> Result<Vec<ContactCandidate>, FitError> {
+    if films.scenes.is_empty() {
+        return Ok(vec![]);
+    }
+    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
+    let base = fit(&films.scenes, &films.models, &options, stop)?;
+    let before = chi_squares(&base);
+    let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let mut trials: Vec<(&'static EffectEntry, Vec<f64>)> = vec![];
+    for &entry in candidates {
+        match entry.spec.name {
+            "hidden_wall" => trials.extend(walls(films).into_iter().map(|v| (entry, v))),
+            "hidden_object" => trials.extend(unseen_objects(films).into_iter().map(|v| (entry, v))),
+            _ if entry.uses(Hook::Contact) => {
+                let default: Vec<f64> = entry.spec.params.iter().map(|p| p.default).collect();
+                trials.push((entry, default));
+            }
+            _ => {}
+        }
+    }
+    let fitted: Result<Vec<_>, FitError> = trials
+        .par_iter()
+        .map(|(entry, values)| {
+            let models = with_contact(&films.models, entry, values, region);
+            Ok((*entry, values, fit(&films.scenes, &models, &options, stop)?))
+        })
+        .collect();
+    let fitted = fitted?;
+    let follows = |film: usize| {
+        let least = fitted.iter().map(|f| &f.2).chain([&base]).map(|f| f.scenes[film].reduced_chi_square);
+        least.fold(f64::INFINITY, f64::min) < FOLLOWED
+    };
+    let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
+    if followed.len() < films.scenes.len() {
+        let rest = Contacts {
+            scenes: followed.iter().map(|&f| films.scenes[f].clone()).collect(),
+            models: followed.iter().map(|&f| films.models[f].clone()).collect(),
+            jumps: films.jumps.clone(),
+        };
+        return screen_contacts(&rest, region, candidates, stop);
+    }
+    let least = fitted.iter().map(|f| chi_squares(&f.2).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
+    let unit = (least / degrees.max(1) as f64).max(1.0);
+    let all: Result<Vec<ContactCandidate>, FitError> = fitted
+        .into_par_iter()
+        .map(|(entry, start, fit)| {
+            let after = chi_squares(&fit);
+            let before = without(films, &fit, entry, &before, &options, stop)?;
+            let mut values = start.clone();
+            let mut sd = vec![0.0; values.len()];
+            let mut added = 0;
+            for (k, p) in entry.spec.params.iter().enumerate() {
+                let of = estimates_of(&fit, entry, p.name);
+                added += of.len();
+                // Where shapes differ the largest is reported: an edge that catches loses, none gains.
+                if let Some(e) =
+                    of.into_iter().filter(|e| e.identified).max_by(|a, b| a.value.total_cmp(&b.value))
+                {
+                    (values[k], sd[k]) = (e.value, e.sd);
+                }
+            }
+            let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
+            Ok(ContactCandidate {
+                entry,
+                values,
+                sd,
+                added,
+                score: (sum_before - sum) / unit - added as f64 * (degrees.max(2) as f64).ln(),
+                before: sum_before,
+                after: sum,
+                remains: sum / degrees.max(1) as f64,
+                gained: after.iter().zip(&before).filter(|(a, b)| **b - **a > CHANCE * unit).count(),
+            })
+        })
+        .collect();
+    let mut all = all?;
+    all.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut kept: Vec<ContactCandidate> = vec![];
+    for c in all {
+        if !kept.iter().any(|k| k.entry.spec.name == c.entry.spec.name) {
+            kept.push(c);
+        }
+    }
+    Ok(kept)
+}
+
+/// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
+/// the effect leads to: a search that escaped a bad minimum is no discovery.
+fn without(
+    films: &Contacts,
+    with: &Fit,
+    entry: &EffectEntry,
+    before: &[f64],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<f64>, FitError> {
+    let mut models: Vec<Model> = with.scenes.iter().map(|s| s.model.clone()).collect();
+    models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != entry.spec.name));
+    let near = FitOptions { begin: Begin::Near, ..*options };
+    let again = chi_squares(&fit(&films.scenes, &models, &near, stop)?);
+    let sum = |all: &[f64]| all.iter().sum::<f64>();
+    Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
+}
+
+/// What the fit says of one parameter of an effect, for each label.
+pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> Vec<&'f Estimate> {
+    let stem = format!("{}.{parameter}", entry.spec.name);
+    let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
+    fit.posterior.estimates.iter().filter(own).collect()
+}
+
+/// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter.
+pub fn with_contact(models: &[Model], entry: &EffectEntry, values: &[f64], region: &Region) -> Vec<Model> {
+    let mut with = with_effect(models, entry, values, region);
+    for model in &mut with {
+        let bodies = model.bodies.clone();
+        for p in
+            model.effects.iter_mut().filter(|e| e.name == entry.spec.name).flat_map(|e| &mut e.parameters)
+        {
+            match p.name.as_str() {
+                "presence" => p.prior = Prior { mean: 1.0, sd: 0.0 },
+                // Faces and edges rebound differently, and an engine's cylinders may not rebound at all.
+                "restitution" => {
+                    let prior = Prior { mean: p.values.first().copied().unwrap_or(0.5), sd: RESTITUTION_SD };
+                    *p = Parameter::new(&p.name, Scope::Shape, prior, &bodies);
+                }
+                _ => p.prior.sd = p.prior.sd.min(1.0),
+            }
+        }
+    }
+    with
+}
+
+/// One wall for each jump, from all jumps that agree with it; those with most agreement first.
+fn walls(films: &Contacts) -> Vec<Vec<f64>> {
+    let radius = films.models.iter().flat_map(|m| &m.bodies).map(|b| b.shape.bounding_radius());
+    let radius = radius.fold(f64::INFINITY, f64::min);
+    let normal = |j: &Jump| j.change.unit();
+    let mut found: Vec<(usize, Vec<f64>)> = films
+        .jumps
+        .iter()
+        .map(|(_, seed)| {
+            let agree: Vec<&Jump> = films
+                .jumps
+                .iter()
+                .map(|(_, j)| j)
+                .filter(|j| {
+                    normal(j).dot(normal(seed)) > SAME_NORMAL
+                        && (j.position - seed.position).dot(normal(seed)).abs() < SAME_WALL
+                })
+                .collect();
+            let sum = agree.iter().fold(Vec2::zero(), |s, j| s + j.change);
+            let n = sum.unit();
+            let offset = agree.iter().map(|j| j.position.dot(n)).sum::<f64>() / agree.len() as f64 - radius;
+            (agree.len(), vec![1.0, offset, n.y.atan2(n.x), 0.7])
+        })
+        .collect();
+    found.sort_by_key(|f| std::cmp::Reverse(f.0));
+    found.dedup_by(|a, b| (a.1[1] - b.1[1]).abs() < 0.05 && (a.1[2] - b.1[2]).abs() < 0.1);
+    found.into_iter().take(3).map(|f| f.1).collect()
+}
+
+/// Discs behind the strongest jumps.
+fn unseen_objects(films: &Contacts) -> Vec<Vec<f64>> {
+    let radius = films.models.iter().flat_map(|m| &m.bodies).map(|b| b.shape.bounding_radius());
+    let own = radius.fold(f64::INFINITY, f64::min);
+    let mut jumps: Vec<&Jump> = films.jumps.iter().map(|(_, j)| j).collect();
+    jumps.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
+    let mut all = vec![];
+    for jump in jumps.into_iter().take(2) {
+        for radius in RADII {
+            let center = jump.position - jump.change.unit().scaled(own + radius);
+            all.push(vec![1.0, center.x, center.y, radius, 0.7]);
+        }
+    }
+    all
+}

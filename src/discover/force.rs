@@ -1,0 +1,430 @@
+//! The force lens: along free stretches, measured positions against the double integral of a model's
+//! accelerations along the measured path. Positions are never differentiated twice.
+
+use super::path::{Path, paths};
+use crate::effects::{EffectEntry, Hook, Scope, effect};
+use crate::fit::{Noise, estimate_noise};
+use crate::num::Vec2;
+use crate::scene::Scene;
+use crate::world::{BODY_VALUES, Instant, Kinematics, Model, accelerations};
+use nalgebra::{DMatrix, DVector};
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Iterations of one search, and trials of the damping in each.
+const ITERATIONS: usize = 12;
+const TRIALS: usize = 6;
+/// A fall of chi-square below this share ends a search.
+const TOLERANCE: f64 = 1e-4;
+/// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
+const STEP_SHARE: f64 = 1e-4;
+const STEP: f64 = 1e-3;
+/// The same for lengths that a search begins with (m): the edge of a patch lies between two frames.
+const STRIDE: f64 = 0.04;
+
+/// What the force lens looks at: free stretches of all scenes.
+pub struct Lens<'a> {
+    pub scenes: &'a [Scene],
+    pub noises: Vec<Noise>,
+    pub paths: Vec<Vec<Path>>,
+    /// For each scene, all bodies in each frame.
+    instants: Vec<Vec<Instant>>,
+    stretches: Vec<Stretch>,
+    /// Rows that are left out together: one video's, or one object's where there is one video.
+    pub folds: Vec<Vec<Range<usize>>>,
+}
+
+/// One free stretch of one body; its rows hold x, then y.
+struct Stretch {
+    scene: usize,
+    body: usize,
+    frames: Vec<usize>,
+    first_row: usize,
+    /// Orthonormal constant and line over the frames: place and velocity at the start are nobody's concern.
+    basis: [Vec<f64>; 2],
+}
+
+impl Stretch {
+    /// Writes differences (m) in deviations, place and velocity projected out.
+    fn write(&self, differences: impl Iterator<Item = Vec2>, sigma: f64, out: &mut DVector<f64>) {
+        let n = self.frames.len();
+        let (mut x, mut y): (Vec<f64>, Vec<f64>) = differences.map(|d| (d.x / sigma, d.y / sigma)).unzip();
+        for values in [&mut x, &mut y] {
+            for base in &self.basis {
+                let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
+                values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
+            }
+        }
+        out.rows_mut(self.first_row, n).copy_from(&DVector::from_vec(x));
+        out.rows_mut(self.first_row + n, n).copy_from(&DVector::from_vec(y));
+    }
+}
+
+/// One parameter that the lens can move, and where it stands in each model.
+#[derive(Debug, Clone)]
+pub struct Free {
+    pub name: String,
+    pub slots: Vec<(usize, usize)>,
+    pub min: f64,
+    pub max: f64,
+    pub mean: f64,
+    pub sd: f64,
+    /// Step of its differences.
+    pub step: f64,
+}
+
+/// A least-squares solution of the lens.
+#[derive(Debug, Clone)]
+pub struct Seen {
+    pub values: Vec<f64>,
+    pub sd: Vec<f64>,
+    /// With the priors' share, and without, in units of the measurement noise.
+    pub cost: f64,
+    pub chi_square: f64,
+    /// Chi-square of the rows that did not count.
+    pub left_out: f64,
+}
+
+impl<'a> Lens<'a> {
+    pub fn new(scenes: &'a [Scene]) -> Self {
+        let noises: Vec<Noise> = scenes.iter().map(estimate_noise).collect();
+        let paths: Vec<Vec<Path>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
+        let instants = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
+        let (mut stretches, mut row) = (vec![], 0);
+        let mut folds: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
+        for (scene, paths) in paths.iter().enumerate() {
+            for (body, path) in paths.iter().enumerate() {
+                for range in &path.stretches {
+                    let frames: Vec<usize> = range.clone().collect();
+                    let basis = line_basis(&scenes[scene], &frames);
+                    let count = frames.len();
+                    stretches.push(Stretch { scene, body, frames, first_row: row, basis });
+                    let fold = if scenes.len() > 1 { scene } else { body };
+                    folds.entry(fold).or_default().push(row..row + 2 * count);
+                    row += 2 * count;
+                }
+            }
+        }
+        Lens { scenes, noises, paths, instants, stretches, folds: folds.into_values().collect() }
+    }
+
+    /// How many residuals there are, less what each stretch's start takes.
+    pub fn degrees_of_freedom(&self) -> usize {
+        self.stretches.iter().map(|s| 2 * s.frames.len().saturating_sub(2)).sum()
+    }
+
+    /// Measured minus integrated, in deviations, place and velocity of each stretch projected out.
+    pub fn residual(&self, models: &[Model], flats: &[Vec<f64>]) -> DVector<f64> {
+        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
+        for scene in 0..self.scenes.len() {
+            self.scene_residual(scene, &models[scene], &flats[scene], &mut out);
+        }
+        out
+    }
+
+    fn scene_residual(&self, scene: usize, model: &Model, flat: &[f64], out: &mut DVector<f64>) {
+        let accelerations = accelerations(model, flat, &self.instants[scene]);
+        for s in self.stretches.iter().filter(|s| s.scene == scene) {
+            let sigma = self.noises[scene].position;
+            let measured = |f: usize| {
+                let sample = &self.scenes[scene].tracks[s.body].samples;
+                sample.binary_search_by_key(&f, |x| x.frame).map(|at| sample[at].position).ok()
+            };
+            let acceleration = |f: usize| {
+                let at = self.instants[scene][f].bodies.iter().position(|b| b.0 == s.body);
+                at.map_or(Vec2::zero(), |at| accelerations[f][at])
+            };
+            let integrated = integral(&self.scenes[scene], &s.frames, acceleration);
+            let differences = s.frames.iter().zip(&integrated);
+            let differences = differences.map(|(&f, at)| measured(f).unwrap_or(Vec2::zero()) - *at);
+            s.write(differences, sigma, out);
+        }
+    }
+
+    /// Fits the free parameters from `start`, priors counting; rows in `without` do not count.
+    pub fn solve(
+        &self,
+        models: &[Model],
+        free: &[Free],
+        start: &[f64],
+        iterations: usize,
+        without: &[Range<usize>],
+    ) -> Seen {
+        let mut values = start.to_vec();
+        let mut residual = self.residual(models, &flats(models, free, &values));
+        let mut cost = self.cost(&residual, free, &values, without);
+        let mut damping = 1e-6;
+        let mut normal = DMatrix::identity(free.len(), free.len());
+        for _ in 0..iterations.max(1) {
+            let jacobian = self.jacobian(models, free, &values, &residual);
+            let (h, g) = self.normal(&jacobian, &residual, free, &values, without);
+            normal = h;
+            let mut fallen = None;
+            for _ in 0..if iterations == 0 { 0 } else { TRIALS } {
+                let trial = damped_step(&normal, &g, free, &values, damping);
+                let trial_residual = self.residual(models, &flats(models, free, &trial));
+                let trial_cost = self.cost(&trial_residual, free, &trial, without);
+                if trial_cost < cost {
+                    fallen = Some(cost - trial_cost);
+                    (values, residual, cost) = (trial, trial_residual, trial_cost);
+                    damping = (damping * 0.1f64).max(1e-9);
+                    break;
+                }
+                damping = damping.max(1e-6) * 20.0;
+            }
+            if fallen.is_none_or(|fall| fall < TOLERANCE * cost) {
+                break;
+            }
+        }
+        let sd = match normal.cholesky() {
+            Some(c) => c.inverse().diagonal().iter().map(|v| v.max(0.0).sqrt()).collect(),
+            None => free.iter().map(|f| f.sd).collect(),
+        };
+        Seen { chi_square: residual.norm_squared(), left_out: squares(&residual, without), values, sd, cost }
+    }
+
+    /// Sum of squares with the priors' terms.
+    fn cost(&self, residual: &DVector<f64>, free: &[Free], values: &[f64], without: &[Range<usize>]) -> f64 {
+        let priors: f64 = free.iter().zip(values).map(|(f, v)| ((v - f.mean) / f.sd).powi(2)).sum();
+        residual.norm_squared() - squares(residual, without) + priors
+    }
+
+    /// Derivatives of the residual by differences; a parameter of one scene moves that scene only.
+    pub fn jacobian(
+        &self,
+        models: &[Model],
+        free: &[Free],
+        values: &[f64],
+        residual: &DVector<f64>,
+    ) -> DMatrix<f64> {
+        let mut jacobian = DMatrix::zeros(residual.len(), free.len());
+        let flats = flats(models, free, values);
+        for (k, f) in free.iter().enumerate() {
+            let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
+            scenes.dedup();
+            let at = |value: f64| {
+                let mut moved = residual.clone();
+                for &scene in &scenes {
+                    let mut flat = flats[scene].clone();
+                    for &(_, slot) in f.slots.iter().filter(|s| s.0 == scene) {
+                        flat[slot] = value;
+                    }
+                    self.scene_residual(scene, &models[scene], &flat, &mut moved);
+                }
+                moved
+            };
+            // The forces are linear in most parameters: one side will do where the step is small.
+            let up = if values[k] + f.step > f.max { values[k] - f.step } else { values[k] + f.step };
+            let (from, down) = if f.step > STEP {
+                let down = (values[k] - f.step).max(f.min);
+                (at(down), down)
+            } else {
+                (residual.clone(), values[k])
+            };
+            jacobian.set_column(k, &((at(up) - from) / (up - down)));
+        }
+        jacobian
+    }
+
+    /// The residual's derivative by the amplitude of an acceleration, or of a force where `force` is set.
+    pub fn column(
+        &self,
+        models: &[Model],
+        force: bool,
+        value: impl Fn(&Kinematics<f64>, f64) -> Vec2,
+    ) -> DVector<f64> {
+        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
+        for s in &self.stretches {
+            let body = &models[s.scene].bodies[s.body];
+            let share =
+                if body.start.rolling { 5.0 / 7.0 } else { 1.0 } / if force { body.mass } else { 1.0 };
+            let acceleration = |f: usize| {
+                let instant = &self.instants[s.scene][f];
+                let here = instant.bodies.iter().find(|b| b.0 == s.body);
+                here.map_or(Vec2::zero(), |(_, k)| value(k, instant.time).scaled(share))
+            };
+            let integrated = integral(&self.scenes[s.scene], &s.frames, acceleration);
+            s.write(integrated.iter().map(|p| -*p), self.noises[s.scene].position, &mut out);
+        }
+        out
+    }
+
+    fn normal(
+        &self,
+        jacobian: &DMatrix<f64>,
+        residual: &DVector<f64>,
+        free: &[Free],
+        values: &[f64],
+        without: &[Range<usize>],
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let mut h = jacobian.tr_mul(jacobian);
+        let mut g = jacobian.tr_mul(residual);
+        for rows in without {
+            let part = jacobian.rows(rows.start, rows.len());
+            h -= part.tr_mul(&part);
+            g -= part.tr_mul(&residual.rows(rows.start, rows.len()));
+        }
+        for (k, f) in free.iter().enumerate() {
+            h[(k, k)] += 1.0 / (f.sd * f.sd);
+            g[k] += (values[k] - f.mean) / (f.sd * f.sd);
+        }
+        (h, g)
+    }
+
+    /// How much chi-square would fall if the columns entered linearly beside the parameters of `base`, and their
+    /// amplitudes. `factor` and `base` are of [`Lens::projector`].
+    pub fn gain(&self, projector: &Projector, columns: &DMatrix<f64>) -> Option<(f64, DVector<f64>)> {
+        let across = projector.jacobian.tr_mul(columns);
+        let mut s = columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across));
+        let g = columns.tr_mul(&projector.residual);
+        for k in 0..s.nrows() {
+            // A column that the base explains has no amplitude.
+            if s[(k, k)] <= 1e-9 * columns.column(k).norm_squared() {
+                return None;
+            }
+            s[(k, k)] *= 1.0 + 1e-12;
+        }
+        let amplitudes = -s.cholesky()?.solve(&g);
+        Some((-amplitudes.dot(&g), amplitudes))
+    }
+
+    /// What projects the parameters of a solution out of further columns.
+    pub fn projector(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Projector> {
+        let residual = self.residual(models, &flats(models, free, values));
+        let jacobian = self.jacobian(models, free, values, &residual);
+        let (h, _) = self.normal(&jacobian, &residual, free, values, &[]);
+        Some(Projector { residual, factor: h.cholesky()?, jacobian })
+    }
+}
+
+fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
+    rows.iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum()
+}
+
+/// See [`Lens::projector`].
+pub struct Projector {
+    pub residual: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+}
+
+fn damped_step(
+    normal: &DMatrix<f64>,
+    gradient: &DVector<f64>,
+    free: &[Free],
+    values: &[f64],
+    damping: f64,
+) -> Vec<f64> {
+    let mut system = normal.clone();
+    for k in 0..free.len() {
+        system[(k, k)] *= 1.0 + damping;
+    }
+    let Some(factor) = system.cholesky() else { return values.to_vec() };
+    let step = factor.solve(gradient);
+    let moved = values.iter().zip(step.iter()).map(|(v, s)| v - s);
+    moved.zip(free).map(|(v, f)| v.clamp(f.min, f.max)).collect()
+}
+
+/// All bodies that are seen, frame by frame.
+fn instants(scene: &Scene, paths: &[Path]) -> Vec<Instant> {
+    let bodies = |f: usize| {
+        let seen = paths.iter().enumerate();
+        seen.filter_map(|(i, p)| Some((i, (*p.motion.get(f)?)?))).collect()
+    };
+    scene.times.iter().enumerate().map(|(f, &time)| Instant { time, bodies: bodies(f) }).collect()
+}
+
+/// Double integral of a piecewise linear acceleration from rest at the first frame.
+fn integral(scene: &Scene, frames: &[usize], acceleration: impl Fn(usize) -> Vec2) -> Vec<Vec2> {
+    let (mut place, mut velocity) = (Vec2::zero(), Vec2::zero());
+    let mut all = vec![place];
+    for pair in frames.windows(2) {
+        let h = scene.times[pair[1]] - scene.times[pair[0]];
+        let (a, b) = (acceleration(pair[0]), acceleration(pair[1]));
+        place += velocity.scaled(h) + (a.scaled(2.0) + b).scaled(h * h / 6.0);
+        velocity += (a + b).scaled(0.5 * h);
+        all.push(place);
+    }
+    all
+}
+
+fn line_basis(scene: &Scene, frames: &[usize]) -> [Vec<f64>; 2] {
+    let n = frames.len() as f64;
+    let mean = frames.iter().map(|&f| scene.times[f]).sum::<f64>() / n;
+    let mut line: Vec<f64> = frames.iter().map(|&f| scene.times[f] - mean).collect();
+    let norm = line.iter().map(|t| t * t).sum::<f64>().sqrt().max(1e-12);
+    line.iter_mut().for_each(|t| *t /= norm);
+    [vec![1.0 / n.sqrt(); frames.len()], line]
+}
+
+/// Free parameters of all effects that act between contacts.
+pub fn free_parameters(models: &[Model]) -> Vec<Free> {
+    let mut free: Vec<Free> = vec![];
+    for (scene, model) in models.iter().enumerate() {
+        let mut at = BODY_VALUES.len() * model.bodies.len();
+        for active in &model.effects {
+            let entry = effect(&active.name);
+            let acts = active.on && entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
+            for (k, parameter) in active.parameters.iter().enumerate() {
+                let bounds = entry.and_then(|e| e.spec.params.get(k));
+                for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
+                    if acts && parameter.prior.sd > 0.0 {
+                        let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
+                        let place = if own { format!("@{scene}") } else { String::new() };
+                        let name = parameter.full_name(active, label) + &place;
+                        match free.iter_mut().find(|f| f.name == name) {
+                            Some(known) => known.slots.push((scene, at)),
+                            None => free.push(Free {
+                                name,
+                                slots: vec![(scene, at)],
+                                min: bounds.map_or(f64::NEG_INFINITY, |b| b.min),
+                                max: bounds.map_or(f64::INFINITY, |b| b.max),
+                                mean: *mean,
+                                sd: parameter.prior.sd,
+                                step: (STEP_SHARE * parameter.prior.sd).min(STEP),
+                            }),
+                        }
+                    }
+                    at += 1;
+                }
+            }
+        }
+    }
+    free
+}
+
+/// Wide differences by lengths, for the beginning of a search.
+pub fn stride(free: &mut [Free], entry: &EffectEntry) {
+    for (k, p) in entry.spec.params.iter().enumerate().skip(entry.amplitudes) {
+        let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
+        if p.unit == "m"
+            && let Some(f) = free.iter_mut().find(|f| f.name == name)
+        {
+            f.step = STRIDE;
+        }
+    }
+}
+
+/// The numbers of each model with the free parameters at `values`.
+pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
+    let mut flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
+    for (f, value) in free.iter().zip(values) {
+        for &(scene, slot) in &f.slots {
+            flats[scene][slot] = *value;
+        }
+    }
+    flats
+}
+
+/// Where the free parameters stand in the models.
+pub fn values_of(models: &[Model], free: &[Free]) -> Vec<f64> {
+    let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
+    free.iter().map(|f| f.slots.first().map_or(f.mean, |&(scene, slot)| flats[scene][slot])).collect()
+}
+
+/// Fits the models' parameters as the lens sees them.
+pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
+    let free = free_parameters(models);
+    let seen = lens.solve(models, &free, &values_of(models, &free), ITERATIONS, &[]);
+    (free, seen)
+}

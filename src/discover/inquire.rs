@@ -1,0 +1,346 @@
+//! The whole loop: is the base right, which law is missing, does the error fall when it is added.
+
+use super::compare::{Comparison, compare};
+use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
+use super::experiment::tell_apart;
+use super::force::{Lens, fit_forces};
+use super::formula::{ResidualLaw, residual_law};
+use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
+use super::path::Jump;
+use super::revise::{Revision, pooled_noise, revise};
+use super::screen::{Candidate, region, sought, with_nuisance};
+use super::search::{FreeMotion, PROOF, search, search_on};
+use crate::effects::EffectEntry;
+use crate::fit::{Fit, FitError, FitOptions};
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::world::{Model, Preset};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Residuals in free motion below which nothing can be said.
+const FEWEST: usize = 60;
+/// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
+const SAME: f64 = 20.0;
+/// A fit in trajectory space up to this reduced chi-square has followed the contacts.
+const FOLLOWED: f64 = 1.3;
+
+/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
+const FORMULA_PROOF: f64 = 40.0;
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DiscoverOptions {
+    /// Most effects that are added.
+    pub max_effects: usize,
+    pub fit: FitOptions,
+}
+
+impl Default for DiscoverOptions {
+    fn default() -> Self {
+        DiscoverOptions { max_effects: 2, fit: FitOptions { max_iterations: 60, ..FitOptions::default() } }
+    }
+}
+
+/// Searches what the models (one a scene, of one set-up) lack. Deterministic, whatever the number of threads.
+pub fn discover(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    crate::fit::check(scenes, models)?;
+    let lens = Lens::new(scenes);
+    if lens.degrees_of_freedom() < FEWEST {
+        return Ok(not_identifiable(&lens));
+    }
+    let mut seen: Vec<Reading> = vec![];
+    for models in readings(scenes, models) {
+        let models = with_nuisance(&models);
+        let motion = search(&lens, &models, stop)?;
+        seen.push(Reading { models, motion, contacts: vec![], films: 0.0 });
+    }
+    let least = seen.iter().map(|r| r.motion.priced()).fold(f64::INFINITY, f64::min);
+    seen.retain(|r| r.motion.priced() < least + SAME);
+    for reading in &mut seen {
+        let motion = reading.motion.clone();
+        reading.motion = search_on(&lens, &reading.models, motion, options.max_effects, stop)?;
+        let films = contacts(&lens, &reading.motion.models);
+        let sought = sought(&reading.motion.models, scenes);
+        let screened = screen_contacts(&films, &region(scenes), &sought, stop)?;
+        reading.films = screened.iter().find(|c| c.proven()).map_or(films_cost(&screened), |c| c.after);
+        reading.contacts = screened;
+    }
+    let cost = |r: &Reading| r.motion.priced() + r.films;
+    let least = seen.iter().map(cost).fold(f64::INFINITY, f64::min);
+    seen.retain(|r| cost(r) < least + SAME);
+    match by_trajectories(&lens, seen, options, stop)? {
+        Some(reading) => conclude(&lens, reading, options, stop),
+        None => Ok(not_identifiable(&lens)),
+    }
+}
+
+/// Where a fitted model fails, and which laws would explain it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    pub comparison: Comparison,
+    /// Reduced chi-square of the free motion: 1 is noise.
+    pub free_motion: f64,
+    /// Best first.
+    pub ranked: Vec<Ranked>,
+    /// Sudden changes of velocity that no other object explains: index of the scene, and what happened.
+    pub jumps: Vec<(usize, Jump)>,
+}
+
+/// Diagnoses the models of a fit.
+pub fn diagnose(
+    scenes: &[Scene],
+    fit: &Fit,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Diagnosis, FitError> {
+    let comparison = compare(scenes, fit, &options.fit, stop)?;
+    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let lens = Lens::new(scenes);
+    let motion = search(&lens, &with_nuisance(&models), stop)?;
+    let films = contacts(&lens, &motion.models);
+    let of_contacts = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    Ok(Diagnosis {
+        comparison,
+        free_motion: motion.base.chi_square / motion.degrees_of_freedom,
+        ranked: ranked(&motion, &of_contacts, &[], pooled_noise(&lens)),
+        jumps: films.jumps,
+    })
+}
+
+/// One reading of the base with what the lenses see of it.
+struct Reading {
+    models: Vec<Model>,
+    motion: FreeMotion,
+    contacts: Vec<ContactCandidate>,
+    /// Chi-square of the short films around contacts.
+    films: f64,
+}
+
+fn films_cost(screened: &[ContactCandidate]) -> f64 {
+    screened.first().map_or(0.0, |c| c.before)
+}
+
+/// The reading whose trajectories follow the scenes best; a scene that none follows decides little.
+fn by_trajectories(
+    lens: &Lens,
+    mut seen: Vec<Reading>,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Reading>, FitError> {
+    if seen.len() < 2 {
+        return Ok(seen.pop());
+    }
+    let mut best: Option<(f64, Reading)> = None;
+    for reading in seen {
+        let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
+        let revision = revise(lens, &reading.motion.models, effect, &options.fit, stop)?;
+        let misfit: f64 = revision.fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
+        if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
+            best = Some((misfit, reading));
+        }
+    }
+    Ok(best.map(|(_, reading)| reading))
+}
+
+/// The models, and the other reading of the same scenes where the preset has one.
+fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
+    let mut all = vec![models.to_vec()];
+    let balls = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball());
+    let rival = |m: &Model| Preset::named(&m.preset).and_then(|p| p.rival).and_then(Preset::named);
+    // A model that the user changed is not read anew.
+    let untouched = |(s, m): (&Scene, &Model)| Preset::named(&m.preset).is_some_and(|p| p.model(s) == *m);
+    if balls && scenes.iter().zip(models).all(untouched) {
+        let other: Option<Vec<Model>> =
+            scenes.iter().zip(models).map(|(s, m)| rival(m).map(|p| p.model(s))).collect();
+        all.extend(other);
+    }
+    all
+}
+
+fn conclude(
+    lens: &Lens,
+    reading: Reading,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    let Reading { models, motion, contacts: of_contacts, .. } = reading;
+    let noise_sigma = pooled_noise(lens);
+    let region = region(lens.scenes);
+    let room = options.max_effects > motion.found.len();
+    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
+    // All revisions at once: none needs another.
+    let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
+    for (number, step) in motion.found.iter().enumerate() {
+        let last = number + 1 == motion.found.len();
+        let models = if last { &motion.models } else { &step.models };
+        steps.push((Some(step.entry.spec.name), models.clone()));
+    }
+    if let Some(c) = proven {
+        steps.push((Some(c.entry.spec.name), with_contact(&motion.models, c.entry, &c.values, &region)));
+    }
+    let revisions: Result<Vec<Revision>, FitError> =
+        steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
+    let revisions = revisions?;
+    let last = &revisions[motion.found.len()];
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
+    if let Some(c) = proven {
+        effects.push(Found {
+            kind: c.entry.kind.to_string(),
+            effect: c.entry.spec.name.to_string(),
+            parameters: reported(c.entry, &c.values, &c.sd),
+        });
+    }
+    let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
+    let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
+    let ambiguous: Vec<Vec<String>> =
+        motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
+    // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
+    let explained =
+        proven.is_some() && revisions.last().is_some_and(|r| r.reduced_chi_square < super::MISFIT);
+    let misfit = motion.reduced_chi_square() > super::MISFIT && !explained;
+    let law_beside = |models: &[Model]| {
+        let (free, seen) = fit_forces(lens, models);
+        residual_law(lens, models, &free, &seen.values)
+    };
+    let compromise = (!motion.found.is_empty()).then(|| law_beside(&steps[0].1)).flatten();
+    let compromise = compromise.filter(|law| beats(law, &motion));
+    let outside = misfit || compromise.is_some();
+    let formula = compromise.or_else(|| misfit.then(|| law_beside(&motion.models)).flatten()).map(|l| l.text);
+    let verdict = match () {
+        () if outside => Verdict::OutsideLibrary,
+        () if !ambiguous.is_empty() => Verdict::Ambiguous,
+        () if !effects.is_empty() => Verdict::EffectFound,
+        () => Verdict::Adequate,
+    };
+    let experiment = match verdict {
+        Verdict::Ambiguous => tell_apart(lens, &motion),
+        _ => None,
+    };
+    Ok(Discovery {
+        reason: reason(verdict, &motion, &effects, &ambiguous),
+        verdict,
+        effects,
+        ranked,
+        ambiguous,
+        experiment,
+        formula,
+        smallest: smallest(&motion),
+        noise_sigma,
+        revisions,
+    })
+}
+
+/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.
+fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
+    let priced = law.chi_square + law.terms as f64 * motion.degrees_of_freedom.ln();
+    let unit = (law.chi_square / motion.degrees_of_freedom).max(1.0);
+    (motion.priced() - priced) / unit > FORMULA_PROOF
+}
+
+/// What was added first, then the others by evidence.
+fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
+    let degrees = motion.degrees_of_freedom;
+    let mut ranked: Vec<Ranked> = motion
+        .ranked
+        .iter()
+        .map(|(score, c)| Ranked {
+            kind: c.entry.kind.to_string(),
+            effect: c.entry.spec.name.to_string(),
+            log_evidence: 0.5 * score,
+            held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
+        })
+        .collect();
+    ranked.extend(contacts.iter().map(|c| Ranked {
+        kind: c.entry.kind.to_string(),
+        effect: c.entry.spec.name.to_string(),
+        log_evidence: 0.5 * c.score,
+        held_out_rmse: sigma * c.remains.sqrt(),
+    }));
+    let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
+    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
+    ranked
+}
+
+/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of
+/// the lens.
+fn found(motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+    let scale = motion.reduced_chi_square().max(1.0).sqrt();
+    let (mut values, sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
+    for (k, p) in c.entry.spec.params.iter().enumerate() {
+        let name = format!("{}.{}", c.entry.spec.name, p.name);
+        if let Some(at) = motion.free.iter().position(|f| f.name == name) {
+            values[k] = motion.seen.values[at];
+        }
+        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
+            values[k] = e.value;
+        }
+    }
+    Found {
+        kind: c.entry.kind.to_string(),
+        effect: c.entry.spec.name.to_string(),
+        parameters: reported(c.entry, &values, &sd),
+    }
+}
+
+/// The smallest amplitude of each kind of force that the lens would have proven.
+fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
+    let price = |c: &Candidate| PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
+    let unit = motion.reduced_chi_square().max(1.0);
+    let one = |c: &Candidate| {
+        let entry: &'static EffectEntry = c.entry;
+        let sd = c.sd[..entry.amplitudes.min(c.sd.len())].iter().fold(0.0, |a: f64, b| a.max(*b));
+        Smallest {
+            kind: entry.kind.to_string(),
+            effect: entry.spec.name.to_string(),
+            parameter: entry.spec.params[0].name.to_string(),
+            value: (price(c) * unit).sqrt() * sd,
+            unit: entry.spec.params[0].unit.to_string(),
+        }
+    };
+    motion.ranked.iter().map(|(_, c)| one(c)).collect()
+}
+
+fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &[Vec<String>]) -> String {
+    let left = motion.reduced_chi_square();
+    let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
+    match verdict {
+        Verdict::EffectFound => {
+            format!("{} explains the motion; reduced chi-square {left:.2} remains", names.join(" and "))
+        }
+        Verdict::Ambiguous => format!(
+            "{} explain the motion equally well; film the launch given as experiment",
+            ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
+        ),
+        Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
+        Verdict::OutsideLibrary => {
+            format!(
+                "no law of the library is the one; reduced chi-square {left:.2} remains after its best, and the formula says more"
+            )
+        }
+        Verdict::NotIdentifiable => String::new(),
+    }
+}
+
+fn not_identifiable(lens: &Lens) -> Discovery {
+    Discovery {
+        verdict: Verdict::NotIdentifiable,
+        effects: vec![],
+        ranked: vec![],
+        ambiguous: vec![],
+        experiment: None,
+        formula: None,
+        smallest: vec![],
+        noise_sigma: pooled_noise(lens),
+        revisions: vec![],
+        reason: format!(
+            "only {} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart",
+            lens.degrees_of_freedom()
+        ),
+    }
+}

@@ -1,0 +1,29 @@
+//! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
+
+mod compare;
+mod contact;
+mod experiment;
+mod force;
+mod formula;
+mod inquire;
+mod outcome;
+mod path;
+mod revise;
+mod screen;
+mod search;
+#[cfg(test)]
+mod tests;
+
+pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
+pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
+pub use force::{Lens, fit_forces, flats, free_parameters};
+pub use formula::{ResidualLaw, residual_law};
+pub use inquire::{Diagnosis, DiscoverOptions, diagnose, discover};
+pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
+pub use path::{Jump, Path, paths};
+pub use revise::{Revision, revise};
+pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};
+pub use search::{FreeMotion, search, search_on};
+
+/// Reduced chi-square of the free motion above which structure remains.
+pub const MISFIT: f64 = 1.3;

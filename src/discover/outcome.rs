@@ -1,0 +1,150 @@
+//! What a discovery says: verdict, effects with intervals, ranking, revisions; plain data.
+
+use super::revise::Revision;
+use crate::effects::{EffectEntry, Quantity};
+use crate::num::Vec2;
+use serde::{Deserialize, Serialize};
+
+/// Deviations of a 95 % interval of a normal law.
+const NINETY_FIVE: f64 = 1.96;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Verdict {
+    /// The effects named explain what the model lacked.
+    EffectFound,
+    /// Something acts, but these videos cannot tell which of some laws it is.
+    Ambiguous,
+    /// Nothing is missing at this noise.
+    Adequate,
+    /// Structure remains that no law of the library explains.
+    OutsideLibrary,
+    /// Too little motion or data.
+    NotIdentifiable,
+}
+
+/// The whole answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Discovery {
+    pub verdict: Verdict,
+    /// In the order in which they were added.
+    pub effects: Vec<Found>,
+    /// Best first.
+    pub ranked: Vec<Ranked>,
+    /// Sets of kinds that these videos cannot tell apart.
+    pub ambiguous: Vec<Vec<String>>,
+    /// The launch that would tell them apart.
+    pub experiment: Option<Experiment>,
+    /// The law that remains, where no effect of the library is it.
+    pub formula: Option<String>,
+    /// The smallest effect of each kind that would have been seen.
+    pub smallest: Vec<Smallest>,
+    /// Measurement noise of a position, all scenes pooled (m).
+    pub noise_sigma: f64,
+    /// The first is the model without any effect added.
+    pub revisions: Vec<Revision>,
+    /// One sentence for people: why this verdict, and what to film next where something is open.
+    pub reason: String,
+}
+
+/// An effect that was added, its parameters as reports name them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Kind as reports name it; `effect` is its name in the library.
+    pub kind: String,
+    pub effect: String,
+    pub parameters: Vec<Reported>,
+}
+
+/// One parameter with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Reported {
+    pub name: String,
+    pub value: Value,
+    pub low: Value,
+    pub high: Value,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    Number(f64),
+    Vector([f64; 2]),
+    Word(String),
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ranked {
+    pub kind: String,
+    pub effect: String,
+    /// Against the model without it, the price of its parameters paid (nats).
+    pub log_evidence: f64,
+    /// In free motion, each video left out in turn (m).
+    pub held_out_rmse: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Smallest {
+    pub kind: String,
+    pub effect: String,
+    /// The amplitude, in its unit.
+    pub parameter: String,
+    pub value: f64,
+    pub unit: String,
+}
+
+/// A launch, and how far apart the laws would bring the object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Experiment {
+    pub shape: String,
+    /// kg.
+    pub mass: f64,
+    /// m and m/s.
+    pub position: Vec2,
+    pub velocity: Vec2,
+    /// After how long to look (s).
+    pub time: f64,
+    /// Distance between the two predictions in deviations of a measurement.
+    pub sigmas: f64,
+}
+
+/// Parameters as reports name them, with intervals from independent deviations.
+pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported> {
+    let at = (entry.report)(values);
+    let one = |(which, (name, quantity)): (usize, &(&'static str, Quantity))| {
+        let component = |q: &Quantity, c: usize| match q {
+            Quantity::Number(v) => *v,
+            Quantity::Vector(v) => v[c],
+            Quantity::Word(_) => 0.0,
+        };
+        let deviation = |c: usize| {
+            let squares: f64 = (0..values.len())
+                .map(|k| {
+                    let mut moved = values.to_vec();
+                    let step = 1e-3 * sd[k].max(1e-12);
+                    moved[k] += step;
+                    let there = (entry.report)(&moved);
+                    let slope = (component(&there[which].1, c) - component(quantity, c)) / step;
+                    (slope * sd[k]).powi(2)
+                })
+                .sum();
+            NINETY_FIVE * squares.sqrt()
+        };
+        let (value, low, high) = match quantity {
+            Quantity::Number(v) => {
+                let d = deviation(0);
+                (Value::Number(*v), Value::Number(v - d), Value::Number(v + d))
+            }
+            Quantity::Vector([x, y]) => {
+                let (dx, dy) = (deviation(0), deviation(1));
+                (Value::Vector([*x, *y]), Value::Vector([x - dx, y - dy]), Value::Vector([x + dx, y + dy]))
+            }
+            Quantity::Word(word) => {
+                let word = Value::Word(word.to_string());
+                (word.clone(), word.clone(), word)
+            }
+        };
+        Reported { name: name.to_string(), value, low, high }
+    };
+    at.iter().enumerate().map(one).collect()
+}

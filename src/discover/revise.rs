@@ -1,0 +1,289 @@
+//! Models in trajectory space: a revision's fit, what it is worth on frames that it has not seen.
+
+use super::force::{Free, Lens, Seen, fit_forces};
+use super::screen::at_values;
+use crate::effects::Scope;
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::world::{Model, trace};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Share of the frames that a model is fitted to when the others are to prove it.
+const SHOWN: f64 = 0.75;
+/// What the force lens says is believed this many times less firmly: the data count again in the fit.
+const DOUBT: f64 = 5.0;
+/// A scene that fits this well alone needs no second look (reduced chi-square).
+const WELL: f64 = 1.5;
+/// A second look at a scene is kept when it fits at most this much worse.
+const KEPT: f64 = 1.05;
+/// A scene that the common fit follows this many times worse than its own fit is lost.
+const LOST: f64 = 2.0;
+/// Samples that a track needs before the held-out frames.
+const FEWEST: usize = 5;
+
+/// A model of all scenes with what it is worth.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Revision {
+    /// The effect that it adds to the one before; `None` for the first.
+    pub effect: Option<String>,
+    pub fit: Fit,
+    /// Root mean square position residual on all frames (m).
+    pub rmse: f64,
+    /// The same on the last quarter of the frames, fitted without them (m).
+    pub held_out_rmse: f64,
+    /// The same in free motion, each video left out in turn (m).
+    pub left_out_rmse: f64,
+    /// Over all scenes.
+    pub reduced_chi_square: f64,
+    /// Scenes that the common numbers could not follow, with numbers of their own: chaos, or a law that is not right.
+    pub apart: Vec<String>,
+}
+
+/// The models with beliefs about what acts between contacts as the lens has them.
+pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
+    let mut models = at_values(models, free, &seen.values);
+    for model in &mut models {
+        for active in &mut model.effects {
+            let name = active.name.clone();
+            for p in active.parameters.iter_mut().filter(|p| p.prior.sd > 0.0) {
+                let stem = format!("{name}.{}", p.name);
+                let own = |f: &&(&Free, &f64)| {
+                    f.0.name == stem || f.0.name.strip_prefix(&stem).is_some_and(|r| r.starts_with('['))
+                };
+                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
+                let pairs: Vec<(&Free, &f64)> = free.iter().zip(&seen.sd).collect();
+                let widest = pairs.iter().filter(own).map(|(_, sd)| **sd).fold(0.0, f64::max);
+                if shared && widest > 0.0 {
+                    p.prior.sd = p.prior.sd.min(DOUBT * widest);
+                    p.means.clone_from(&p.values);
+                }
+            }
+        }
+    }
+    models
+}
+
+/// Fits the models as a revision that adds `effect`. `free_motion` says whether the force lens leads.
+pub fn revise(
+    lens: &Lens,
+    models: &[Model],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Revision, FitError> {
+    let (free, seen) = fit_forces(lens, models);
+    let (fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
+    for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
+        let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
+        squares += fitted.rmse * fitted.rmse * n;
+        count += n;
+        degrees += fitted.degrees_of_freedom as f64;
+        chi_square += fitted.reduced_chi_square * fitted.degrees_of_freedom as f64;
+    }
+    let mut left_out = 0.0;
+    for fold in &lens.folds {
+        left_out += lens.solve(models, &free, &seen.values, 4, fold).left_out;
+    }
+    let sigma = pooled_noise(lens);
+    let parts = held_out(lens.scenes, models, effect, options, stop)?;
+    let whole = parts.iter().fold(HeldOut::default(), |a, b| HeldOut {
+        squares: a.squares + b.squares,
+        count: a.count + b.count,
+    });
+    Ok(Revision {
+        effect: effect.map(str::to_string),
+        rmse: (squares / f64::max(count, 1.0)).sqrt(),
+        held_out_rmse: whole.rmse(),
+        left_out_rmse: sigma * (left_out / lens.degrees_of_freedom().max(1) as f64).sqrt(),
+        reduced_chi_square: chi_square / f64::max(degrees, 1.0),
+        fit: fit_all,
+        apart,
+    })
+}
+
+/// Root mean square of the scenes' noise (m).
+pub fn pooled_noise(lens: &Lens) -> f64 {
+    let squares: f64 = lens.noises.iter().map(|n| n.position * n.position).sum();
+    (squares / lens.noises.len().max(1) as f64).sqrt()
+}
+
+/// Without an effect the model is fitted as it is: what it lacks would mislead the lens.
+fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Vec<Model> {
+    if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
+}
+
+/// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it.
+fn fit_set_up(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Fit, Vec<String>), FitError> {
+    let alone = each_alone(scenes, models, options, stop)?;
+    // Again with what the others say: a scene whose contacts were misread sees them right.
+    let led: Vec<Model> = pooled(models, &alone);
+    let again: Result<Vec<Option<Fit>>, FitError> = (scenes, &led, &alone)
+        .into_par_iter()
+        .map(|(scene, model, alone)| match alone.scenes.first() {
+            Some(s) if s.reduced_chi_square < WELL => Ok(None),
+            _ => fit_alone(scene, model, options, stop).map(Some),
+        })
+        .collect();
+    let better = |(a, b): (Fit, Option<Fit>)| match b {
+        Some(b) if b.scenes[0].reduced_chi_square <= KEPT * a.scenes[0].reduced_chi_square => b,
+        _ => a,
+    };
+    let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
+    let mut near = pooled(models, &alone);
+    for (model, fitted) in near.iter_mut().zip(&alone) {
+        let found = &fitted.scenes[0].model;
+        model.bodies.clone_from(&found.bodies);
+        for (active, own) in model.effects.iter_mut().zip(&found.effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                // Beliefs stay what they were; only the place where the search begins is new.
+                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
+                if !shared {
+                    p.values.clone_from(&q.values);
+                }
+            }
+        }
+    }
+    for (model, asked) in near.iter_mut().zip(models) {
+        for (active, own) in model.effects.iter_mut().zip(&asked.effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                (p.means, p.prior) = (q.means.clone(), q.prior);
+            }
+        }
+    }
+    let together = FitOptions { begin: Begin::Near, ..*options };
+    let mut joint = fit(scenes, &near, &together, stop)?;
+    // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
+    let mut apart = vec![];
+    for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
+        if let [own] = &alone.scenes[..]
+            && own.reduced_chi_square * LOST < scene.reduced_chi_square
+        {
+            scene.clone_from(own);
+            apart.push(scene.name.clone());
+        }
+    }
+    Ok((joint, apart))
+}
+
+fn each_alone(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<Fit>, FitError> {
+    scenes.par_iter().zip(models).map(|(scene, model)| fit_alone(scene, model, options, stop)).collect()
+}
+
+fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
+}
+
+/// The models with shared parameters as the scenes together see them, believed as firmly as they are known.
+fn pooled(models: &[Model], alone: &[Fit]) -> Vec<Model> {
+    let mut all = models.to_vec();
+    for active in 0..models.first().map_or(0, |m| m.effects.len()) {
+        for k in 0..models[0].effects[active].parameters.len() {
+            pool(&mut all, alone, active, k);
+        }
+    }
+    all
+}
+
+/// Gives all models the mean of what the scenes say of one shared parameter, by precision; a scene that does not
+/// fit counts less.
+fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
+    let of = |m: &Model| m.effects.get(active).and_then(|e| e.parameters.get(k)).cloned();
+    let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+    for fitted in alone {
+        let scene = &fitted.scenes[0];
+        let Some(p) = of(&scene.model).filter(|p| !matches!(p.scope, Scope::Object | Scope::Pair)) else {
+            continue;
+        };
+        for label in &p.labels {
+            let name = p.full_name(&scene.model.effects[active], label);
+            if let Some(e) = fitted.posterior.estimates.iter().find(|e| e.name == name) {
+                let sd = e.sd.max(1e-9) * scene.reduced_chi_square.max(1.0);
+                let sum = sums.entry(label.clone()).or_default();
+                *sum = (sum.0 + e.value / (sd * sd), sum.1 + 1.0 / (sd * sd));
+            }
+        }
+    }
+    for model in near {
+        let Some(p) = model.effects.get_mut(active).and_then(|e| e.parameters.get_mut(k)) else { continue };
+        let mut least = 0.0;
+        for (label, value) in p.labels.iter().zip(&mut p.values) {
+            if let Some((weighted, weight)) = sums.get(label) {
+                *value = weighted / weight;
+                least = f64::max(least, 1.0 / weight.sqrt());
+            }
+        }
+        if !sums.is_empty() {
+            p.means.clone_from(&p.values);
+            p.prior.sd = p.prior.sd.min(DOUBT * least);
+        }
+    }
+}
+
+/// Squared error on frames that a fit has not seen.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct HeldOut {
+    squares: f64,
+    count: usize,
+}
+
+impl HeldOut {
+    /// m.
+    pub fn rmse(self) -> f64 {
+        (self.squares / self.count.max(1) as f64).sqrt()
+    }
+}
+
+/// Error of each scene on the last frames of a fit to the first ones.
+pub fn held_out(
+    scenes: &[Scene],
+    models: &[Model],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<HeldOut>, FitError> {
+    let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
+    let lens = Lens::new(&shown);
+    let (free, seen) = fit_forces(&lens, models);
+    let (fitted, _) = fit_set_up(&shown, &led(models, effect, &free, &seen), options, stop)?;
+    let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
+        let rollout = trace(&fitted.model, &scene.times);
+        let mut sum = HeldOut::default();
+        for (body, (track, seen)) in scene.tracks.iter().zip(&part.tracks).enumerate() {
+            if seen.samples.len() < FEWEST {
+                continue;
+            }
+            for s in track.samples.iter().filter(|s| s.frame >= part.times.len()) {
+                if let Some(state) = rollout.states.get(s.frame).and_then(|row| row[body]) {
+                    sum.squares += (state.position - s.position).norm_squared();
+                    sum.count += 2;
+                }
+            }
+        }
+        sum
+    };
+    Ok(scenes.iter().zip(&shown).zip(&fitted.scenes).map(one).collect())
+}
+
+fn first_frames(scene: &Scene) -> Scene {
+    let mut part = scene.clone();
+    let end = (SHOWN * scene.times.len() as f64).ceil() as usize;
+    part.times.truncate(end);
+    for track in &mut part.tracks {
+        track.samples.retain(|s| s.frame < end);
+    }
+    part
+}

@@ -1,0 +1,212 @@
+//! Candidates through the force lens: which law of the library would explain the free motion, and how well.
+
+use super::force::{Free, Lens, Seen, flats, free_parameters, stride, values_of};
+use crate::effects::{EFFECTS, EffectEntry, Hook, Region, effect};
+use crate::num::vec2;
+use crate::scene::Scene;
+use crate::world::{ActiveEffect, Model, Prior};
+use nalgebra::DMatrix;
+
+/// Effects that are never sought: what an engine does beside physics, and other readings of friction.
+const NEVER_SOUGHT: [&str; 3] = ["friction_offset", "gliding_friction", "damping"];
+/// Effects that another one already stands for.
+const COVERED: [(&str, &[&str]); 1] =
+    [("gliding_friction", &["sliding_friction", "rolling_resistance", "ball_spin"])];
+/// Seeds along each coordinate of a place.
+const PLACES: usize = 5;
+/// Seeds that are refined.
+const REFINED: usize = 3;
+/// Amplitude at which a candidate's columns are taken (its own unit): small beside any that is seen.
+const PROBE: f64 = 1e-3;
+/// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
+const WIDE: f64 = 10.0;
+/// An amplitude differs from zero by this many deviations.
+pub const CERTAIN: f64 = 4.0;
+/// Prior deviation of a friction's angle from the velocity (rad).
+const SKEW: f64 = 0.02;
+const REFINEMENTS: usize = 15;
+const PROOFS: usize = 4;
+
+/// One candidate as the force lens sees it.
+#[derive(Clone)]
+pub struct Candidate {
+    pub entry: &'static EffectEntry,
+    /// Parameters in the order of the spec.
+    pub values: Vec<f64>,
+    pub sd: Vec<f64>,
+    /// How many parameters it adds.
+    pub added: usize,
+    /// Fall of the lens's cost against the model without it.
+    pub gain: f64,
+    /// Fall of chi-square on what was left out, summed, and the number of parts that gained.
+    pub held_out: f64,
+    /// Chi-square of what was left out, summed.
+    pub left_out: f64,
+    pub folds_gained: usize,
+    pub chi_square: f64,
+    /// The models with the candidate at these values, shared parameters refitted.
+    pub models: Vec<Model>,
+}
+
+/// The models with what an engine or an uneven foot does beside physics, so that no law is found in it: the
+/// friction of each sliding body may be a little askew (found in Bullet's boxes and cylinders).
+pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        if let (None, Some(entry)) = (model.effect("friction_offset"), effect("friction_offset")) {
+            let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+            for p in active.parameters.iter_mut().filter(|p| p.name == "skew") {
+                p.prior.sd = SKEW;
+            }
+            model.effects.push(active);
+        }
+        model
+    };
+    models.iter().map(one).collect()
+}
+
+impl Candidate {
+    /// Whether an amplitude differs from zero beyond doubt.
+    pub fn certain(&self) -> bool {
+        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
+        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
+    }
+}
+
+/// Effects that the models lack.
+pub fn sought(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
+    let active = |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on));
+    let covered = |name: &str| COVERED.iter().any(|(by, names)| active(by) && names.contains(&name));
+    let several = scenes.iter().any(|s| s.objects.len() > 1);
+    let open = |e: &&EffectEntry| {
+        let name = e.spec.name;
+        let alone = !several && (e.uses(Hook::Pair) || e.uses(Hook::Contact));
+        !NEVER_SOUGHT.contains(&name) && !active(name) && !covered(name) && !alone
+    };
+    EFFECTS.iter().filter(open).collect()
+}
+
+/// The box that all tracks lie in, and how long the films are.
+pub fn region(scenes: &[Scene]) -> Region {
+    let mut region = Region {
+        low: vec2(f64::INFINITY, f64::INFINITY),
+        high: vec2(f64::NEG_INFINITY, f64::NEG_INFINITY),
+        duration: 0.0,
+        places: PLACES,
+    };
+    for scene in scenes {
+        for p in scene.tracks.iter().flat_map(|t| &t.samples).map(|s| s.position) {
+            region.low = vec2(region.low.x.min(p.x), region.low.y.min(p.y));
+            region.high = vec2(region.high.x.max(p.x), region.high.y.max(p.y));
+        }
+        let film = scene.times.last().zip(scene.times.first()).map_or(0.0, |(b, a)| b - a);
+        region.duration = region.duration.max(film);
+    }
+    region
+}
+
+/// The models with one more effect, its parameters free.
+pub fn with_effect(models: &[Model], entry: &EffectEntry, values: &[f64], region: &Region) -> Vec<Model> {
+    let size = (region.high - region.low).norm().max(0.1);
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+        for (k, (parameter, value)) in active.parameters.iter_mut().zip(values).enumerate() {
+            let amplitude = k < entry.amplitudes;
+            let metres = entry.spec.params[k].unit == "m";
+            let sd = if !amplitude && metres { size } else { WIDE };
+            parameter.prior = Prior { mean: if amplitude { 0.0 } else { *value }, sd };
+            parameter.values.iter_mut().for_each(|v| *v = *value);
+            parameter.means.iter_mut().for_each(|m| *m = parameter.prior.mean);
+        }
+        model.effects.push(active);
+        model
+    };
+    models.iter().map(one).collect()
+}
+
+/// The best that one effect can do beside the models' free parameters, as `base` has them. `None` where the lens is
+/// blind to it.
+pub fn screen(
+    lens: &Lens,
+    models: &[Model],
+    base: &(Vec<Free>, Seen),
+    entry: &'static EffectEntry,
+    region: &Region,
+) -> Option<Candidate> {
+    if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
+        return None;
+    }
+    let (free, seen) = base;
+    let fitted = at_values(models, free, &seen.values);
+    let projector = lens.projector(&fitted, free, &seen.values)?;
+    let mut tried: Vec<(f64, Vec<f64>)> = vec![];
+    for seed in entry.seeds(region) {
+        let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
+        for k in 0..entry.amplitudes {
+            let mut probe = seed.clone();
+            probe[k] = PROBE;
+            let probed = with_effect(&fitted, entry, &probe, region);
+            let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
+            columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
+        }
+        let Some((gain, amplitudes)) = lens.gain(&projector, &columns) else { continue };
+        let mut values = seed;
+        let inside = amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a));
+        if inside {
+            values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
+            tried.push((gain, values));
+        }
+    }
+    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, &fitted, entry, values, region));
+    let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
+    let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
+    let (mut held_out, mut left_out, mut folds_gained) = (0.0, 0.0, 0);
+    for fold in &lens.folds {
+        let without = lens.solve(&fitted, free, &seen.values, PROOFS, fold);
+        let candidate = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        left_out += candidate.left_out;
+        held_out += without.left_out - candidate.left_out;
+        folds_gained += usize::from(without.left_out > candidate.left_out);
+    }
+    Some(Candidate {
+        entry,
+        values: added.iter().map(|&k| seen_with.values[k]).collect(),
+        sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
+        added: added.len(),
+        gain: seen.cost - seen_with.cost,
+        held_out,
+        left_out,
+        folds_gained,
+        chi_square: seen_with.chi_square,
+        models: at_values(&with, &free_with, &seen_with.values),
+    })
+}
+
+fn of(free: &Free, entry: &EffectEntry) -> bool {
+    free.name.strip_prefix(entry.spec.name).is_some_and(|rest| rest.starts_with('.'))
+}
+
+fn refine(
+    lens: &Lens,
+    models: &[Model],
+    entry: &EffectEntry,
+    values: &[f64],
+    region: &Region,
+) -> (Vec<Free>, Seen, Vec<Model>) {
+    let with = with_effect(models, entry, values, region);
+    let mut wide = free_parameters(&with);
+    stride(&mut wide, entry);
+    let start = values_of(&with, &wide);
+    let near = lens.solve(&with, &wide, &start, REFINEMENTS, &[]);
+    let free = free_parameters(&with);
+    let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
+    let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
+    (free, seen, with)
+}
+
+/// The models with the free parameters at these values.
+pub fn at_values(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Model> {
+    models.iter().zip(flats(models, free, values)).map(|(m, flat)| m.with_values(&flat)).collect()
+}

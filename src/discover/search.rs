@@ -1,0 +1,173 @@
+//! The search in free motion: laws of force added one at a time while the proof holds.
+
+use super::force::{Free, Lens, Seen, fit_forces};
+use super::screen::{Candidate, at_values, region, screen, sought};
+use crate::num::{Stop, Stopped};
+use crate::world::Model;
+use rayon::prelude::*;
+
+/// Fall of chi-square, in units of what remains and beyond the price of its parameters (BIC), that an effect must
+/// bring: the price of looking at the whole library.
+pub const PROOF: f64 = 20.0;
+/// A richer law must beat a simpler one by this, and on what was left out too.
+const RICHER: f64 = 10.0;
+/// A simpler law that explains this share is asked for first.
+const NEARLY: f64 = 0.9;
+/// Laws within this of each other cannot be told apart.
+const ALIKE: f64 = 6.0;
+/// First choices that are tried with a second effect beside them.
+const FIRST_CHOICES: usize = 3;
+
+/// What the force lens found.
+#[derive(Clone)]
+pub struct FreeMotion {
+    /// With the effects found, at the best values.
+    pub models: Vec<Model>,
+    pub free: Vec<Free>,
+    pub seen: Seen,
+    /// In the order added.
+    pub found: Vec<Candidate>,
+    /// All candidates of the round that decided, best first, with their scores.
+    pub ranked: Vec<(f64, Candidate)>,
+    /// Kinds that explain the motion as well as one that was found.
+    pub alike: Vec<Vec<&'static str>>,
+    /// Of the models without any effect added.
+    pub base: Seen,
+    pub degrees_of_freedom: f64,
+}
+
+impl FreeMotion {
+    /// What remains unexplained, in units of the noise: 1 is noise.
+    pub fn reduced_chi_square(&self) -> f64 {
+        self.seen.chi_square / self.degrees_of_freedom
+    }
+
+    /// Cost with the price of all added parameters.
+    pub fn priced(&self) -> f64 {
+        let added: usize = self.found.iter().map(|c| c.added).sum();
+        self.seen.cost + added as f64 * self.degrees_of_freedom.ln()
+    }
+}
+
+/// Adds at most one effect to the models. Deterministic, whatever the number of threads.
+pub fn search(lens: &Lens, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
+    one_after_another(lens, models, 1, None, stop)
+}
+
+/// Adds more effects, at most `most` in all, after what `search` found for the same models.
+pub fn search_on(
+    lens: &Lens,
+    models: &[Model],
+    begun: FreeMotion,
+    most: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let (Some(first), true) = (begun.found.first().cloned(), most > 1) else { return Ok(begun) };
+    let (ranked, alike) = (begun.ranked, begun.alike);
+    let mut greedy = one_after_another(lens, models, most, Some(first), stop)?;
+    if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
+        // The first pick may be a compromise of two: begin with the next ones too.
+        let first = greedy.found[0].entry.spec.name;
+        let others = ranked.iter().map(|(_, c)| c).filter(|c| c.entry.spec.name != first);
+        for other in others.take(FIRST_CHOICES).cloned() {
+            let pair = one_after_another(lens, models, most, Some(other), stop)?;
+            if pair.priced() + RICHER < greedy.priced() {
+                greedy = pair;
+            }
+        }
+    }
+    // The round that chose the first effect is the one that ranks the library.
+    greedy.alike = if greedy.found.len() > 1 { vec![] } else { alike };
+    greedy.ranked = ranked;
+    Ok(greedy)
+}
+
+/// Whether noise explains what is left.
+fn explained(free: &FreeMotion) -> bool {
+    free.reduced_chi_square() < super::MISFIT
+}
+
+/// Whether a candidate is worth its price and certain, and what was left out gains too (with one part there is
+/// nothing to leave out).
+fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
+    score > PROOF && c.certain() && (c.held_out > 0.0 || lens.folds.len() < 2)
+}
+
+/// All candidates beside the models, best first.
+fn round(lens: &Lens, models: &[Model], base: &(Vec<Free>, Seen)) -> Vec<(f64, Candidate)> {
+    let region = region(lens.scenes);
+    let degrees = lens.degrees_of_freedom().max(1) as f64;
+    let candidates: Vec<Candidate> = sought(models, lens.scenes)
+        .into_par_iter()
+        .filter_map(|entry| screen(lens, models, base, entry, &region))
+        .collect();
+    let least = candidates.iter().map(|c| c.chi_square / degrees).fold(f64::INFINITY, f64::min).max(1.0);
+    let score = |c: &Candidate| c.gain / least - c.added as f64 * degrees.ln();
+    let mut ranked: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // The simpler law wins unless the richer one proves itself.
+    if let Some((best, champion)) = ranked.first() {
+        let simpler = ranked.iter().skip(1).position(|(score, c)| {
+            c.added < champion.added
+                && c.gain >= NEARLY * champion.gain
+                && (best - score < RICHER || c.held_out >= champion.held_out)
+        });
+        if let Some(at) = simpler {
+            let winner = ranked.remove(at + 1);
+            ranked.insert(0, winner);
+        }
+    }
+    ranked
+}
+
+fn one_after_another(
+    lens: &Lens,
+    models: &[Model],
+    most: usize,
+    first: Option<Candidate>,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let (mut free, mut seen) = fit_forces(lens, models);
+    let mut state = FreeMotion {
+        models: at_values(models, &free, &seen.values),
+        free: free.clone(),
+        seen: seen.clone(),
+        found: vec![],
+        ranked: vec![],
+        alike: vec![],
+        base: seen.clone(),
+        degrees_of_freedom: lens.degrees_of_freedom().max(1) as f64,
+    };
+    let mut given = first;
+    for number in 0..most {
+        stop(number as f64 / (most + 1) as f64)?;
+        let winner = match given.take() {
+            Some(candidate) => candidate,
+            None => {
+                let ranked = round(lens, &state.models, &(free, seen));
+                let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c)).cloned();
+                if number == 0 || state.ranked.is_empty() {
+                    state.ranked = ranked.clone();
+                }
+                let Some((score, winner)) = chosen else { break };
+                let near = ranked.iter().filter(|(s, c)| score - s < ALIKE && proven(lens, *s, c));
+                let mut kinds: Vec<&str> = vec![];
+                for (_, c) in near {
+                    if !kinds.contains(&c.entry.kind) {
+                        kinds.push(c.entry.kind);
+                    }
+                }
+                if kinds.len() > 1 {
+                    state.alike.push(kinds);
+                }
+                winner
+            }
+        };
+        state.models = winner.models.clone();
+        (free, seen) = fit_forces(lens, &state.models);
+        state.models = at_values(&state.models, &free, &seen.values);
+        (state.free, state.seen) = (free.clone(), seen.clone());
+        state.found.push(winner);
+    }
+    Ok(state)
+}

@@ -1,0 +1,263 @@
+//! Discovery on simulated videos whose missing law is known, listed or not.
+
+use super::*;
+use crate::effects::effect;
+use crate::fit::{FitOptions, fit};
+use crate::num::{Vec2, never, vec2};
+use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
+use crate::world::{ActiveEffect, Model, Preset, trace};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+const SIGMA: f64 = 0.005;
+
+/// Launches of one video: shape, mass, place, velocity.
+type Launch = (Shape, f64, [f64; 2], [f64; 2]);
+
+const DISC: Shape = Shape::Disc { radius: 0.2 };
+const CUBE: Shape = Shape::Square { half_side: 0.2 };
+
+/// Three videos of objects that pass each other.
+fn launches() -> Vec<Vec<Launch>> {
+    vec![
+        vec![(DISC, 0.6, [-2.0, 0.5], [1.3, 0.1]), (CUBE, 2.0, [1.5, -1.5], [-0.5, 0.9])],
+        vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4])],
+        vec![(DISC, 1.5, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [1.8, 1.8], [-1.5, 0.2])],
+    ]
+}
+
+/// Films of the launches under the preset's base and one more law.
+fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Scene> {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let mut noise = |sd: f64| {
+        let z: f64 = StandardNormal.sample(&mut random);
+        sd * z
+    };
+    let mut scenes = vec![];
+    for (number, launches) in launches.iter().enumerate() {
+        let object = |(id, launch): (usize, &Launch)| Object {
+            id: id as u32,
+            color: "red".into(),
+            material: "rubber".into(),
+            shape: launch.0,
+            mass: Some(launch.1),
+        };
+        let mut scene = Scene {
+            name: format!("video {number}"),
+            setup: None,
+            world: WorldKind::Table,
+            fps: 25.0,
+            times: (0..100).map(|f| f as f64 * 0.04).collect(),
+            camera: None,
+            table: None,
+            noise_sigma: None,
+            tracks: vec![Track::default(); launches.len()],
+            objects: launches.iter().enumerate().map(object).collect(),
+        };
+        let mut model = Preset::for_world(scene.world).model(&scene);
+        for (body, (_, _, [x, y], [vx, vy])) in model.bodies.iter_mut().zip(launches) {
+            body.start.state.position = vec2(*x, *y);
+            body.start.state.velocity = vec2(*vx, *vy);
+            body.start.state.spin = 0.5;
+        }
+        if let Some((name, values)) = law {
+            let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &model.bodies);
+            for p in &mut active.parameters {
+                if let Some((_, value)) = values.iter().find(|v| v.0 == p.name) {
+                    p.values.iter_mut().for_each(|v| *v = *value);
+                }
+            }
+            model.effects.push(active);
+        }
+        for (frame, row) in trace(&model, &scene.times).states.iter().enumerate() {
+            for (track, state) in scene.tracks.iter_mut().zip(row) {
+                let s = state.expect("all are there from the start");
+                let position = s.position + vec2(noise(SIGMA), noise(SIGMA));
+                track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)) });
+            }
+        }
+        scenes.push(scene);
+    }
+    scenes
+}
+
+fn models(scenes: &[Scene]) -> Vec<Model> {
+    scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect()
+}
+
+/// What the force lens finds.
+fn sees(scenes: &[Scene]) -> FreeMotion {
+    search(&Lens::new(scenes), &with_nuisance(&models(scenes)), &never).expect("nobody stops it")
+}
+
+/// The lens names the law and gives its parameters within four deviations.
+fn check(law: &str, values: &[(&str, f64)]) {
+    let seen = sees(&film(&launches(), Some((law, values))));
+    let names: Vec<&str> = seen.found.iter().map(|c| c.entry.spec.name).collect();
+    assert_eq!(names, [law], "reduced chi-square {}", seen.reduced_chi_square());
+    let found = &seen.found[0];
+    for (k, p) in found.entry.spec.params.iter().enumerate() {
+        if let Some((_, truth)) = values.iter().find(|v| v.0 == p.name) {
+            let off = (found.values[k] - truth).abs() / found.sd[k];
+            assert!(off < 4.0, "{law}.{}: {} ± {}, {truth}", p.name, found.values[k], found.sd[k]);
+        }
+    }
+    assert!(seen.reduced_chi_square() < MISFIT);
+}
+
+#[test]
+fn each_law_is_named_with_its_parameters() {
+    check("linear_drag", &[("c", 0.3)]);
+    check("quadratic_drag", &[("c", 0.3)]);
+    check("uniform_force", &[("F_x", 0.05), ("F_y", -0.08)]);
+    check("tilt", &[("a_x", 0.05), ("a_y", 0.06)]);
+    check("coriolis", &[("Omega", 0.12)]);
+    check("attractor_spring", &[("k", 0.12), ("center_x", 0.5), ("center_y", -0.4)]);
+    check("pair_attraction", &[("S", 0.3), ("eps", 0.3)]);
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_missing() {
+    let scenes = film(&launches(), None);
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!(found.verdict, Verdict::Adequate, "{found:?}");
+    assert!(found.effects.is_empty() && found.revisions.len() == 1);
+    assert!(found.smallest.iter().any(|s| s.effect == "tilt" && (1e-4..0.05).contains(&s.value)));
+}
+
+#[test]
+fn the_loop_adds_the_law_and_the_error_falls_to_the_noise() {
+    let scenes = film(&launches(), Some(("linear_drag", &[("c", 0.3)])));
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!(found.verdict, Verdict::EffectFound, "{}", found.reason);
+    assert_eq!((found.effects.len(), found.ranked[0].kind.as_str()), (1, "linear_drag"));
+    let [before, after] = &found.revisions[..] else { panic!("{} revisions", found.revisions.len()) };
+    assert!(after.rmse < 1.2 * found.noise_sigma && before.rmse > 1.5 * after.rmse);
+    assert!(after.held_out_rmse < 1.5 * found.noise_sigma && before.held_out_rmse > after.held_out_rmse);
+    let Value::Number(c) = found.effects[0].parameters[0].value else { panic!("c is a number") };
+    assert!((c - 0.3).abs() < 0.03, "{c}");
+}
+
+#[test]
+fn equal_masses_cannot_tell_wind_from_tilt_and_the_experiment_can() {
+    let mut equal = launches();
+    equal.iter_mut().flatten().for_each(|l| l.1 = 1.0);
+    let scenes = film(&equal, Some(("tilt", &[("a_x", 0.05), ("a_y", 0.06)])));
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!(found.verdict, Verdict::Ambiguous, "{}", found.reason);
+    for kind in ["tilt", "uniform_force"] {
+        assert!(found.ambiguous[0].iter().any(|k| k == kind), "{:?}", found.ambiguous);
+    }
+    let launch = found.experiment.expect("two laws differ somewhere");
+    assert!(launch.sigmas > 10.0 && launch.mass != 1.0, "{launch:?}");
+}
+
+#[test]
+fn a_law_that_no_library_lists_is_given_as_a_formula() {
+    // Between the drags of the library, and not a force: the same for all masses.
+    let law = ("damping", &[("linear", 0.25), ("quadratic", 0.0)][..]);
+    let scenes = film(&launches(), Some(law));
+    let lens = Lens::new(&scenes);
+    let base = with_nuisance(&models(&scenes));
+    let (free, fitted) = fit_forces(&lens, &base);
+    let formula = residual_law(&lens, &base, &free, &fitted.values).expect("something is missing").text;
+    assert!(formula.contains("(vx)") && formula.contains("(vy)") && !formula.contains("/m"), "{formula}");
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!((found.verdict, found.formula), (Verdict::OutsideLibrary, Some(formula)), "{}", found.reason);
+}
+
+#[test]
+fn a_wall_that_nobody_saw_is_found_by_the_jump() {
+    let towards: Vec<Vec<Launch>> = vec![
+        vec![(DISC, 0.6, [0.5, 0.5], [-1.2, -0.2])],
+        vec![(CUBE, 0.8, [0.2, -0.5], [-1.0, 0.4]), (DISC, 1.5, [2.0, 2.0], [-0.3, -0.9])],
+    ];
+    let wall = [("presence", 1.0), ("offset", -1.0), ("angle", 0.0), ("restitution", 0.7)];
+    let scenes = film(&towards, Some(("hidden_wall", &wall)));
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
+    assert_eq!(names, ["hidden_wall"], "{}", found.reason);
+    let Value::Vector([x, y]) = found.effects[0].parameters[0].value else { panic!("a point") };
+    assert!((x + 1.0).abs() < 0.02 && y.abs() < 0.05, "{x} {y}");
+}
+
+#[test]
+fn what_rests_says_nothing_and_is_told_what_to_film() {
+    let scenes = film(&[vec![(DISC, 1.0, [0.0, 0.0], [0.0, 0.0])]], None);
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!(found.verdict, Verdict::NotIdentifiable);
+    assert!(found.reason.contains("film objects that move"), "{}", found.reason);
+}
+
+#[test]
+fn the_answer_does_not_depend_on_the_number_of_threads() {
+    let scenes = film(&launches(), Some(("coriolis", &[("Omega", 0.12)])));
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let options = DiscoverOptions::default();
+        pool.install(|| discover(&scenes, &models(&scenes), &options, &never)).expect("it runs")
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn a_jump_is_found_where_it_is_and_only_there() {
+    let mut scenes = film(&[vec![(DISC, 1.0, [-1.0, 0.0], [1.0, 0.0])]], None);
+    let noise = crate::fit::estimate_noise(&scenes[0]);
+    assert!(paths(&scenes[0], &noise)[0].jumps.is_empty());
+    let kick: Vec2 = vec2(-0.2, 0.7);
+    for s in scenes[0].tracks[0].samples.iter_mut().filter(|s| s.frame > 40) {
+        s.position += kick.scaled((s.frame as f64 - 40.5) * 0.04);
+    }
+    let path = &paths(&scenes[0], &noise)[0];
+    let [jump] = &path.jumps[..] else { panic!("{:?}", path.jumps) };
+    assert!(
+        jump.frame.abs_diff(40) <= 1 && (jump.change - kick).norm() < 4.0 * jump.change.norm() / jump.sigmas,
+        "{jump:?}"
+    );
+}
+
+#[test]
+fn a_comparison_names_the_regime_that_fails() {
+    let scenes = film(&launches(), Some(("linear_drag", &[("c", 0.3)])));
+    let base = models(&scenes);
+    let options = FitOptions::default();
+    let fitted = fit(&scenes, &base, &options, &never).expect("it fits");
+    let compared = compare(&scenes, &fitted, &options, &never).expect("it compares");
+    assert!(compared.summary.contains("fails most"), "{}", compared.summary);
+    let first = &compared.scenes[0];
+    assert!((first.noise_sigma / SIGMA - 1.0).abs() < 0.2 && first.held_out_rmse > first.noise_sigma);
+    assert!(first.regimes.iter().any(|r| r.regime == "free, fast" && r.frames > 20));
+    assert!(first.objects.iter().all(|o| o.worst >= o.rmse) && first.by_frame.len() == 100);
+}
+
+#[test]
+fn the_base_reads_whether_balls_roll() {
+    let ball = Shape::Ball { radius: 0.2 };
+    let mut with_balls = launches();
+    with_balls[0][0].0 = ball;
+    with_balls[2][1].0 = ball;
+    // What a force does to a ball that rolls is 5/7 of what it does to one that glides.
+    let scenes = film(&with_balls, Some(("tilt", &[("a_x", 0.08), ("a_y", -0.05)])));
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    assert_eq!(found.revisions[0].fit.scenes[0].model.preset, "table");
+    assert_eq!(found.effects.iter().map(|e| e.effect.as_str()).collect::<Vec<_>>(), ["tilt"]);
+}
+
+#[test]
+fn an_added_effect_that_is_off_changes_nothing() {
+    let scenes = film(&launches(), None);
+    let lens = Lens::new(&scenes);
+    let base = models(&scenes);
+    let flats: Vec<Vec<f64>> = base.iter().map(Model::flatten).collect();
+    let before = lens.residual(&base, &flats);
+    let area = region(&scenes);
+    for entry in sought(&base, &scenes) {
+        let zero: Vec<f64> = entry.spec.params.iter().map(|p| p.default).collect();
+        let with = with_effect(&base, entry, &zero, &area);
+        let flats: Vec<Vec<f64>> = with.iter().map(Model::flatten).collect();
+        let off = (lens.residual(&with, &flats) - &before).amax();
+        assert!(off < 1e-9, "{}: {off}", entry.spec.name);
+    }
+}
