@@ -78,17 +78,18 @@ fn select(
 ) -> Option<ResidualLaw> {
     let all: Vec<_> = TERMS.iter().map(|t| lens.column(models, force, t.value)).collect();
     let degrees = lens.degrees_of_freedom().max(1) as f64;
+    let unexplained = lens.joint(projector, start, &DMatrix::zeros(projector.residual.len(), 0))?.0;
     let mut chosen: Vec<usize> = vec![];
     let mut best = (0.0, vec![]);
     while chosen.len() < most {
         let tried = (0..TERMS.len()).filter(|k| !chosen.contains(k)).filter_map(|k| {
             let with: Vec<usize> = chosen.iter().copied().chain([k]).collect();
             let columns = DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
-            let (gain, amplitudes) = lens.gain(projector, &columns)?;
-            Some((gain, amplitudes.as_slice().to_vec(), k))
+            let (cost, amplitudes) = lens.joint(projector, start, &columns)?;
+            Some((unexplained - cost, amplitudes.as_slice().to_vec(), k))
         });
         let Some((gain, amplitudes, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        let remains = ((start - gain) / degrees).max(1.0);
+        let remains = ((unexplained - gain) / degrees).max(1.0);
         if (gain - best.0) / remains < PROOF + degrees.ln() {
             break;
         }
@@ -105,5 +106,5 @@ fn select(
         if force { format!("({sum})/m") } else { sum }
     };
     let text = format!("ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
-    Some(ResidualLaw { text, terms: chosen.len(), cost: start - best.0 })
+    Some(ResidualLaw { text, terms: chosen.len(), cost: unexplained - best.0 })
 }

@@ -208,7 +208,8 @@ fn conclude(
         let (free, seen) = fit_forces(lens, models);
         residual_law(lens, models, &free, &seen, most)
     };
-    let compromise = (!motion.found.is_empty()).then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
+    // Two laws of the library may be the image of one that it lacks.
+    let compromise = (motion.found.len() > 1).then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
     let outside = misfit || compromise.is_some();
     let formula = compromise
