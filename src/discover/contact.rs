@@ -181,15 +181,16 @@ fn chi_squares(fit: &Fit) -> Vec<f64> {
     fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
 }
 
-/// Laws of contact and things that nobody saw, best first. Empty where nothing touches anything.
+/// Laws of contact and things that nobody saw, best first, and the chi-square of short films that nothing follows.
+/// Empty where nothing touches anything.
 pub fn screen_contacts(
     films: &Contacts,
     region: &Region,
     candidates: &[&'static EffectEntry],
     stop: Stop,
-) -> Result<Vec<ContactCandidate>, FitError> {
+) -> Result<(Vec<ContactCandidate>, f64), FitError> {
     if films.scenes.is_empty() {
-        return Ok(vec![]);
+        return Ok((vec![], 0.0));
     }
     let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
     let base = fit(&films.scenes, &films.models, &options, stop)?;
@@ -226,7 +227,9 @@ pub fn screen_contacts(
             models: followed.iter().map(|&f| films.models[f].clone()).collect(),
             jumps: films.jumps.clone(),
         };
-        return screen_contacts(&rest, region, candidates, stop);
+        let lost = (0..films.scenes.len()).filter(|film| !followed.contains(film)).map(|film| before[film]);
+        let lost: f64 = lost.sum();
+        return screen_contacts(&rest, region, candidates, stop).map(|(found, more)| (found, lost + more));
     }
     let least = fitted.iter().map(|f| chi_squares(&f.2).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
     let unit = (least / degrees.max(1) as f64).max(1.0);
@@ -270,7 +273,7 @@ pub fn screen_contacts(
             kept.push(c);
         }
     }
-    Ok(kept)
+    Ok((kept, 0.0))
 }
 
 /// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with

@@ -288,12 +288,28 @@ impl<'a> Lens<'a> {
         Some((-amplitudes.dot(&g), amplitudes))
     }
 
+    /// Cost with the columns beside the parameters of the base, all free at once and without bounds, from wherever the
+    /// base stands; and the columns' amplitudes.
+    pub fn joint(
+        &self,
+        projector: &Projector,
+        cost: f64,
+        columns: &DMatrix<f64>,
+    ) -> Option<(f64, DVector<f64>)> {
+        let across = projector.jacobian.tr_mul(columns);
+        let s = columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across));
+        let base = projector.factor.solve(&projector.gradient);
+        let g = columns.tr_mul(&projector.residual) - across.tr_mul(&base);
+        let amplitudes = -s.cholesky()?.solve(&g);
+        Some((cost - projector.gradient.dot(&base) + amplitudes.dot(&g), amplitudes))
+    }
+
     /// What projects the parameters of a solution out of further columns.
     pub fn projector(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Projector> {
         let residual = self.residual(models, &flats(models, free, values));
         let jacobian = self.jacobian(models, free, values, &residual);
-        let (h, _) = self.normal(&jacobian, &residual, free, values, &[]);
-        Some(Projector { residual, factor: h.cholesky()?, jacobian })
+        let (h, gradient) = self.normal(&jacobian, &residual, free, values, &[]);
+        Some(Projector { residual, factor: h.cholesky()?, jacobian, gradient })
     }
 }
 
@@ -305,6 +321,7 @@ fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
 pub struct Projector {
     pub residual: DVector<f64>,
     jacobian: DMatrix<f64>,
+    gradient: DVector<f64>,
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
 }
 

@@ -1,12 +1,14 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
-use super::force::{Free, Lens};
+use super::force::{Free, Lens, Seen};
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::DMatrix;
 
 /// Most terms of a formula.
-const MOST_TERMS: usize = 6;
+pub const MOST_TERMS: usize = 6;
+/// Most terms of a formula that contradicts a law of the library: a longer one could imitate any.
+pub const SIMPLE_TERMS: usize = 2;
 /// Fall of chi-square, in units of what remains, that a term must bring beyond its price.
 const PROOF: f64 = 20.0;
 
@@ -46,16 +48,23 @@ const TERMS: [Term; 20] = [
 pub struct ResidualLaw {
     pub text: String,
     pub terms: usize,
-    pub chi_square: f64,
+    /// Chi-square that remains, with the priors' share.
+    pub cost: f64,
 }
 
 /// The sparse law beside the models' own, as `ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
-/// does not roll); `None` where no term proves itself.
-pub fn residual_law(lens: &Lens, models: &[Model], free: &[Free], values: &[f64]) -> Option<ResidualLaw> {
-    let projector = lens.projector(models, free, values)?;
+/// does not roll) of at most `most` terms; `None` where no term proves itself.
+pub fn residual_law(
+    lens: &Lens,
+    models: &[Model],
+    free: &[Free],
+    seen: &Seen,
+    most: usize,
+) -> Option<ResidualLaw> {
+    let projector = lens.projector(models, free, &seen.values)?;
     // The same law for all masses, or a force: the data say which.
-    let laws = [false, true].map(|force| select(lens, models, &projector, force));
-    laws.into_iter().flatten().min_by(|a, b| a.chi_square.total_cmp(&b.chi_square))
+    let laws = [false, true].map(|force| select(lens, models, &projector, seen.cost, force, most));
+    laws.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost))
 }
 
 /// Forward selection.
@@ -63,22 +72,24 @@ fn select(
     lens: &Lens,
     models: &[Model],
     projector: &super::force::Projector,
+    start: f64,
     force: bool,
+    most: usize,
 ) -> Option<ResidualLaw> {
     let all: Vec<_> = TERMS.iter().map(|t| lens.column(models, force, t.value)).collect();
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let start = projector.residual.norm_squared();
+    let unexplained = lens.joint(projector, start, &DMatrix::zeros(projector.residual.len(), 0))?.0;
     let mut chosen: Vec<usize> = vec![];
     let mut best = (0.0, vec![]);
-    while chosen.len() < MOST_TERMS {
+    while chosen.len() < most {
         let tried = (0..TERMS.len()).filter(|k| !chosen.contains(k)).filter_map(|k| {
             let with: Vec<usize> = chosen.iter().copied().chain([k]).collect();
             let columns = DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
-            let (gain, amplitudes) = lens.gain(projector, &columns)?;
-            Some((gain, amplitudes.as_slice().to_vec(), k))
+            let (cost, amplitudes) = lens.joint(projector, start, &columns)?;
+            Some((unexplained - cost, amplitudes.as_slice().to_vec(), k))
         });
         let Some((gain, amplitudes, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        let remains = ((start - gain) / degrees).max(1.0);
+        let remains = ((unexplained - gain) / degrees).max(1.0);
         if (gain - best.0) / remains < PROOF + degrees.ln() {
             break;
         }
@@ -95,5 +106,5 @@ fn select(
         if force { format!("({sum})/m") } else { sum }
     };
     let text = format!("ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
-    Some(ResidualLaw { text, terms: chosen.len(), chi_square: start - best.0 })
+    Some(ResidualLaw { text, terms: chosen.len(), cost: unexplained - best.0 })
 }

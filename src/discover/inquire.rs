@@ -4,7 +4,7 @@ use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
-use super::formula::{ResidualLaw, residual_law};
+use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
 use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
@@ -66,8 +66,9 @@ pub fn discover(
         reading.motion = search_on(&lens, &reading.models, motion, options.max_effects, stop)?;
         let films = contacts(&lens, &reading.motion.models);
         let sought = sought(&reading.motion.models, scenes);
-        let screened = screen_contacts(&films, &region(scenes), &sought, stop)?;
-        reading.films = screened.iter().find(|c| c.proven()).map_or(films_cost(&screened), |c| c.after);
+        let (screened, lost) = screen_contacts(&films, &region(scenes), &sought, stop)?;
+        reading.films =
+            lost + screened.iter().find(|c| c.proven()).map_or(films_cost(&screened), |c| c.after);
         reading.contacts = screened;
     }
     let cost = |r: &Reading| r.motion.priced() + r.films;
@@ -103,7 +104,7 @@ pub fn diagnose(
     let lens = Lens::new(scenes);
     let motion = search(&lens, &with_nuisance(&models), stop)?;
     let films = contacts(&lens, &motion.models);
-    let of_contacts = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    let (of_contacts, _) = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
     Ok(Diagnosis {
         comparison,
         free_motion: motion.base.chi_square / motion.degrees_of_freedom,
@@ -203,14 +204,17 @@ fn conclude(
     let explained =
         proven.is_some() && revisions.last().is_some_and(|r| r.reduced_chi_square < super::MISFIT);
     let misfit = motion.reduced_chi_square() > super::MISFIT && !explained;
-    let law_beside = |models: &[Model]| {
+    let law_beside = |models: &[Model], most: usize| {
         let (free, seen) = fit_forces(lens, models);
-        residual_law(lens, models, &free, &seen.values)
+        residual_law(lens, models, &free, &seen, most)
     };
-    let compromise = (!motion.found.is_empty()).then(|| law_beside(&steps[0].1)).flatten();
+    // Two laws of the library may be the image of one that it lacks.
+    let compromise = (motion.found.len() > 1).then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
     let outside = misfit || compromise.is_some();
-    let formula = compromise.or_else(|| misfit.then(|| law_beside(&motion.models)).flatten()).map(|l| l.text);
+    let formula = compromise
+        .or_else(|| misfit.then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
+        .map(|l| l.text);
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
         () if !ambiguous.is_empty() => Verdict::Ambiguous,
@@ -237,8 +241,8 @@ fn conclude(
 
 /// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.
 fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let priced = law.chi_square + law.terms as f64 * motion.degrees_of_freedom.ln();
-    let unit = (law.chi_square / motion.degrees_of_freedom).max(1.0);
+    let priced = law.cost + law.terms as f64 * motion.degrees_of_freedom.ln();
+    let unit = (law.cost / motion.degrees_of_freedom).max(1.0);
     (motion.priced() - priced) / unit > FORMULA_PROOF
 }
 
