@@ -61,7 +61,6 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<spin_friction::SpinFriction>(),
     EffectEntry::of::<tilt::Tilt>(),
     EffectEntry::of::<uniform_force::UniformForce>(),
-    EffectEntry::of::<tilt::Tilt>(),
     EffectEntry::of::<attractor_spring::AttractorSpring>(),
     EffectEntry::of::<attractor_inverse_square::AttractorInverseSquare>(),
     EffectEntry::of::<vortex::Vortex>(),

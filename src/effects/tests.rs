@@ -30,7 +30,9 @@ fn forces<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let mut s = *s;
         s[0] = s[0] + (step as f64 - 300.0) * 0.008;
         let mut w = Wrench::zero();
-        (hooks.force)(p, T::constant(TIME), &body(&s), &mut w);
+        let shape =
+            if step % 2 == 0 { Shape::Square { half_side: 0.2 } } else { Shape::Ball { radius: 0.2 } };
+        (hooks.force)(p, T::constant(TIME), &Body { shape, ..body(&s) }, &mut w);
         let Wrench { force, torque, grip, lever, skew, rolling, damping, pivot, excess } = w;
         all.extend([force.x, force.y, torque, grip, lever, skew, rolling, damping, pivot, excess]);
     }
