@@ -29,6 +29,8 @@ pub enum Kind {
     Videos,
     /// By `{video}/{model}`.
     Fits,
+    /// By `{first video}/{study}`.
+    Studies,
     /// By trace id; the value has a `video`.
     Traces,
 }
@@ -38,6 +40,7 @@ impl Kind {
         TableDefinition::new(match self {
             Kind::Videos => "videos",
             Kind::Fits => "fits",
+            Kind::Studies => "studies",
             Kind::Traces => "traces",
         })
     }
@@ -92,7 +95,7 @@ impl Store {
                 }
                 _ => meta.insert("schema", SCHEMA_VERSION).map_err(failed)?,
             };
-            for kind in [Kind::Videos, Kind::Fits, Kind::Traces] {
+            for kind in [Kind::Videos, Kind::Fits, Kind::Studies, Kind::Traces] {
                 write.open_table(kind.table()).map_err(failed)?;
             }
         }
@@ -208,8 +211,10 @@ impl Store {
                 };
                 {
                     let prefix = format!("{video}/");
-                    let mut fits = write.open_table(Kind::Fits.table()).map_err(failed)?;
-                    fits.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
+                    for kind in [Kind::Fits, Kind::Studies] {
+                        let mut rows = write.open_table(kind.table()).map_err(failed)?;
+                        rows.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
+                    }
                     let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
                     let of_video =
                         |_: &str, value: &[u8]| decode::<OfVideo>(value).is_ok_and(|v| v.video == video);

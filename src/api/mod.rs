@@ -5,6 +5,7 @@ mod request;
 mod server;
 mod services;
 mod status;
+mod study;
 pub mod video;
 
 pub use server::{Limits, ServeError, serve};

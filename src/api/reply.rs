@@ -33,7 +33,7 @@ pub fn model(stored: &StoredFit) -> v1::Model {
     });
     v1::Model {
         name,
-        revision: 0,
+        revision: stored.revision,
         preset: scene.model.preset.clone(),
         rmse: scene.rmse,
         noise_sigma: scene.noise_sigma,

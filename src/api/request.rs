@@ -65,7 +65,7 @@ impl Report {
         }
     }
 
-    fn id(&mut self, path: &str, name: &str, collection: &str) -> String {
+    pub fn id(&mut self, path: &str, name: &str, collection: &str) -> String {
         match name.strip_prefix(collection).and_then(|n| n.strip_prefix('/')).filter(|id| is_id(id)) {
             Some(id) => id.to_string(),
             None => {
@@ -75,7 +75,7 @@ impl Report {
         }
     }
 
-    fn choice(&mut self, path: &'static str, choice: Option<v1::ModelChoice>, video: &str) -> Choice {
+    pub fn choice(&mut self, path: &'static str, choice: Option<v1::ModelChoice>, video: &str) -> Choice {
         use v1::model_choice::Choice as Given;
         let kind = match choice.and_then(|c| c.choice) {
             None => ChoiceKind::Default,

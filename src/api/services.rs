@@ -1,8 +1,8 @@
 //! The four services: each call is converted, handed to the engine, and converted back.
 
 use super::status::{error, status};
-use super::{reply, request, v1, video};
-use crate::engine::{Engine, EngineError, Update};
+use super::{reply, request, study, v1, video};
+use crate::engine::{Engine, EngineError, Inquiry, Study, Update, Waiting};
 use crate::fit::FitOptions;
 use futures_util::stream::{self, BoxStream, StreamExt};
 use std::sync::Arc;
@@ -69,23 +69,55 @@ impl v1::models_server::Models for Services {
             }
         }
         let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
-        // The stream owns the place at the fit: a caller who leaves gives it up.
-        let updates = stream::unfold(Some(waiting), |waiting| async move {
-            let mut waiting = waiting?;
-            let update = match waiting.ready() {
-                Some(outcome) => Update::Done(outcome),
-                None => waiting.next().await,
-            };
-            let event = |event| Ok(v1::FitModelResponse { event: Some(event) });
-            Some(match update {
-                Update::Progress(fraction) => {
-                    (event(Event::Progress(v1::FitProgress { fraction })), Some(waiting))
-                }
-                Update::Done(Ok(fit)) => (event(Event::Model(reply::model(&fit))), None),
-                Update::Done(Err(error)) => (Err(status(error)), None),
-            })
-        });
-        Ok(Response::new(updates.boxed()))
+        let progress = |fraction| Event::Progress(v1::FitProgress { fraction });
+        let event = |event| v1::FitModelResponse { event: Some(event) };
+        Ok(updates(
+            waiting,
+            move |f| event(progress(f)),
+            move |fit| Some(event(Event::Model(reply::model(fit)))),
+        ))
+    }
+
+    type CompareModelsStream = Items<v1::CompareModelsResponse>;
+
+    async fn compare_models(
+        &self,
+        request: Request<v1::CompareModelsRequest>,
+    ) -> Reply<Self::CompareModelsStream> {
+        use v1::compare_models_response::Event;
+        let (videos, start) = study::request(request.into_inner().study).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, Inquiry::Compare).await.map_err(status)?;
+        let event = |event| v1::CompareModelsResponse { event: Some(event) };
+        let done = move |found: &Study| study::comparison(found).map(|c| event(Event::Comparison(c)));
+        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+    }
+
+    type DiagnoseModelStream = Items<v1::DiagnoseModelResponse>;
+
+    async fn diagnose_model(
+        &self,
+        request: Request<v1::DiagnoseModelRequest>,
+    ) -> Reply<Self::DiagnoseModelStream> {
+        use v1::diagnose_model_response::Event;
+        let (videos, start) = study::request(request.into_inner().study).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, Inquiry::Diagnose).await.map_err(status)?;
+        let event = |event| v1::DiagnoseModelResponse { event: Some(event) };
+        let done = move |found: &Study| study::diagnosis(found).map(|d| event(Event::Diagnosis(d)));
+        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+    }
+
+    type DiscoverEffectsStream = Items<v1::DiscoverEffectsResponse>;
+
+    async fn discover_effects(
+        &self,
+        request: Request<v1::DiscoverEffectsRequest>,
+    ) -> Reply<Self::DiscoverEffectsStream> {
+        use v1::discover_effects_response::Event;
+        let (videos, start, inquiry) = study::discovery(request.into_inner()).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
+        let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
+        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
     }
 
     async fn get_model(&self, request: Request<v1::GetModelRequest>) -> Reply<v1::Model> {
@@ -138,6 +170,30 @@ impl v1::reasoning_server::Reasoning for Services {
         });
         Ok(Response::new(answers.buffered(QUESTIONS_AT_ONCE).boxed()))
     }
+}
+
+/// Progress, then the result. The stream owns the place at the work: a caller who leaves gives it up.
+fn updates<T: Send + Sync + 'static, M: Send + 'static>(
+    waiting: Waiting<T>,
+    progress: impl Fn(f64) -> M + Copy + Send + 'static,
+    done: impl Fn(&T) -> Option<M> + Copy + Send + 'static,
+) -> Response<Items<M>> {
+    let updates = stream::unfold(Some(waiting), move |waiting| async move {
+        let mut waiting = waiting?;
+        let update = match waiting.ready() {
+            Some(outcome) => Update::Done(outcome),
+            None => waiting.next().await,
+        };
+        Some(match update {
+            Update::Progress(fraction) => (Ok(progress(fraction)), Some(waiting)),
+            Update::Done(Ok(found)) => {
+                let other = || Status::internal("the work has another result than was asked for");
+                (done(&found).ok_or_else(other), None)
+            }
+            Update::Done(Err(error)) => (Err(status(error)), None),
+        })
+    });
+    Response::new(updates.boxed())
 }
 
 async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskResponse, EngineError> {

@@ -120,8 +120,7 @@ impl Connection {
         progress: impl Fn(f64),
     ) -> Result<Model, Failure> {
         let request = FitModelRequest { parent: video.into(), start, ..Default::default() };
-        let mut client = ModelsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE);
-        let mut stream = client.fit_model(request).await?.into_inner();
+        let mut stream = self.models().fit_model(request).await?.into_inner();
         while let Some(message) = stream.message().await? {
             match message.event {
                 Some(fit_model_response::Event::Progress(p)) => progress(p.fraction),
@@ -130,6 +129,10 @@ impl Connection {
             }
         }
         Err(Failure::other("the service ended the fit without a model"))
+    }
+
+    pub fn models(&self) -> ModelsClient<Channel> {
+        ModelsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
     }
 
     pub fn reasoning(&self) -> ReasoningClient<Channel> {

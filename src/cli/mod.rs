@@ -1,8 +1,12 @@
 //! The command line: every command is a client of the service, in this process or remote.
 
 mod ask;
+mod compare;
 mod connect;
 mod demo;
+mod diagnose;
+mod discover;
+mod effects;
 mod error;
 mod fit;
 mod health;
@@ -10,6 +14,7 @@ mod input;
 mod output;
 mod serve;
 mod simulate;
+mod study;
 
 use clap::{Parser, Subcommand};
 use error::Failure;
@@ -48,6 +53,14 @@ enum Command {
     Simulate(simulate::Args),
     /// Answers a question about a scene.
     Ask(ask::Args),
+    /// Residuals of each scene's model, and where it fails.
+    Compare(compare::Args),
+    /// Ranked candidates for the effect that a set-up's model lacks.
+    Diagnose(diagnose::Args),
+    /// Finds the missing effects of a set-up, adds them, and shows the error fall.
+    Discover(discover::Args),
+    /// The catalogue of physical effects.
+    Effects(effects::Args),
     /// Whether a service is serving (exit status 0 or 1).
     Health,
 }
@@ -78,6 +91,10 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Fit(args) => fit::run(&cli.target, args).await,
         Command::Simulate(args) => simulate::run(&cli.target, args).await,
         Command::Ask(args) => ask::run(&cli.target, args).await,
+        Command::Compare(args) => compare::run(&cli.target, args).await,
+        Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
+        Command::Discover(args) => discover::run(&cli.target, args).await,
+        Command::Effects(args) => effects::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,
     }
 }

@@ -3,11 +3,13 @@
 mod memo;
 mod pool;
 mod start;
+mod study;
 mod trace;
 
 pub use memo::{Update, Waiting};
 pub use pool::Control;
 pub use start::{Choice, ChoiceKind};
+pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Study};
 pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
@@ -109,6 +111,9 @@ pub struct Capacity {
 pub struct StoredFit {
     pub video: String,
     pub id: String,
+    /// Effects that were added since the preset.
+    #[serde(default)]
+    pub revision: u32,
     /// Of one scene, the video.
     pub fit: Fit,
 }
@@ -148,6 +153,7 @@ pub struct Engine {
     job_timeout: Duration,
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
+    studies: Memo<Study>,
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
     /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
@@ -168,6 +174,7 @@ impl Engine {
                 .build(),
             // A fit keeps draws of every parameter.
             fits: Memo::new(CACHED_BYTES, |f| BASE_BYTES + 1024 * f.fit.posterior.estimates.len()),
+            studies: Memo::new(CACHED_BYTES, |_| 64 * BASE_BYTES),
             simulations: Memo::new(CACHED_BYTES, |s| {
                 let best = &s.imagined.best;
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
@@ -272,7 +279,7 @@ impl Engine {
             fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(EngineError::from)
         };
         let fit = self.pool.run(control, job).await?;
-        let stored = StoredFit { video, id, fit };
+        let stored = StoredFit { video, id, revision: 0, fit };
         self.put_of_video(Kind::Fits, &stored.video, &key, &stored).await?;
         Ok(stored)
     }

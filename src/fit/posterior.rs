@@ -105,6 +105,24 @@ impl Posterior {
         }
     }
 
+    /// The part that one scene sees.
+    fn of_scene(&self, scene: usize) -> Posterior {
+        let seen = |k: &usize| self.estimates[*k].scene.is_none_or(|s| s == scene);
+        let kept: Vec<usize> = (0..self.estimates.len()).filter(seen).collect();
+        let estimate = |k: &usize| {
+            let e = &self.estimates[*k];
+            Estimate { scene: e.scene.map(|_| 0), ..e.clone() }
+        };
+        let slot = |&(slot, k): &(usize, usize)| Some((slot, kept.binary_search(&k).ok()?));
+        let slots = self.slots.get(scene).map(|slots| slots.iter().filter_map(slot).collect());
+        Posterior {
+            estimates: kept.iter().map(estimate).collect(),
+            coordinates: kept.iter().map(|&k| self.coordinates[k]).collect(),
+            slots: slots.into_iter().collect(),
+            draws: self.draws.iter().map(|d| kept.iter().map(|&k| d[k]).collect()).collect(),
+        }
+    }
+
     fn named(&self, scene: usize, name: &str) -> Option<&Estimate> {
         self.estimates.iter().find(|e| e.name == name && e.scene.is_none_or(|s| s == scene))
     }
@@ -206,6 +224,16 @@ fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl Fit {
+    /// What the fit says of one of its scenes alone.
+    pub fn of_scene(&self, scene: usize) -> Fit {
+        Fit {
+            scenes: self.scenes.get(scene).cloned().into_iter().collect(),
+            posterior: self.posterior.of_scene(scene),
+            iterations: self.iterations,
+            outcome: self.outcome,
+        }
+    }
+
     /// How many draws the fit keeps.
     pub fn draws(&self) -> usize {
         self.posterior.draws.len()

@@ -1,0 +1,84 @@
+//! `diagnose`: where the model of a set-up fails, and ranked candidates for the missing effect.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{compare, input, output, study};
+use crate::api::v1::{DiagnoseModelRequest, Diagnosis, diagnose_model_response::Event};
+use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+
+/// Candidates that a person is shown.
+const SHOWN: usize = 10;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scenes of one set-up: files, folders, or folders of scene folders.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Preset or model file [default: what suits the scenes' world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    let scenes = input::scenes(&args.scenes)?;
+    let start = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let study = Some(study::request(&connection, &scenes, start).await?);
+    let bar = study::bar("diagnoses");
+    let request = DiagnoseModelRequest { study };
+    let mut stream = connection.models().diagnose_model(request).await?.into_inner();
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        match message.event {
+            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
+            Some(Event::Diagnosis(diagnosis)) => found = Some(diagnosis),
+            None => {}
+        }
+    }
+    bar.finish_and_clear();
+    let found = found.ok_or_else(|| Failure::other("the service ended the diagnosis without a result"))?;
+    let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&found, &names))?,
+        None => output::print(&text(&found))?,
+    }
+    connection.close().await
+}
+
+fn text(found: &Diagnosis) -> String {
+    let summary = found.comparison.as_ref().map_or("", |c| c.summary.as_str());
+    let mut text =
+        format!("{summary}\n  between contacts: reduced chi-square {:.2}\n", found.free_motion_chi_square);
+    for jump in &found.jumps {
+        let at = jump.position.unwrap_or_default();
+        text += &format!(
+            "  a jump that no object explains: frame {} at ({:.2}, {:.2}) m, {:.0} sigmas\n",
+            jump.frame, at.x, at.y, jump.sigmas
+        );
+    }
+    text + &study::ranking(&found.ranked, SHOWN)
+}
+
+fn to_json(found: &Diagnosis, names: &[String]) -> Value {
+    let videos = found.comparison.as_ref().map_or(&[][..], |c| &c.videos);
+    let scenes: Map<String, Value> =
+        names.iter().zip(videos).map(|(name, v)| (name.clone(), compare::to_json(v))).collect();
+    let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
+    let jump = |j: &crate::api::v1::Jump| {
+        let scene = videos.iter().position(|v| v.video == j.video).and_then(|k| names.get(k));
+        let (at, change) = (j.position.unwrap_or_default(), j.change.unwrap_or_default());
+        json!({ "scene": scene, "frame": j.frame, "position": [at.x, at.y], "change": [change.x, change.y], "sigmas": j.sigmas })
+    };
+    json!({
+        "scenes": scenes,
+        "summary": found.comparison.as_ref().map(|c| c.summary.clone()),
+        "free_motion_chi_square": found.free_motion_chi_square,
+        "ranked": found.ranked.iter().map(ranked).collect::<Vec<_>>(),
+        "jumps": found.jumps.iter().map(jump).collect::<Vec<_>>(),
+    })
+}

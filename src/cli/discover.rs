@@ -1,0 +1,178 @@
+//! `discover`: the whole loop on scenes of one set-up: find the missing effects, add them, watch the error fall.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{input, output, study};
+use crate::api::v1::{
+    Course, CourseObject, DiscoverEffectsRequest, Discovery, FoundParameter, RankedEffect, Verdict,
+    discover_effects_response::Event,
+};
+use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+
+/// Deviations of a 95 % interval of a normal law.
+const NINETY_FIVE: f64 = 1.96;
+/// Candidates that a person is shown.
+const SHOWN: usize = 5;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scenes of one set-up: files, folders, or folders of scene folders.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Preset or model file to begin with [default: what suits the scenes' world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Most effects that are added [default: 2].
+    #[arg(long, value_name = "N")]
+    max_effects: Option<u32>,
+    /// Frames of the simulated courses in the JSON, from frame 0 [default: observed + 60].
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    let scenes = input::scenes(&args.scenes)?;
+    let start = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let study = Some(study::request(&connection, &scenes, start).await?);
+    let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
+    let bar = study::bar("discovers");
+    let mut stream = connection.models().discover_effects(request).await?.into_inner();
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        match message.event {
+            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
+            Some(Event::Discovery(discovery)) => found = Some(discovery),
+            None => {}
+        }
+    }
+    bar.finish_and_clear();
+    let found = found.ok_or_else(|| Failure::other("the service ended the search without a result"))?;
+    let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&found, &names))?,
+        None => output::print(&text(&found))?,
+    }
+    connection.close().await
+}
+
+/// The discovery as a person reads it.
+pub fn text(found: &Discovery) -> String {
+    let mut text = format!("{}: {}\n", verdict(found), found.reason);
+    for effect in &found.effects {
+        let parameters: Vec<String> = effect.parameters.iter().map(parameter).collect();
+        text += &format!("\n  {}: {}\n", effect.kind, parameters.join(", "));
+    }
+    for kinds in &found.ambiguous {
+        text += &format!("\n  cannot be told apart: {}\n", kinds.kinds.join(", "));
+    }
+    if let Some(e) = &found.experiment {
+        let (x, v) = (e.position.unwrap_or_default(), e.velocity.unwrap_or_default());
+        text += &format!(
+            "  film next: a {} of {:.2} kg from ({:.2}, {:.2}) m at ({:.2}, {:.2}) m/s; after {:.1} s they differ by {:.0} sigmas\n",
+            e.shape, e.mass, x.x, x.y, v.x, v.y, e.time, e.sigmas
+        );
+    }
+    if !found.formula.is_empty() {
+        text += &format!("\n  {}\n", found.formula);
+    }
+    let mm = |v: f64| format!("{:.2}", 1e3 * v);
+    let rows: Vec<Vec<String>> = found
+        .revisions
+        .iter()
+        .map(|r| {
+            let name = if r.effect.is_empty() { "as it began".into() } else { format!("+ {}", r.effect) };
+            let chi = format!("{:.2}", r.reduced_chi_square);
+            vec![name, mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi]
+        })
+        .collect();
+    let header = ["revision", "rmse mm", "held out", "other videos", "chi-square"];
+    text += &format!("\n{}  noise {} mm\n", output::table(&header, &rows), mm(found.noise_sigma));
+    text + &study::ranking(&found.ranked, SHOWN)
+}
+
+fn parameter(p: &FoundParameter) -> String {
+    let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
+    match p.value.len() {
+        0 => format!("{} {}", p.name, p.word),
+        _ => format!("{} {} [{} to {}] {}", p.name, list(&p.value), list(&p.low), list(&p.high), p.unit)
+            .trim_end()
+            .to_string(),
+    }
+}
+
+fn verdict(found: &Discovery) -> &'static str {
+    match found.verdict() {
+        Verdict::EffectFound => "EFFECT_FOUND",
+        Verdict::Ambiguous => "AMBIGUOUS",
+        Verdict::Adequate => "ADEQUATE",
+        Verdict::OutsideLibrary => "OUTSIDE_LIBRARY",
+        Verdict::NotIdentifiable | Verdict::Unspecified => "NOT_IDENTIFIABLE",
+    }
+}
+
+fn to_json(found: &Discovery, names: &[String]) -> Value {
+    let effect = |e: &crate::api::v1::FoundEffect| {
+        let parameters: Map<String, Value> =
+            e.parameters.iter().map(|p| (p.name.clone(), quantity(p))).collect();
+        json!({ "kind": e.kind, "parameters": parameters })
+    };
+    let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
+    let revision = |r: &crate::api::v1::Revision| {
+        let effect = if r.effect.is_empty() { Value::Null } else { json!(r.effect) };
+        json!({
+            "revision": r.revision,
+            "effect": effect,
+            "rmse_m": r.rmse,
+            "held_out_rmse_m": r.held_out_rmse,
+            "left_out_rmse_m": r.left_out_rmse,
+            "reduced_chi_square": r.reduced_chi_square,
+        })
+    };
+    let formula = if found.formula.is_empty() { Value::Null } else { json!(found.formula) };
+    let smallest = |s: &crate::api::v1::SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
+    let scenes: Map<String, Value> =
+        names.iter().zip(&found.courses).map(|(name, c)| (name.clone(), course(c))).collect();
+    json!({
+        "verdict": verdict(found),
+        "reason": found.reason,
+        "effects": found.effects.iter().map(effect).collect::<Vec<_>>(),
+        "ranked": found.ranked.iter().map(ranked).collect::<Vec<_>>(),
+        "ambiguous": found.ambiguous.iter().map(|a| a.kinds.clone()).collect::<Vec<_>>(),
+        "formula": formula,
+        "smallest": found.smallest.iter().map(smallest).collect::<Vec<_>>(),
+        "noise_sigma_m": found.noise_sigma,
+        "revisions": found.revisions.iter().map(revision).collect::<Vec<_>>(),
+        "scenes": scenes,
+    })
+}
+
+fn quantity(p: &FoundParameter) -> Value {
+    let sd: Vec<f64> = p.low.iter().zip(&p.high).map(|(l, h)| (h - l) / (2.0 * NINETY_FIVE)).collect();
+    match (&p.value[..], &sd[..]) {
+        ([], _) => json!({ "value": p.word, "unit": p.unit, "identified": true }),
+        ([value], [sd]) => {
+            json!({ "value": value, "sd": sd, "unit": p.unit, "identified": sd < &value.abs() })
+        }
+        (values, _) => {
+            let identified: Vec<bool> = values.iter().zip(&sd).map(|(v, sd)| *sd < v.abs()).collect();
+            json!({ "value": values, "sd": sd, "unit": p.unit, "identified": identified })
+        }
+    }
+}
+
+fn course(c: &Course) -> Value {
+    let side = |pose: &dyn Fn(&CourseObject) -> Vec<f64>| -> Vec<Vec<Value>> {
+        let object = |o: &CourseObject| match pose(o) {
+            p if p.is_empty() => Value::Null,
+            p => json!(p),
+        };
+        c.frames.iter().map(|f| f.objects.iter().map(object).collect()).collect()
+    };
+    json!({ "before": side(&|o| o.before.clone()), "after": side(&|o| o.after.clone()) })
+}
