@@ -2,8 +2,8 @@
 
 use super::connect::Connection;
 use super::error::Failure;
-use super::{Target, ask, fit, output, simulate};
-use crate::api::v1::{AskResponse, SimulateRequest};
+use super::{Target, ask, discover, fit, output, simulate, study};
+use crate::api::v1::{AskResponse, DiscoverEffectsRequest, SimulateRequest};
 use crate::scene::parse;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +15,14 @@ const PREDICTIVE: (&str, &[&str]) = (
 );
 const COUNTERFACTUAL: (&str, &[&str]) =
     ("What will happen if the gray cube is removed?", &["The red object collides with the sphere"]);
+
+/// Four Bullet videos of one set-up, in which something acts that the model does not know.
+const SET_UP: [&str; 4] = [
+    include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json"),
+    include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_01/observed.json"),
+    include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_02/observed.json"),
+    include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_03/observed.json"),
+];
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -59,6 +67,18 @@ pub async fn run(args: Args) -> Result<(), Failure> {
             traces.push(save(&connection, trace, &args.out, &format!("{file}_{}.mcap", i + 1)).await?);
         }
     }
+    let mut scenes = vec![];
+    for (k, text) in SET_UP.iter().enumerate() {
+        scenes.push(parse(&format!("set_up_{k}"), text).map_err(Failure::other)?);
+    }
+    let study = Some(study::request(&connection, &scenes, None).await?);
+    let request = DiscoverEffectsRequest { study, ..Default::default() };
+    let found = discover::search(&connection, request).await?;
+    output::print(&format!(
+        "5  Discover: four videos of another set-up, in which something hides\n\n{}\n{}\n",
+        discover::text(&found),
+        discover::curve(&found)
+    ))?;
     let traces: String = traces.iter().map(|path| format!("  {}\n", path.display())).collect();
     output::print(&format!("Traces (open them in Foxglove or Rerun):\n{traces}"))?;
     connection.close().await

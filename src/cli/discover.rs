@@ -41,6 +41,17 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let study = Some(study::request(&connection, &scenes, start).await?);
     let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
+    let found = search(&connection, request).await?;
+    let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&found, &names))?,
+        None => output::print(&text(&found))?,
+    }
+    connection.close().await
+}
+
+/// Runs the search, and shows its progress.
+pub async fn search(connection: &Connection, request: DiscoverEffectsRequest) -> Result<Discovery, Failure> {
     let bar = study::bar("discovers");
     let mut stream = connection.models().discover_effects(request).await?.into_inner();
     let mut found = None;
@@ -52,13 +63,31 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         }
     }
     bar.finish_and_clear();
-    let found = found.ok_or_else(|| Failure::other("the service ended the search without a result"))?;
-    let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&found, &names))?,
-        None => output::print(&text(&found))?,
-    }
-    connection.close().await
+    found.ok_or_else(|| Failure::other("the service ended the search without a result"))
+}
+
+/// The error of each revision drawn as a bar, and the noise as a mark.
+pub fn curve(found: &Discovery) -> String {
+    let most = found.revisions.iter().map(|r| r.rmse).fold(found.noise_sigma, f64::max);
+    let cells = |v: f64| (40.0 * v / most).round().max(1.0) as usize;
+    let floor = cells(found.noise_sigma);
+    let bar = |r: &crate::api::v1::Revision| {
+        let name = if r.effect.is_empty() { "as it began".into() } else { format!("+ {}", r.effect) };
+        let drawn: String = (1..=40)
+            .map(|c| {
+                if c == floor {
+                    '|'
+                } else if c <= cells(r.rmse) {
+                    '█'
+                } else {
+                    ' '
+                }
+            })
+            .collect();
+        format!("  {name:<24} {drawn} {:.2} mm\n", 1e3 * r.rmse)
+    };
+    let rows: String = found.revisions.iter().map(bar).collect();
+    format!("{rows}  {:<24} {:>floor$}  noise\n", "", "|")
 }
 
 /// The discovery as a person reads it.

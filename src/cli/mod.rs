@@ -45,7 +45,7 @@ struct Target {
 enum Command {
     /// Runs the service until SIGTERM.
     Serve(serve::Args),
-    /// Shows what it does on a real scene, over real gRPC.
+    /// Shows what it does on real scenes, over real gRPC.
     Demo(demo::Args),
     /// Fits a model to each scene.
     Fit(fit::Args),

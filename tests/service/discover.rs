@@ -1,0 +1,116 @@
+//! The loop on real engine data: a hidden effect is found and added, nothing is found where nothing hides.
+
+use crate::harness::*;
+use std::path::Path;
+use vrdp::api::v1;
+
+/// Posts the scenes of a group (Bullet scenes of one set-up).
+async fn post(service: &Running, group: &str) -> Vec<String> {
+    let mut videos = vec![];
+    for k in 0..4 {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/effects").join(group);
+        let text = std::fs::read_to_string(folder.join(format!("scene_{k:02}/observed.json"))).unwrap();
+        let scene = vrdp::scene::parse(&format!("{group} {k}"), &text).unwrap();
+        videos.push(service.create(vrdp::api::video::video("", &scene, true)).await.unwrap());
+    }
+    videos
+}
+
+fn request(videos: &[String]) -> v1::DiscoverEffectsRequest {
+    let study = v1::StudyRequest { videos: videos.to_vec(), start: None };
+    v1::DiscoverEffectsRequest { study: Some(study), ..Default::default() }
+}
+
+async fn discover(service: &Running, videos: &[String]) -> v1::Discovery {
+    use v1::discover_effects_response::Event;
+    let mut client = service.models().max_decoding_message_size(64 << 20);
+    let mut stream = client.discover_effects(request(videos)).await.unwrap().into_inner();
+    while let Some(message) = stream.message().await.unwrap() {
+        if let Some(Event::Discovery(found)) = message.event {
+            return found;
+        }
+    }
+    panic!("the stream ended without a result");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let videos = post(&service, "bullet_coriolis_medium").await;
+    let found = discover(&service, &videos).await;
+    assert_eq!(found.verdict(), v1::Verdict::EffectFound, "{}", found.reason);
+    let kinds: Vec<&str> = found.effects.iter().map(|e| e.kind.as_str()).collect();
+    assert_eq!(kinds, ["coriolis"]);
+    let omega = &found.effects[0].parameters[0];
+    assert_eq!((omega.name.as_str(), omega.unit.as_str()), ("Omega", "rad/s"));
+    // What the simulator was given: group.json.
+    assert!(omega.low[0] < 0.0827 && 0.0827 < omega.high[0], "{omega:?}");
+    let [before, after] = &found.revisions[..] else { panic!("{:?}", found.revisions) };
+    assert!(before.rmse > 3.0 * found.noise_sigma && after.rmse < 1.2 * found.noise_sigma);
+    assert!(after.held_out_rmse < before.held_out_rmse);
+    let frames = found.courses[0].frames.len();
+    assert!(frames > 60 && found.courses[0].frames[frames - 1].objects.iter().any(|o| o.before != o.after));
+
+    // A revision is a model like any other, and all of it outlives the service.
+    service.stop().await;
+    let service = start(folder.path(), CAPACITY).await;
+    let model =
+        service.models().get_model(v1::GetModelRequest { name: after.models[0].clone() }).await.unwrap();
+    assert_eq!(model.into_inner().revision, 1);
+    let choice = v1::ModelChoice { choice: Some(v1::model_choice::Choice::Model(after.models[0].clone())) };
+    let simulate = v1::SimulateRequest {
+        video: videos[0].clone(),
+        model: Some(choice),
+        rollouts: Some(2),
+        ..Default::default()
+    };
+    service.reasoning().simulate(simulate).await.unwrap();
+    assert_eq!(discover(&service, &videos).await, found);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_found_where_nothing_hides() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let videos = post(&service, "bullet_none_medium").await;
+    let found = discover(&service, &videos).await;
+    assert_eq!(found.verdict(), v1::Verdict::Adequate, "{}", found.reason);
+    assert!(found.effects.is_empty() && found.revisions.len() == 1);
+    assert!(!found.smallest.is_empty(), "it says what it would have seen");
+
+    use v1::compare_models_response::Event;
+    let study = v1::StudyRequest { videos: videos[..1].to_vec(), start: None };
+    let asked = v1::CompareModelsRequest { study: Some(study) };
+    let mut stream = service.models().compare_models(asked).await.unwrap().into_inner();
+    let mut last = None;
+    while let Some(message) = stream.message().await.unwrap() {
+        last = message.event;
+    }
+    let Some(Event::Comparison(comparison)) = last else { panic!("{last:?}") };
+    let video = &comparison.videos[0];
+    assert_eq!(video.video, videos[0]);
+    assert!(video.reduced_chi_square < 1.5 && !video.regimes.is_empty() && !comparison.summary.is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn broken_studies_are_refused_with_the_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("a", 20)).await.unwrap();
+    let twice = vec![video.clone(), video.clone()];
+    let many = v1::DiscoverEffectsRequest { max_effects: Some(0), ..request(std::slice::from_ref(&video)) };
+    let cases = [
+        (request(&[]), "study.videos"),
+        (request(&twice), "study.videos"),
+        (request(&["nonsense".into()]), "study.videos[0]"),
+        (many, "max_effects"),
+    ];
+    for (request, field) in cases {
+        let refused = service.models().discover_effects(request).await.unwrap_err();
+        assert_eq!(fields(&refused), [field]);
+    }
+    let unknown = format!("videos/{}", "0".repeat(32));
+    let refused = service.models().discover_effects(request(&[unknown])).await.unwrap_err();
+    assert_eq!(refused.code(), tonic::Code::NotFound);
+}
