@@ -4,8 +4,8 @@ use crate::api::Limits;
 use crate::engine::Capacity;
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
-use serde::{Deserialize, Serialize};
-use std::net::SocketAddr;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -15,7 +15,8 @@ const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Address of the gRPC service.
+    /// Address of the gRPC service; a name is resolved once, at the start.
+    #[serde(deserialize_with = "resolved")]
     pub listen: SocketAddr,
     /// Serve beyond loopback though nothing is encrypted or authenticated.
     pub insecure: bool,
@@ -60,7 +61,7 @@ pub struct Flags {
 
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    #[error("configuration: {0}")]
+    #[error("configuration: {}", told(.0))]
     Read(#[from] Box<figment::Error>),
     #[error("configuration file {0} does not exist")]
     NoFile(PathBuf),
@@ -68,6 +69,26 @@ pub enum ConfigError {
     Range { key: &'static str, value: u64, allowed: &'static str },
     #[error("{0} can be reached from outside and nothing is encrypted; listen on loopback or say --insecure")]
     Exposed(SocketAddr),
+}
+
+/// Reads `HOST:PORT`; of several addresses of a host an IPv4 one is preferred.
+fn resolved<'de, D: Deserializer<'de>>(from: D) -> Result<SocketAddr, D::Error> {
+    let text = String::deserialize(from)?;
+    let wrong = |why: String| serde::de::Error::custom(format!("is {text:?}: {why}; give HOST:PORT"));
+    let found = text.to_socket_addrs().map_err(|e| wrong(e.to_string()))?;
+    found.min_by_key(SocketAddr::is_ipv6).ok_or_else(|| wrong("no address found".into()))
+}
+
+/// Each error with its key, and the file or variable that it is from; never a place in our source.
+fn told(errors: &figment::Error) -> String {
+    let one = |e: figment::Error| {
+        let place = e.metadata.as_ref().and_then(|m| match &m.source {
+            Some(figment::Source::File(path)) => Some(format!(" (in {})", path.display())),
+            _ => m.name.contains("environment").then(|| " (in the environment)".to_string()),
+        });
+        format!("{} {}{}", e.path.join("."), e.kind, place.unwrap_or_default()).trim().to_string()
+    };
+    errors.clone().into_iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
 impl Config {
@@ -122,7 +143,10 @@ mod tests {
         std::fs::write(&path, file).unwrap();
         match (Config::load(Some(&path), flags), expected) {
             (Ok(config), Ok(holds)) => assert!(holds(&config), "{config:?}"),
-            (Err(error), Err(text)) => assert!(error.to_string().contains(text), "{error}"),
+            (Err(error), Err(text)) => {
+                let told = error.to_string();
+                assert!(told.contains(text) && !told.contains(".rs"), "{told}");
+            }
             (Ok(config), Err(text)) => panic!("{config:?} instead of {text}"),
             (Err(error), Ok(_)) => panic!("{error}"),
         }
@@ -134,6 +158,10 @@ mod tests {
         let listen = |text: &str| Flags { listen: Some(text.into()), ..Flags::default() };
         check("queue = 3", Flags::default(), Ok(|c: &Config| c.queue == 3 && c.listen.port() == 50051));
         check("listen = '127.0.0.1:1'", listen("[::1]:2"), Ok(|c: &Config| c.listen.port() == 2));
+        let name = listen("localhost:4");
+        check("", name, Ok(|c: &Config| c.listen.ip().is_loopback() && c.listen.port() == 4));
+        check("", listen("localhost"), Err::<Never, _>("listen is \"localhost\""));
+        check("queue = 'x'", Flags::default(), Err::<Never, _>("vrdp.toml"));
         check("quue = 3", Flags::default(), Err::<Never, _>("quue"));
         check("workers = 0", Flags::default(), Err::<Never, _>("workers is 0"));
         check("", listen("0.0.0.0:1"), Err::<Never, _>("--insecure"));

@@ -55,9 +55,11 @@ pub enum StoreError {
          another --data-dir"
     )]
     Newer { path: String, found: u64, known: u64 },
+    #[error("data folder {path} cannot be used: {cause}; make it writable, or choose another --data-dir")]
+    Unusable { path: String, cause: String },
     #[error("the video was deleted meanwhile")]
     VideoGone,
-    #[error("storage failed: {0}")]
+    #[error("storage failed: {0}; look for space and rights in the service's data folder, then try again")]
     Failed(String),
 }
 
@@ -78,6 +80,13 @@ pub struct Store {
 impl Store {
     /// Opens the folder, or makes it.
     pub fn open(folder: &Path) -> Result<Store, StoreError> {
+        Store::open_here(folder).map_err(|error| match error {
+            StoreError::Failed(cause) => StoreError::Unusable { path: folder.display().to_string(), cause },
+            other => other,
+        })
+    }
+
+    fn open_here(folder: &Path) -> Result<Store, StoreError> {
         let traces = folder.join("traces");
         std::fs::create_dir_all(&traces).map_err(failed)?;
         let path = || folder.display().to_string();
@@ -329,6 +338,15 @@ mod tests {
         assert_eq!(store.list(Kind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
         assert_eq!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap(), None);
         assert!(store.read_blob("t", 0, 1).await.is_err());
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_used_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("file");
+        std::fs::write(&file, b"").unwrap();
+        let error = Store::open(&file).err().unwrap().to_string();
+        assert!(error.contains(&file.display().to_string()) && error.contains("--data-dir"), "{error}");
     }
 
     #[test]

@@ -1,10 +1,13 @@
 //! Requests to domain values: names, pages, choices of models, interventions; all violations at once.
 
 use super::v1;
-use crate::engine::{Choice, ChoiceKind, DEFAULT_ROLLOUTS, EngineError, MAX_ROLLOUTS, SimulateOptions};
+use crate::engine::{
+    Choice, ChoiceKind, DEFAULT_ROLLOUTS, EngineError, MAX_ROLLOUTS, MAX_SPEED, SimulateOptions,
+};
+use crate::fit::{FitOptions, Method};
 use crate::num::{Vec2, vec2};
 use crate::reason::{AskOptions, Question};
-use crate::scene::{Shape, Violation};
+use crate::scene::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE, Shape, Violation};
 use crate::world::{BodySpec, Intervention, Start, State};
 
 /// Results on a page where none or too many are asked for.
@@ -12,10 +15,20 @@ const DEFAULT_PAGE: usize = 50;
 const MAX_PAGE: usize = 1000;
 /// Violations that are kept; a reply holds fewer.
 const MAX_VIOLATIONS: usize = 200;
+/// Most iterations that a caller may ask a fit for.
+const MAX_ITERATIONS: u32 = 10_000;
 /// Most interventions and choices of one request.
 const MAX_LIST: usize = 100;
 /// Longest English text (bytes).
 const MAX_TEXT: usize = 2000;
+/// Longest token of a program (bytes): the words of questions are shorter.
+const MAX_TOKEN: usize = 100;
+/// Factors of a mass: from the lightest to the heaviest object that a scene may have.
+const FACTOR_RANGE: [f64; 2] = [1e-9, 1e9];
+/// Farthest yaw (rad): beyond it the resolution of angles suffers.
+const MAX_ANGLE: f64 = 1e6;
+/// Latest start of an added object (s): more than the longest video lasts at any rate of a camera.
+const MAX_TIME: f64 = 1e7;
 
 /// Collects what is wrong with a request.
 #[derive(Default)]
@@ -32,16 +45,20 @@ impl Report {
         if self.0.is_empty() { Ok(value) } else { Err(EngineError::Invalid(self.0)) }
     }
 
-    pub fn finite(&mut self, path: &str, value: f64) -> f64 {
-        if !value.is_finite() {
-            self.add(path, format!("is {value}; give a finite number"));
+    fn range(&mut self, path: &str, value: f64, [low, high]: [f64; 2], unit: &str) -> f64 {
+        if !(low..=high).contains(&value) {
+            let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+            self.add(path, format!("is {value:?}; must be from {low:?} to {high:?}{unit}"));
         }
         value
     }
 
-    pub fn vector(&mut self, path: &str, vector: Option<v1::Vector>) -> Vec2 {
+    fn vector(&mut self, path: &str, vector: Option<v1::Vector>, most: f64, unit: &str) -> Vec2 {
         match vector {
-            Some(v) => vec2(self.finite(&format!("{path}.x"), v.x), self.finite(&format!("{path}.y"), v.y)),
+            Some(v) => vec2(
+                self.range(&format!("{path}.x"), v.x, [-most, most], unit),
+                self.range(&format!("{path}.y"), v.y, [-most, most], unit),
+            ),
             None => {
                 self.add(path, "is missing");
                 vec2(0.0, 0.0)
@@ -99,6 +116,13 @@ impl Report {
             self.add("rollouts", format!("is {rollouts}; must be at most {MAX_ROLLOUTS}"));
         }
         rollouts
+    }
+
+    fn tokens(&mut self, path: &str, tokens: &[String]) {
+        for (i, token) in tokens.iter().enumerate().filter(|(_, t)| t.len() > MAX_TOKEN) {
+            let message = format!("has {} bytes; at most {MAX_TOKEN} are allowed", token.len());
+            self.add(format!("{path}.tokens[{i}]"), message);
+        }
     }
 
     fn text(&mut self, path: &str, text: String) -> String {
@@ -160,12 +184,23 @@ pub fn page(size: i32, token: String) -> Result<(usize, String), EngineError> {
     report.finish((size, token))
 }
 
-/// Video and start of a fit.
-pub fn fit(parent: &str, start: Option<v1::ModelChoice>) -> Result<(String, Choice), EngineError> {
+/// Video, start and options of a fit.
+pub fn fit(given: v1::FitModelRequest) -> Result<(String, Choice, FitOptions), EngineError> {
     let mut report = Report::default();
-    let video = report.id("parent", parent, "videos");
-    let choice = report.choice("start", start, &video);
-    report.finish((video, choice))
+    let video = report.id("parent", &given.parent, "videos");
+    let choice = report.choice("start", given.start, &video);
+    let mut options = FitOptions::default();
+    match given.max_iterations {
+        0 => {}
+        n if n <= MAX_ITERATIONS => options.max_iterations = n as usize,
+        n => report.add("max_iterations", format!("is {n}; must be at most {MAX_ITERATIONS}")),
+    }
+    match v1::FitMethod::try_from(given.method) {
+        Ok(v1::FitMethod::Unspecified | v1::FitMethod::GaussNewton) => {}
+        Ok(v1::FitMethod::Paper) => options.method = Method::Paper,
+        Err(_) => report.add("method", format!("is {}, which is no method", given.method)),
+    }
+    report.finish((video, choice, options))
 }
 
 pub fn simulate(request: v1::SimulateRequest) -> Result<(String, Choice, SimulateOptions), EngineError> {
@@ -187,6 +222,18 @@ pub fn simulate(request: v1::SimulateRequest) -> Result<(String, Choice, Simulat
     report.finish((video, choice, SimulateOptions { interventions, frames, rollouts, seed: request.seed }))
 }
 
+/// Lengths of a shape by their fields.
+fn lengths(shape: &Shape) -> Vec<(&'static str, f64)> {
+    match *shape {
+        Shape::Disc { radius } => vec![("disc.radius", radius)],
+        Shape::Ball { radius } => vec![("ball.radius", radius)],
+        Shape::Square { half_side } => vec![("square.half_side", half_side)],
+        Shape::Rectangle { half_length, half_width } => {
+            vec![("rectangle.half_length", half_length), ("rectangle.half_width", half_width)]
+        }
+    }
+}
+
 fn intervention(r: &mut Report, path: &str, given: v1::Intervention) -> Option<Intervention> {
     use v1::intervention::Kind;
     let Some(kind) = given.kind else {
@@ -196,41 +243,37 @@ fn intervention(r: &mut Report, path: &str, given: v1::Intervention) -> Option<I
     Some(match kind {
         Kind::Remove(g) => Intervention::Remove { id: g.object_id },
         Kind::ScaleMass(g) => {
-            if !(g.factor.is_finite() && g.factor > 0.0) {
-                r.add(
-                    format!("{path}.scale_mass.factor"),
-                    format!("is {}; must be finite and above 0", g.factor),
-                );
-            }
-            Intervention::ScaleMass { id: g.object_id, factor: g.factor }
+            let factor = r.range(&format!("{path}.scale_mass.factor"), g.factor, FACTOR_RANGE, "");
+            Intervention::ScaleMass { id: g.object_id, factor }
         }
         Kind::SetVelocity(g) => {
-            let velocity = r.vector(&format!("{path}.set_velocity.velocity"), g.velocity);
+            let velocity = r.vector(&format!("{path}.set_velocity.velocity"), g.velocity, MAX_SPEED, "m/s");
             Intervention::SetVelocity { id: g.object_id, velocity }
         }
         Kind::Place(g) => {
-            let position = r.vector(&format!("{path}.place.position"), g.position);
-            let yaw = g.yaw.map(|yaw| r.finite(&format!("{path}.place.yaw"), yaw));
+            let position = r.vector(&format!("{path}.place.position"), g.position, MAX_POSITION, "m");
+            let turned = [-MAX_ANGLE, MAX_ANGLE];
+            let yaw = g.yaw.map(|yaw| r.range(&format!("{path}.place.yaw"), yaw, turned, "rad"));
             Intervention::Place { id: g.object_id, position, yaw }
         }
         Kind::Add(g) => {
             let at = |field: &str| format!("{path}.add.{field}");
             let shape = r.shape(&at("shape"), g.shape);
-            let radius = shape.bounding_radius();
-            if !(radius.is_finite() && radius > 0.0 && shape.unit_inertia() > 0.0) {
-                r.add(at("shape"), "must be finite and above 0 in size");
+            for (size, length) in lengths(&shape) {
+                r.range(&at(&format!("shape.{size}")), length, SIZE_RANGE, "m");
             }
-            let mass = g.mass.unwrap_or(1.0);
-            if !(mass.is_finite() && mass > 0.0) {
-                r.add(at("mass"), format!("is {mass}; must be finite and above 0"));
+            let mass = r.range(&at("mass"), g.mass.unwrap_or(1.0), MASS_RANGE, "kg");
+            if g.material.len() > MAX_NAME {
+                r.add(at("material"), format!("has {} bytes; at most {MAX_NAME}", g.material.len()));
             }
+            let velocity = Some(g.velocity.unwrap_or_default());
             let state = State {
-                position: r.vector(&at("position"), g.position),
-                yaw: r.finite(&at("yaw"), g.yaw),
-                velocity: r.vector(&at("velocity"), Some(g.velocity.unwrap_or_default())),
+                position: r.vector(&at("position"), g.position, MAX_POSITION, "m"),
+                yaw: r.range(&at("yaw"), g.yaw, [-MAX_ANGLE, MAX_ANGLE], "rad"),
+                velocity: r.vector(&at("velocity"), velocity, MAX_SPEED, "m/s"),
                 ..State::default()
             };
-            let time = r.finite(&at("start_time"), g.start_time);
+            let time = r.range(&at("start_time"), g.start_time, [-MAX_TIME, MAX_TIME], "s");
             let start = Start { time, state, rolling: shape.is_ball() };
             Intervention::Add { body: BodySpec { id: g.object_id, material: g.material, shape, mass, start } }
         }
@@ -268,6 +311,10 @@ pub fn ask(request: v1::AskRequest) -> Result<(String, Choice, Question, AskOpti
                     Some(One::Program(program)) => choices.push(program.tokens),
                     _ => r.add(format!("choices[{i}].program"), "is missing; the question is a program"),
                 }
+            }
+            r.tokens("program", &program.tokens);
+            for (i, tokens) in choices.iter().enumerate() {
+                r.tokens(&format!("choices[{i}].program"), tokens);
             }
             Question::Program { program: program.tokens, choices }
         }

@@ -3,15 +3,15 @@
 use super::status::{error, status};
 use super::{reply, request, study, v1, video};
 use crate::engine::{Engine, EngineError, Inquiry, Study, Update, Waiting};
-use crate::fit::FitOptions;
 use futures_util::stream::{self, BoxStream, StreamExt};
 use std::sync::Arc;
+use std::time::Duration;
 use tonic::{Request, Response, Status, Streaming};
 
 /// Questions of one stream that are worked on at a time.
 const QUESTIONS_AT_ONCE: usize = 4;
-/// Most iterations that a caller may ask a fit for.
-const MAX_ITERATIONS: u32 = 10_000;
+/// How often the progress of a fit is told though it has not changed: a watcher sees that it is alive.
+const HEARTBEAT: Duration = Duration::from_secs(1);
 
 type Reply<T> = Result<Response<T>, Status>;
 type Items<T> = BoxStream<'static, Result<T, Status>>;
@@ -58,16 +58,7 @@ impl v1::models_server::Models for Services {
     async fn fit_model(&self, request: Request<v1::FitModelRequest>) -> Reply<Self::FitModelStream> {
         use v1::fit_model_response::Event;
         let given = request.into_inner();
-        let (video, start) = request::fit(&given.parent, given.start).map_err(status)?;
-        let mut options = FitOptions::default();
-        match given.max_iterations {
-            0 => {}
-            n if n <= MAX_ITERATIONS => options.max_iterations = n as usize,
-            n => {
-                let message = format!("is {n}; must be at most {MAX_ITERATIONS}");
-                return Err(status(EngineError::invalid("max_iterations", message)));
-            }
-        }
+        let (video, start, options) = request::fit(given).map_err(status)?;
         let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
         let progress = |fraction| Event::Progress(v1::FitProgress { fraction });
         let event = |event| v1::FitModelResponse { event: Some(event) };
@@ -182,7 +173,7 @@ fn updates<T: Send + Sync + 'static, M: Send + 'static>(
         let mut waiting = waiting?;
         let update = match waiting.ready() {
             Some(outcome) => Update::Done(outcome),
-            None => waiting.next().await,
+            None => waiting.news(HEARTBEAT).await,
         };
         Some(match update {
             Update::Progress(fraction) => (Ok(progress(fraction)), Some(waiting)),

@@ -16,12 +16,12 @@ const DOMAIN: &str = "vrdp";
 /// How long a refused caller should wait: about one fit.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// Characters of a message and bytes of its violations: both travel in headers, of which clients take 16 KiB by
-/// default; base64 adds a third to the violations, percent-encoding up to eleven bytes to a character.
-const MESSAGE_CHARS: usize = 300;
-const VIOLATION_BYTES: usize = 8_000;
-/// Most violations in one reply, and bytes that each needs beside its texts.
-const MAX_VIOLATIONS: usize = 100;
+/// Bytes of a message, percent-encoded, and of the violations: both travel in headers, of which C-core clients (Python)
+/// take 8 KiB surely; base64 adds a third to the details, which hold the message once more.
+const MESSAGE_BYTES: usize = 900;
+const VIOLATION_BYTES: usize = 3_600;
+/// Bytes of one description, and those that each violation needs beside its texts.
+const DESCRIPTION_BYTES: usize = 400;
 const VIOLATION_OVERHEAD: usize = 8;
 
 /// The status of an error. Retriable: RESOURCE_EXHAUSTED (after its `RetryInfo`) and UNAVAILABLE.
@@ -51,6 +51,7 @@ pub fn status(error: EngineError) -> Status {
             tracing::error!(message, "storage");
             plain(Code::Unavailable, message, "STORAGE")
         }
+        EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
         EngineError::Recording(_) => plain(Code::Internal, message, "RECORDING"),
         EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)) => {
             plain(Code::Cancelled, message, "CANCELLED")
@@ -87,22 +88,29 @@ fn reason_of(error: &ReasonError) -> &'static str {
     }
 }
 
-fn refused(reason: &str, mut violations: Vec<Violation>) -> Status {
-    if violations.len() > MAX_VIOLATIONS + 1 {
-        violations.truncate(MAX_VIOLATIONS);
-        let message = "there is more; correct these first".to_string();
-        violations.push(Violation { path: "...".into(), message });
-    }
+/// The first violations travel; of the others, how many there are.
+fn refused(reason: &str, violations: Vec<Violation>) -> Status {
     let message = match violations.as_slice() {
         [only] => format!("{}: {}", only.path, only.message),
         [first, others @ ..] => format!("{}: {} (and {} more)", first.path, first.message, others.len()),
         [] => "the request is not valid".to_string(),
     };
-    // Every path is told; where there are many, their descriptions are cut.
-    let paths: usize = violations.iter().map(|v| v.path.len() + VIOLATION_OVERHEAD).sum();
-    let each = VIOLATION_BYTES.saturating_sub(paths) / violations.len().max(1);
-    let fields: Vec<FieldViolation> =
-        violations.into_iter().map(|v| FieldViolation::new(v.path, cut(&v.message, each))).collect();
+    let mut left = VIOLATION_BYTES;
+    let mut fields: Vec<FieldViolation> = Vec::new();
+    for violation in &violations {
+        let (path, text) =
+            (cut(&violation.path, DESCRIPTION_BYTES), cut(&violation.message, DESCRIPTION_BYTES));
+        let Some(rest) = left.checked_sub(path.len() + text.len() + VIOLATION_OVERHEAD) else { break };
+        left = rest;
+        fields.push(FieldViolation::new(path, text));
+    }
+    let out = violations.len() - fields.len();
+    if out > 0 {
+        fields.push(FieldViolation::new(
+            "...",
+            format!("at least {out} more were left out; correct these first"),
+        ));
+    }
     let mut details = info(reason);
     details.set_bad_request(fields);
     Status::with_error_details(Code::InvalidArgument, short(message), details)
@@ -113,9 +121,15 @@ fn cut(text: &str, bytes: usize) -> &str {
     (0..=bytes).rev().find_map(|end| text.get(..end.min(text.len()))).unwrap_or_default()
 }
 
+/// The beginning of a message that is too long for a header.
 fn short(mut message: String) -> String {
-    if let Some((at, _)) = message.char_indices().nth(MESSAGE_CHARS) {
-        message.truncate(at);
+    let mut encoded = 0;
+    let too_long = |c: char| {
+        encoded += if c.is_ascii_alphanumeric() { 1 } else { 3 * c.len_utf8() };
+        encoded > MESSAGE_BYTES
+    };
+    if let Some(end) = message.find(too_long) {
+        message.truncate(end);
         message.push_str("...");
     }
     message
@@ -141,5 +155,35 @@ pub fn error(error: EngineError) -> v1::Error {
             .into_iter()
             .map(|v| v1::FieldViolation { field: v.field, description: v.description })
             .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Bytes as HTTP/2 counts them, beside the few fields that every reply has.
+    fn header_bytes(status: Status) -> usize {
+        let response = status.into_http::<()>();
+        response.headers().iter().map(|(name, value)| name.as_str().len() + value.len() + 32).sum()
+    }
+
+    #[test]
+    fn every_refusal_fits_into_the_headers_that_clients_take() {
+        for text in ["x", "long ", "\"<ö>\" "] {
+            for count in [1, 3, 30, 300] {
+                let violation =
+                    |i| Violation { path: format!("video.objects[{i}]"), message: text.repeat(2000) };
+                let status = refused("INVALID", (0..count).map(violation).collect());
+                let fields = status.get_details_bad_request().unwrap().field_violations;
+                let kept = fields.iter().filter(|f| f.field != "...").count();
+                assert_eq!(fields[0].field, "video.objects[0]");
+                match fields.last().filter(|f| f.field == "...") {
+                    Some(rest) => assert!(rest.description.contains(&format!("{} more", count - kept))),
+                    None => assert_eq!(kept, count),
+                }
+                assert!(header_bytes(status) < 8 * 1024 - 512, "{count} of {text:?}");
+            }
+        }
     }
 }

@@ -86,7 +86,9 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
 fn violation(scene: &Scene, violation: Violation) -> Violation {
     let path = &violation.path;
     let renamed = match path.as_str() {
+        "..." => return violation,
         "name" => "display_name".to_string(),
+        "camera.matrix" => path.clone(),
         "camera.image_size[0]" => "camera.image_width".to_string(),
         "camera.image_size[1]" => "camera.image_height".to_string(),
         "table.x[0]" => "table.x_min".to_string(),

@@ -5,14 +5,16 @@ use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output};
 use crate::api::v1::{AskRequest, AskResponse, Choice, Step, ask_request, choice};
+use crate::reason::FORMS;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
+#[command(after_help = forms())]
 pub struct Args {
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The question, in English.
+    /// The question, in English; its forms stand below.
     #[arg(long, value_name = "TEXT")]
     question: String,
     /// A choice to judge; may be repeated. None: an open answer.
@@ -26,13 +28,24 @@ pub struct Args {
     json: Option<String>,
 }
 
+fn forms() -> String {
+    let forms = FORMS.join("\n  ");
+    format!("Forms of questions and choices (S: an object, such as \"gray metal cube\"):\n  {forms}")
+}
+
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
     let scene = input::scene(&args.scene)?;
     let model = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
     let request = AskRequest { model, ..request(video, &args.question, &args.choice) };
-    let reply = connection.reasoning().ask(request).await?.into_inner();
+    let mut reply = connection.reasoning().ask(request).await?.into_inner();
+    if !connection.keeps_traces() {
+        reply.traces.clear();
+    }
     match args.json.as_deref() {
         Some(target) => output::json(target, &to_json(&scene.name, &reply))?,
         None => output::print(&text(&reply))?,

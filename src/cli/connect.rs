@@ -8,10 +8,11 @@ use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
-    CreateVideoRequest, DownloadTraceRequest, FitModelRequest, Model, ModelChoice, fit_model_response,
+    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice,
+    fit_model_response,
 };
-use crate::config::Config;
-use crate::engine::Engine;
+use crate::config::{Config, Flags};
+use crate::engine::{Engine, EngineError};
 use crate::scene::Scene;
 use std::net::SocketAddr;
 use std::path::Path;
@@ -46,7 +47,10 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
         .await
         .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
     let address = listener.local_addr().map_err(Failure::other)?;
-    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(Failure::other)?;
+    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(|error| match error {
+        EngineError::Store(error) => Failure::input(error.to_string()),
+        error => Failure::other(error),
+    })?;
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
     let task = tokio::spawn(async move {
@@ -57,6 +61,10 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
 
 /// A channel to a service elsewhere.
 pub async fn remote(url: &str) -> Result<Channel, Failure> {
+    if !url.starts_with("http://") {
+        let message = format!("--server {url}: nothing is encrypted here; write it as http://HOST:PORT");
+        return Err(Failure::input(message));
+    }
     let endpoint = Endpoint::from_shared(url.to_string())
         .map_err(|e| Failure::input(format!("--server {url}: {e}; write it as http://HOST:PORT")))?;
     let wrong = |e: tonic::transport::Error| {
@@ -83,10 +91,10 @@ impl Connection {
             Some(_) => None,
             None => Some(TempDir::new().map_err(Failure::other)?),
         };
-        let folder = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref());
-        let data_dir = folder.unwrap_or(Path::new("vrdp-data")).to_path_buf();
-        let listen = SocketAddr::from(([127, 0, 0, 1], 0));
-        let service = start(&Config { listen, data_dir, ..Config::default() }).await?;
+        let data_dir = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref()).map(Path::to_path_buf);
+        let flags = Flags { listen: Some("127.0.0.1:0".into()), data_dir, insecure: None };
+        let config = Config::load(None, flags).map_err(|e| Failure::input(e.to_string()))?;
+        let service = start(&config).await?;
         let channel = remote(&format!("http://{}", service.address)).await?;
         Ok(Connection { channel, service: Some(service), _home: home })
     }
@@ -94,6 +102,11 @@ impl Connection {
     /// Where the service listens, if it is ours.
     pub fn address(&self) -> Option<SocketAddr> {
         self.service.as_ref().map(|s| s.address)
+    }
+
+    /// Whether the service's traces are still there when the command has ended.
+    pub fn keeps_traces(&self) -> bool {
+        self._home.is_none()
     }
 
     pub async fn close(self) -> Result<(), Failure> {
@@ -117,9 +130,11 @@ impl Connection {
         &self,
         video: &str,
         start: Option<ModelChoice>,
+        method: FitMethod,
         progress: impl Fn(f64),
     ) -> Result<Model, Failure> {
-        let request = FitModelRequest { parent: video.into(), start, ..Default::default() };
+        let request =
+            FitModelRequest { parent: video.into(), start, method: method.into(), ..Default::default() };
         let mut stream = self.models().fit_model(request).await?.into_inner();
         while let Some(message) = stream.message().await? {
             match message.event {

@@ -3,7 +3,7 @@
 use super::connect::Connection;
 use super::error::Failure;
 use super::{Target, ask, discover, fit, output, simulate, study};
-use crate::api::v1::{AskResponse, DiscoverEffectsRequest, SimulateRequest};
+use crate::api::v1::{AskResponse, DiscoverEffectsRequest, FitMethod, SimulateRequest};
 use crate::scene::parse;
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
         output::print(&format!("vrdp serves gRPC on {address}\n\n"))?;
     }
     let video = connection.post(&scene).await?;
-    let model = connection.fit(&video, None, |_| {}).await?;
+    let model = connection.fit(&video, None, FitMethod::Unspecified, |_| {}).await?;
     let seen = format!("1  Fit: {} objects, {} frames", scene.objects.len(), scene.times.len());
     let table = fit::table(&model, |id| fit::name(&scene, id));
     output::print(&format!("{seen} (in brackets: the data do not determine it)\n\n{table}\n"))?;
@@ -50,9 +50,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     let end = reply.observed_frames;
     reply.events.retain(|event| event.frame >= end);
     let events = simulate::events(&scene, &reply.events);
-    output::print(&format!(
-        "2  Predict: what comes after the video ends (first of each kind, if likely)\n\n{events}\n"
-    ))?;
+    output::print(&format!("2  Predict: what comes after the video ends\n\n{events}\n"))?;
     let mut traces = vec![save(&connection, &reply.trace, &args.out, "prediction.mcap").await?];
 
     for (number, file, (question, choices)) in

@@ -25,7 +25,10 @@ pub struct Args {
 }
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
-    let scenes = input::scenes(&args.scenes)?;
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let start = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let study = Some(study::request(&connection, &scenes, start).await?);

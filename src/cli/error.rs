@@ -29,6 +29,24 @@ impl Failure {
         }
     }
 
+    /// The failures of some of `count` pieces of work as one: of bad input, if one of them is.
+    pub fn of(mut failures: Vec<Failure>, count: usize) -> Result<(), Failure> {
+        if count == 1 {
+            return failures.pop().map_or(Ok(()), Err);
+        }
+        if failures.is_empty() {
+            return Ok(());
+        }
+        let mut message = format!("{} of {count} scenes failed:", failures.len());
+        for failure in &failures {
+            message += &format!("\n{failure}");
+        }
+        match failures.iter().any(|f| matches!(f, Failure::Input(_))) {
+            true => Err(Failure::Input(message)),
+            false => Err(Failure::Other(message)),
+        }
+    }
+
     pub fn status(&self) -> u8 {
         match self {
             Failure::Input(_) => 2,

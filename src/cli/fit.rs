@@ -4,11 +4,16 @@ use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output};
-use crate::api::v1::{Estimate, Model, SharedEstimate};
+use crate::api::v1::{Estimate, FitMethod, Model, ModelChoice, SharedEstimate};
+use crate::scene::Scene;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
+use std::cell::Cell;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
+
+/// How often a line tells of progress where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(3);
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -18,49 +23,122 @@ pub struct Args {
     /// Preset or model file [default: what suits the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
+    /// How the misfit is minimised [default: gauss-newton].
+    #[arg(long, value_enum, value_name = "NAME")]
+    method: Option<Method>,
     /// Writes the result as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
 
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Method {
+    /// Damped Gauss-Newton.
+    GaussNewton,
+    /// L-BFGS in the stages of the paper, for comparison.
+    Paper,
+}
+
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
     let scenes = input::scenes(&args.scenes)?;
+    let count = scenes.len();
     let start = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let bar = ProgressBar::new(100 * scenes.len() as u64);
-    if let Ok(style) = ProgressStyle::with_template("{msg:20} {bar:40} {percent:>3} %") {
-        bar.set_style(style);
-    }
-    let mut fitted = Map::new();
-    let mut ratios = Vec::with_capacity(scenes.len());
+    let watch = Watch::new(count);
+    let (mut fitted, mut failures) = (Map::new(), Vec::new());
+    let mut ratios = Vec::with_capacity(count);
     let mut tables = String::new();
-    for (i, scene) in scenes.iter().enumerate() {
-        bar.set_message(scene.name.clone());
+    for (i, scene) in scenes.into_iter().enumerate() {
         let began = Instant::now();
-        let video = connection.post(scene).await.map_err(|e| e.at(&scene.name))?;
-        let progress = |fraction: f64| bar.set_position(100 * i as u64 + (100.0 * fraction) as u64);
-        let model = connection.fit(&video, start.clone(), progress).await.map_err(|e| e.at(&scene.name))?;
-        ratios.push(model.rmse / model.noise_sigma);
-        tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(scene, id)));
-        fitted.insert(scene.name.clone(), to_json(&model, began.elapsed().as_secs_f64()));
+        let done = match &scene {
+            Ok(scene) => {
+                let progress = |fraction: f64| watch.show(&scene.name, i, fraction, began);
+                progress(0.0);
+                one(&connection, scene, start.clone(), args.method, progress).await
+            }
+            Err(_) => Ok(Model::default()),
+        };
+        match (scene, done) {
+            (Ok(scene), Ok(model)) => {
+                ratios.push(model.rmse / model.noise_sigma);
+                tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(&scene, id)));
+                fitted.insert(scene.name.clone(), to_json(&model, began.elapsed().as_secs_f64()));
+            }
+            (Err(failure), _) | (_, Err(failure)) => failures.push(failure),
+        }
     }
-    bar.finish_and_clear();
-    let summary = summary(ratios);
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &json!({ "scenes": fitted }))?,
-        None => output::print(&tables)?,
+    watch.bar.finish_and_clear();
+    if !ratios.is_empty() {
+        let summary = summary(ratios);
+        match args.json.as_deref() {
+            Some(target) => output::json(target, &json!({ "scenes": fitted }))?,
+            None => output::print(&tables)?,
+        }
+        match args.json.as_deref() {
+            Some("-") => eprintln!("{summary}"),
+            _ => output::print(&format!("{summary}\n"))?,
+        }
     }
-    match args.json.as_deref() {
-        Some("-") => eprintln!("{summary}"),
-        _ => output::print(&format!("{summary}\n"))?,
+    connection.close().await?;
+    Failure::of(failures, count)
+}
+
+async fn one(
+    connection: &Connection,
+    scene: &Scene,
+    start: Option<ModelChoice>,
+    method: Option<Method>,
+    progress: impl Fn(f64),
+) -> Result<Model, Failure> {
+    let method = match method {
+        None => FitMethod::Unspecified,
+        Some(Method::GaussNewton) => FitMethod::GaussNewton,
+        Some(Method::Paper) => FitMethod::Paper,
+    };
+    let fitted = async {
+        let video = connection.post(scene).await?;
+        connection.fit(&video, start, method, progress).await
+    };
+    fitted.await.map_err(|e| e.at(&scene.name))
+}
+
+/// Shows progress: a bar on a terminal, else a line on standard error now and then.
+struct Watch {
+    bar: ProgressBar,
+    told: Cell<Instant>,
+}
+
+impl Watch {
+    fn new(scenes: usize) -> Watch {
+        let bar = ProgressBar::new(100 * scenes as u64);
+        if let Ok(style) = ProgressStyle::with_template("{msg:20} {bar:40} {percent:>3} % {elapsed}") {
+            bar.set_style(style);
+        }
+        Watch { bar, told: Cell::new(Instant::now()) }
     }
-    connection.close().await
+
+    fn show(&self, name: &str, done: usize, fraction: f64, began: Instant) {
+        self.bar.set_message(name.to_string());
+        self.bar.set_position(100 * done as u64 + (100.0 * fraction) as u64);
+        if self.bar.is_hidden() && self.told.get().elapsed() >= LINE_EVERY {
+            self.told.set(Instant::now());
+            eprintln!(
+                "fitting {name}: {:.0} % after {:.0} s",
+                100.0 * fraction,
+                began.elapsed().as_secs_f64()
+            );
+        }
+    }
 }
 
 /// What people call an object of a scene.
-pub fn name(scene: &crate::scene::Scene, id: u32) -> String {
+pub fn name(scene: &Scene, id: u32) -> String {
     match scene.objects.iter().find(|o| o.id == id) {
-        Some(o) => format!("{id} {} {} {}", o.color, o.material, o.shape.word()),
+        Some(o) if o.color.is_empty() => o.words(),
+        Some(o) => format!("{id} {}", o.words()),
         None => id.to_string(),
     }
 }
@@ -148,7 +226,8 @@ fn summary(mut ratios: Vec<f64>) -> String {
     let median =
         if ratios.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.wrapping_sub(1)) + at(middle)) };
     let worst = ratios.last().copied().unwrap_or(f64::NAN);
-    format!("{} scenes: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
+    let scenes = if ratios.len() == 1 { "scene" } else { "scenes" };
+    format!("{} {scenes}: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
 }
 
 #[cfg(test)]
@@ -161,6 +240,6 @@ mod tests {
             summary(vec![3.0, 1.0, 1.5, 1.1]),
             "4 scenes: rmse over noise 1.300 (median), 3.000 (worst)"
         );
-        assert_eq!(summary(vec![1.2]), "1 scenes: rmse over noise 1.200 (median), 1.200 (worst)");
+        assert_eq!(summary(vec![1.2]), "1 scene: rmse over noise 1.200 (median), 1.200 (worst)");
     }
 }

@@ -5,21 +5,24 @@ use crate::api::v1::{ModelChoice, model_choice};
 use crate::scene::{Scene, parse};
 use crate::world::Preset;
 use std::cmp::Ordering;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Name of a scene's file in its folder.
 const OBSERVED: &str = "observed.json";
+/// Most bytes of a scene's file: all objects in all frames that are allowed take less.
+const MAX_FILE: u64 = 1 << 30;
 
 /// The scenes that the paths stand for: files, folders with an observed.json, folders of such folders.
-pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Scene>, Failure> {
+/// A scene that cannot be read is for the caller to tell when the others are done.
+pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure> {
     let mut files = Vec::new();
     for path in paths {
-        if path.is_file() || path.join(OBSERVED).is_file() {
+        if regular(path)? || path.join(OBSERVED).is_file() {
             files.push(path.clone());
             continue;
         }
-        let entries = std::fs::read_dir(path)
-            .map_err(|e| Failure::input(format!("{}: {e}; give a scene file or folder", path.display())))?;
+        let entries = std::fs::read_dir(path).map_err(|e| unreadable(path, e))?;
         let mut folders: Vec<PathBuf> =
             entries.flatten().map(|e| e.path()).filter(|p| p.join(OBSERVED).is_file()).collect();
         if folders.is_empty() {
@@ -29,14 +32,33 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Scene>, Failure> {
         folders.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
         files.extend(folders);
     }
-    let scenes = files.iter().map(|path| scene(path)).collect::<Result<Vec<_>, _>>()?;
-    for (i, scene) in scenes.iter().enumerate() {
-        if scenes[..i].iter().any(|s| s.name == scene.name) {
-            let message = format!("two scenes are named {}; fit them one at a time", scene.name);
-            return Err(Failure::input(message));
+    let mut names = BTreeSet::new();
+    let read = |path: &PathBuf| {
+        let scene = scene(path)?;
+        match names.insert(scene.name.clone()) {
+            true => Ok(scene),
+            false => {
+                Err(Failure::input("another scene has this name too; fit them one at a time").at(&scene.name))
+            }
         }
+    };
+    Ok(files.iter().map(read).collect())
+}
+
+/// Whether it is a file, and no folder; what is neither (a pipe may never end) is refused.
+fn regular(path: &Path) -> Result<bool, Failure> {
+    let found = path.metadata().map_err(|e| unreadable(path, e))?;
+    if found.is_file() && found.len() > MAX_FILE {
+        return Err(unreadable(path, format!("has {} bytes; at most {MAX_FILE} are read", found.len())));
     }
-    Ok(scenes)
+    if !found.is_file() && !found.is_dir() {
+        return Err(unreadable(path, "is neither a file nor a folder"));
+    }
+    Ok(found.is_file())
+}
+
+fn unreadable(path: &Path, why: impl std::fmt::Display) -> Failure {
+    Failure::input(format!("{}: {why}; give a scene file or folder", path.display()))
 }
 
 /// One scene: a file, or a folder with an observed.json; named after the folder, or the file's stem.
@@ -50,8 +72,8 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
         false => (path.to_path_buf(), last(path.file_stem())),
     };
     let place = file.display().to_string();
-    let text = std::fs::read_to_string(&file)
-        .map_err(|e| Failure::input(format!("{place}: {e}; give a scene file or folder")))?;
+    regular(&file)?;
+    let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
     parse(&name.unwrap_or("scene".into()), &text).map_err(|e| Failure::input(e.to_string()).at(&place))
 }
 
@@ -88,7 +110,11 @@ pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
     let kind = if Preset::named(choice).is_some() {
         model_choice::Choice::Preset(choice.into())
     } else {
-        let text = std::fs::read_to_string(choice).map_err(|e| {
+        let read = match Path::new(choice).metadata() {
+            Ok(found) if !found.is_file() => Err(std::io::Error::other("it is no file")),
+            _ => std::fs::read_to_string(choice),
+        };
+        let text = read.map_err(|e| {
             let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
             let known = known.join(", ");
             Failure::input(format!("--model {choice}: neither a preset ({known}) nor a readable file ({e})"))
@@ -126,6 +152,23 @@ mod tests {
         let mut names = ["s10", "s2", "s02", "s", "t1"];
         names.sort_by(|a, b| natural(a, b));
         assert_eq!(names, ["s", "s2", "s02", "s10", "t1"]);
+    }
+
+    #[test]
+    fn one_bad_scene_leaves_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let good = include_str!("../../tests/data/clevrer/scene_00022/observed.json");
+        for (name, text) in [("a", good), ("b", "{"), ("c", good)] {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+            std::fs::write(folder.path().join(name).join(OBSERVED), text).unwrap();
+        }
+        let read = scenes(&[folder.path().to_path_buf()]).unwrap();
+        let names: Vec<Option<&str>> =
+            read.iter().map(|r| r.as_ref().ok().map(|s| s.name.as_str())).collect();
+        assert_eq!(names, [Some("a"), None, Some("c")]);
+        assert!(
+            scene(Path::new("/dev/null")).unwrap_err().to_string().contains("neither a file nor a folder")
+        );
     }
 
     #[test]

@@ -5,6 +5,30 @@ use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
 
+/// Whether a file can be written, before the work for it is done; `-` (standard output) and devices can.
+pub fn writable(flag: &str, path: &Path) -> Result<(), Failure> {
+    let wrong = |why: String| Err(Failure::input(format!("{flag} {}: {why}; give a file", path.display())));
+    if path == Path::new("-") {
+        return Ok(());
+    }
+    match path.metadata() {
+        Ok(found) if found.is_dir() => wrong("is a folder".into()),
+        Ok(found) if found.is_file() => match std::fs::OpenOptions::new().write(true).open(path) {
+            Ok(_) => Ok(()),
+            Err(e) => wrong(e.to_string()),
+        },
+        Ok(_) => Ok(()),
+        Err(_) => {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            match tempfile::tempfile_in(folder) {
+                Ok(_) if path.file_name().is_some() => Ok(()),
+                Ok(_) => wrong("is no name of a file".into()),
+                Err(e) => wrong(format!("{} cannot be written in: {e}", folder.display())),
+            }
+        }
+    }
+}
+
 /// Writes JSON to `target`; `-` is standard output.
 pub fn json(target: &str, value: &Value) -> Result<(), Failure> {
     let mut text = value.to_string();
@@ -52,6 +76,22 @@ pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_cannot_be_written_is_found_out_before() {
+        let folder = tempfile::tempdir().unwrap();
+        let there = folder.path().join("there.json");
+        std::fs::write(&there, b"kept").unwrap();
+        for good in [there.clone(), folder.path().join("new.json"), "-".into(), "/dev/null".into()] {
+            assert!(writable("--json", &good).is_ok(), "{}", good.display());
+        }
+        assert_eq!(std::fs::read(&there).unwrap(), b"kept");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        for bad in [folder.path().to_path_buf(), folder.path().join("no/where.json"), there.join("x")] {
+            let error = writable("--json", &bad).unwrap_err();
+            assert!(error.status() == 2 && error.to_string().contains("--json"), "{error}");
+        }
+    }
 
     #[test]
     fn columns_line_up() {

@@ -32,7 +32,7 @@ pub struct Args {
     /// Preset or model file [default: what suits the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
-    /// Writes the trace.
+    /// Writes the trace; without it none is left, but in the --data-dir or at the --server that is named.
     #[arg(long, value_name = "FILE.mcap")]
     trace: Option<PathBuf>,
     /// Writes the result as JSON; `-`: to standard output.
@@ -41,6 +41,15 @@ pub struct Args {
 }
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    if let Some(file) = &args.trace {
+        if file.as_os_str() == "-" {
+            return Err(Failure::input("--trace -: a trace is no text; give a file"));
+        }
+        output::writable("--trace", file)?;
+    }
     let scene = input::scene(&args.scene)?;
     let model = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
@@ -53,14 +62,17 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         ..Default::default()
     };
     let reply = connection.reasoning().simulate(request).await?.into_inner();
-    let mut trace = reply.trace.clone();
+    let mut trace = connection.keeps_traces().then(|| reply.trace.clone());
     if let Some(path) = &args.trace {
         output::file(path, &connection.download(&reply.trace).await?)?;
-        trace = path.display().to_string();
+        trace = Some(path.display().to_string());
     }
     match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&scene, &reply, &trace))?,
-        None => output::print(&format!("{}\n  trace {trace}\n", events(&scene, &reply.events)))?,
+        Some(target) => output::json(target, &to_json(&scene, &reply, trace))?,
+        None => {
+            let trace = trace.map_or(String::new(), |trace| format!("\n  trace {trace}\n"));
+            output::print(&format!("{}{trace}", events(&scene, &reply.events)))?;
+        }
     }
     connection.close().await
 }
@@ -84,28 +96,36 @@ fn word(event: &SimulatedEvent) -> &'static str {
     }
 }
 
-/// Events as a person reads them: the likely ones, each at its first time.
+/// Events as a person reads them: the likely ones, those after the video marked.
 pub fn events(scene: &Scene, events: &[SimulatedEvent]) -> String {
-    let mut seen = std::collections::BTreeSet::new();
-    let rows: Vec<Vec<String>> = events
+    let likely: Vec<&SimulatedEvent> = events.iter().filter(|e| e.probability >= LIKELY).collect();
+    let end = scene.times.len();
+    let later = |event: &SimulatedEvent| event.frame as usize >= end;
+    let rows: Vec<Vec<String>> = likely
         .iter()
-        .filter(|e| e.probability >= LIKELY && seen.insert((e.kind, &e.object_ids, &e.wall)))
         .map(|event| {
             let objects = event.object_ids.iter().map(|id| super::fit::name(scene, *id));
             let wall = (!event.wall.is_empty()).then(|| format!("wall {}", event.wall));
             let who: Vec<String> = objects.chain(wall).collect();
             vec![
                 format!("{:<9}  {}", word(event), who.join(" and ")),
-                event.frame.to_string(),
+                format!("{}{}", event.frame, if later(event) { "*" } else { " " }),
                 format!("{:.2} s", event.time),
                 format!("{:.0} %", 100.0 * event.probability),
             ]
         })
         .collect();
-    output::table(&["event", "frame", "time", "probability"], &rows)
+    let mut text = output::table(&["event", "frame ", "time", "probability"], &rows);
+    if likely.iter().any(|e| later(e)) {
+        text += &format!("  * after the video, which has {end} frames\n");
+    }
+    match events.len() - likely.len() {
+        0 => text,
+        n => text + &format!("  {n} more below {:.0} %: see --json\n", 100.0 * LIKELY),
+    }
 }
 
-fn to_json(scene: &Scene, reply: &SimulateResponse, trace: &str) -> Value {
+fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Value {
     let frames: Vec<Value> = reply
         .frames
         .iter()
@@ -141,4 +161,33 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: &str) -> Value {
         "events": events,
         "trace": trace,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_table_has_every_likely_event_and_marks_those_after_the_video() {
+        const SCENE: &str = include_str!("../../tests/data/clevrer/scene_00022/observed.json");
+        let scene = crate::scene::parse("scene_00022", SCENE).unwrap();
+        let event = |frame: u32, probability| SimulatedEvent {
+            kind: EventKind::Collision.into(),
+            frame,
+            time: f64::from(frame) / 25.0,
+            object_ids: vec![0, 2],
+            probability,
+            wall: String::new(),
+        };
+        let all = [event(40, 1.0), event(90, 0.75), event(127, 0.2), event(128, 0.5)];
+        insta::assert_snapshot!(events(&scene, &all), @r"
+          event                                                frame     time  probability
+          ────────────────────────────────────────────────────────────────────────────────
+          collision  0 gray metal sphere and 2 red metal cube     40   1.60 s        100 %
+          collision  0 gray metal sphere and 2 red metal cube     90   3.60 s         75 %
+          collision  0 gray metal sphere and 2 red metal cube    128*  5.12 s         50 %
+          * after the video, which has 128 frames
+          1 more below 50 %: see --json
+        ");
+    }
 }

@@ -6,7 +6,7 @@ use moka::future::Cache;
 use std::collections::HashMap;
 use std::future::Future;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 
@@ -139,6 +139,17 @@ impl<T> Waiting<T> {
         }
     }
 
+    /// The next news, or after a while the progress as it stands.
+    pub async fn news(&mut self, patience: Duration) -> Update<T> {
+        match tokio::time::timeout(patience, self.next()).await {
+            Ok(update) => update,
+            Err(_) => match &*self.stage.borrow_and_update() {
+                Stage::Running(fraction) => Update::Progress(*fraction),
+                Stage::Done(outcome) => Update::Done(outcome.clone()),
+            },
+        }
+    }
+
     /// Waits for the end.
     pub async fn finish(mut self) -> Outcome<T> {
         match self.stage.wait_for(|stage| matches!(stage, Stage::Done(_))).await.as_deref() {
@@ -178,7 +189,6 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicUsize, Ordering};
-    use std::time::Duration;
 
     fn later() -> Instant {
         Instant::now() + Duration::from_secs(3600)

@@ -1,11 +1,13 @@
 //! Joins core and edges: finds or makes what a request needs, once, on the CPU pool, and keeps it.
 
+mod check;
 mod memo;
 mod pool;
 mod start;
 mod study;
 mod trace;
 
+pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use memo::{Update, Waiting};
 pub use pool::Control;
 pub use start::{Choice, ChoiceKind};
@@ -14,8 +16,7 @@ pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::reason::{
-    Answer, AskOptions, FUTURE_FRAMES, Imagined, MAX_SIMULATED_FRAMES, Question, ReasonError, Request, ask,
-    imagine,
+    Answer, AskOptions, FUTURE_FRAMES, Imagined, Question, ReasonError, Request, ask, imagine,
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
@@ -34,12 +35,6 @@ use std::time::{Duration, Instant};
 pub const DEFAULT_FUTURE_FRAMES: usize = 60;
 /// Rollouts where none are asked for.
 pub const DEFAULT_ROLLOUTS: usize = 32;
-/// Most rollouts of one request: a probability is known to 2 % by then.
-pub const MAX_ROLLOUTS: usize = 1000;
-/// Most object states in one reply: about 16 MB on the wire.
-pub const MAX_REPLY_STATES: usize = 200_000;
-/// Most object states over all rollouts of a request: about 300 MB in memory.
-pub const MAX_ROLLOUT_STATES: usize = 4_000_000;
 /// Bytes of results that stay in memory, each kind; all can be read or made again.
 const CACHED_BYTES: u64 = 48 << 20;
 /// Bytes of a small result, and of one state or sample in a large one.
@@ -66,6 +61,11 @@ pub enum EngineError {
     Fit(FitError),
     #[error(transparent)]
     Reason(ReasonError),
+    #[error(
+        "object {object} has no finite state at frame {frame}: the numbers overflow; ask for fewer frames, smaller \
+         changes or another model"
+    )]
+    NotFinite { object: u32, frame: usize },
     #[error("the trace cannot be written: {0}")]
     Recording(String),
 }
@@ -321,13 +321,10 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
-        check_size(&scene, frames, options.rollouts)?;
+        check::size(&scene, frames, options.rollouts)?;
         let fitted = self.fitted(video, choice).await?;
         let model = &fitted.fit.scenes.first().ok_or_else(|| no_video(video))?.model;
-        let mut edited = model.clone();
-        for (i, intervention) in options.interventions.iter().enumerate() {
-            edited = intervention.apply(&edited).map_err(|e| trace::refused(i, intervention, &e))?;
-        }
+        let edited = check::edit(model, &options.interventions)?;
         let SimulateOptions { interventions, rollouts, seed, .. } = options;
         let request = Request { interventions, frames, rollouts, seed };
         let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
@@ -336,7 +333,9 @@ impl Engine {
             let (imagined, bytes, record) = {
                 let (scene, fitted) = (scene.clone(), fitted.clone());
                 let job = move |stop: crate::num::Stop| {
+                    check::places(&edited, &request.interventions)?;
                     let imagined = imagine(&scene, &fitted.fit, 0, &request, stop)?;
+                    check::finite(&imagined)?;
                     let json = serde_json::json!({ "simulate": &request }).to_string();
                     let (bytes, record) = trace::encode(&scene, &fitted, &imagined, request.seed, &json)?;
                     Ok((Imagined { ensemble: vec![], ..imagined }, bytes, record))
@@ -359,7 +358,7 @@ impl Engine {
     ) -> Result<Arc<Answered>, EngineError> {
         let key = self.key("");
         let scene = self.video(video).await?;
-        check_rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
+        check::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.fitted(video, choice).await?;
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
@@ -370,6 +369,7 @@ impl Engine {
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
                 for imagined in std::mem::take(&mut answer.simulations) {
+                    check::finite(&imagined)?;
                     files.push(trace::encode(&scene, &fitted, &imagined, options.seed, &request)?);
                 }
                 Ok((answer, files))
@@ -401,27 +401,6 @@ impl Engine {
 fn scene_bytes(scene: &Scene) -> usize {
     let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
     BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
-}
-
-fn check_size(scene: &Scene, frames: usize, rollouts: usize) -> Result<(), EngineError> {
-    let objects = scene.objects.len();
-    if frames == 0 || frames > MAX_SIMULATED_FRAMES {
-        let message = format!("is {frames}; must be 1 to {MAX_SIMULATED_FRAMES}");
-        return Err(EngineError::invalid("frames", message));
-    }
-    if frames * objects > MAX_REPLY_STATES {
-        let most = MAX_REPLY_STATES / objects;
-        return Err(EngineError::invalid("frames", format!("is {frames}; {objects} objects allow {most}")));
-    }
-    check_rollouts(scene, frames, rollouts)
-}
-
-fn check_rollouts(scene: &Scene, frames: usize, rollouts: usize) -> Result<(), EngineError> {
-    let most = (MAX_ROLLOUT_STATES / (frames * scene.objects.len()).max(1)).min(MAX_ROLLOUTS);
-    if rollouts > most {
-        return Err(EngineError::invalid("rollouts", format!("is {rollouts}; must be at most {most} here")));
-    }
-    Ok(())
 }
 
 fn no_video(id: &str) -> EngineError {

@@ -51,6 +51,7 @@ impl Pool {
     }
 
     /// Runs a job; refuses it at once where the queue is full. A panic is this job's error and nobody else's.
+    /// The caller hears of the deadline and of a cancellation at once; the job keeps its place until it notices.
     pub async fn run<T, F>(&self, control: Control, work: F) -> Result<T, EngineError>
     where
         T: Send + 'static,
@@ -60,6 +61,7 @@ impl Pool {
             return Err(EngineError::Overloaded { capacity: self.capacity });
         };
         let (reply, answer) = oneshot::channel();
+        let (token, deadline) = (control.token.clone(), control.deadline);
         self.threads.spawn_fifo(move || {
             let result = catch_unwind(AssertUnwindSafe(|| {
                 control.check()?;
@@ -77,7 +79,13 @@ impl Pool {
             // The caller may have gone.
             let _ = reply.send(result);
         });
-        match answer.await {
+        let answer = tokio::select! {
+            biased;
+            answer = answer => answer,
+            () = token.cancelled() => return Err(EngineError::Cancelled),
+            () = tokio::time::sleep_until(deadline.into()) => return Err(EngineError::DeadlineExceeded),
+        };
+        match answer {
             Ok(Ok(result)) => result,
             Ok(Err(panic)) => Err(self.panicked(panic.as_ref())),
             Err(_) => Err(self.panicked(&"the job was lost")),
@@ -145,6 +153,11 @@ mod tests {
         let pool = Pool::new(1, 1).unwrap();
         let late = Control { deadline: Instant::now(), ..control() };
         assert!(matches!(pool.run(late, |_| Ok(())).await, Err(EngineError::DeadlineExceeded)));
+        let (go, wait) = std::sync::mpsc::channel::<()>();
+        let soon = Control { deadline: Instant::now() + Duration::from_millis(20), ..control() };
+        let deaf = pool.run(soon, move |_| Ok(wait.recv().is_ok()));
+        assert!(matches!(deaf.await, Err(EngineError::DeadlineExceeded)));
+        go.send(()).unwrap();
         let cancelled = control();
         let token = cancelled.token.clone();
         let stopped = pool.run::<(), _>(cancelled, move |stop| {

@@ -1,9 +1,13 @@
 //! Which model a request means: a preset, a model file that is checked in full, or one that was fitted.
 
-use super::EngineError;
+use super::{EngineError, MAX_SPEED};
 use crate::effects::{Scope, effect};
-use crate::scene::{Scene, Shape, Violation};
+use crate::num::Vec2;
+use crate::scene::{MASS_RANGE, MAX_POSITION, SIZE_RANGE, Scene, Shape, Violation};
 use crate::world::{ActiveEffect, BodySpec, Model, PRESETS, Preset};
+
+/// Largest time (s), angle (rad) and spin (rad/s) of a model file: beyond it their resolution suffers.
+const MAX_NUMBER: f64 = 1e7;
 
 /// A choice of model, and the request's field that made it.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,21 +88,30 @@ impl Violations {
 
     fn body(&mut self, i: usize, body: &BodySpec) {
         let s = &body.start.state;
-        let numbers = [body.start.time, s.position.x, s.position.y, s.yaw, s.velocity.x, s.velocity.y];
-        if !numbers.iter().chain(&[s.spin, s.roll.x, s.roll.y]).all(|v| v.is_finite()) {
-            self.add(format!("bodies[{i}].start"), "must be finite");
+        let numbers = [body.start.time, s.yaw, s.spin, s.roll.x, s.roll.y];
+        let within = |most: f64, v: Vec2| v.x.abs() <= most && v.y.abs() <= most;
+        if !(numbers.iter().all(|v| v.abs() <= MAX_NUMBER)
+            && within(MAX_POSITION, s.position)
+            && within(MAX_SPEED, s.velocity))
+        {
+            let limits =
+                format!("within {MAX_POSITION:e} m and {MAX_SPEED:e} m/s, the rest within {MAX_NUMBER:e}");
+            self.add(format!("bodies[{i}].start"), format!("must be finite: {limits}"));
         }
-        let positive = |v: f64| v.is_finite() && v > 0.0;
-        if !positive(body.mass) {
-            self.add(format!("bodies[{i}].mass"), format!("is {}; must be above 0", body.mass));
+        let [low, high] = MASS_RANGE;
+        if !(low..=high).contains(&body.mass) {
+            let message = format!("is {:?}; must be from {low:e} to {high:e} kg", body.mass);
+            self.add(format!("bodies[{i}].mass"), message);
         }
+        let fits = |v: f64| (SIZE_RANGE[0]..=SIZE_RANGE[1]).contains(&v);
         let shape_ok = match body.shape {
-            Shape::Disc { radius } | Shape::Ball { radius } => positive(radius),
-            Shape::Square { half_side } => positive(half_side),
-            Shape::Rectangle { half_length, half_width } => positive(half_length) && positive(half_width),
+            Shape::Disc { radius } | Shape::Ball { radius } => fits(radius),
+            Shape::Square { half_side } => fits(half_side),
+            Shape::Rectangle { half_length, half_width } => fits(half_length) && fits(half_width),
         };
         if !shape_ok {
-            self.add(format!("bodies[{i}].shape"), "must be above 0 in size");
+            let [low, high] = SIZE_RANGE;
+            self.add(format!("bodies[{i}].shape"), format!("must be from {low:e} to {high:e} m in size"));
         }
     }
 

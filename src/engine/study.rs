@@ -1,9 +1,10 @@
 //! Studies of a set-up's videos: compare, diagnose, discover. Each is made once and kept; the revisions that a
 //! discovery makes become models of the videos, to be simulated and asked like any other.
 
+use super::check;
 use super::memo::Waiting;
 use super::pool::Control;
-use super::{Choice, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, check_size};
+use super::{Choice, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit};
 use crate::discover::{Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover};
 use crate::fit::{FitOptions, fit};
 use crate::num::Stop;
@@ -70,7 +71,7 @@ impl Engine {
         inquiry: Inquiry,
     ) -> Result<Waiting<Study>, EngineError> {
         let key = self.key("");
-        check(videos, inquiry)?;
+        check_request(videos, inquiry)?;
         let (mut scenes, mut models) = (vec![], vec![]);
         for video in videos {
             let scene = self.video(video).await?;
@@ -79,7 +80,7 @@ impl Engine {
                 return Err(EngineError::invalid(start.path, message));
             };
             if let Inquiry::Discover { frames: Some(frames), .. } = inquiry {
-                check_size(&scene, frames, 0)?;
+                check::size(&scene, frames, 0)?;
             }
             scenes.push(Scene::clone(&scene));
             models.push(model);
@@ -124,7 +125,7 @@ impl Engine {
     }
 }
 
-fn check(videos: &[String], inquiry: Inquiry) -> Result<(), EngineError> {
+fn check_request(videos: &[String], inquiry: Inquiry) -> Result<(), EngineError> {
     let mut wrong = vec![];
     let mut add = |path: &str, message: String| wrong.push(Violation { path: path.into(), message });
     if videos.is_empty() || videos.len() > MAX_STUDY_VIDEOS {

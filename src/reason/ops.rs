@@ -11,9 +11,9 @@ pub const LIGHTER: f64 = 0.2;
 /// CLEVRER's "end" lies this many frames before the number of frames.
 const END_MARGIN: usize = 3;
 
-/// "the red metal cube".
+/// "the red metal cube", "the cube 3" where it has no colour.
 pub fn phrase(object: &Object) -> String {
-    format!("the {} {} {}", object.color, object.material, object.shape.word())
+    format!("the {}", object.words())
 }
 
 pub fn all(scene: &Scene) -> Vec<usize> {

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::num::vec2;
 use serde_json::{Map, Value};
+use std::collections::BTreeSet;
 
 /// Frame rate of CLEVRER's videos (1/s).
 const FPS: f64 = 25.0;
@@ -20,8 +21,9 @@ pub const CLEVRER_CAMERA: Camera = Camera {
 
 /// Reads the text of an annotation file. Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
-    let mut reader = Reader { report: Report::default() };
-    let root = match serde_json::from_str::<Value>(text) {
+    let mut reader = Reader { report: Report::default(), strangers: BTreeSet::new() };
+    // Some editors put a byte order mark in front.
+    let root = match serde_json::from_str::<Value>(text.trim_start_matches('\u{feff}')) {
         Ok(Value::Object(root)) => root,
         Ok(other) => {
             reader.report.add("(file)", format!("is {}; an annotation is a JSON object", kind(&other)));
@@ -45,6 +47,8 @@ fn one(path: &str, message: &str) -> SceneError {
 
 struct Reader {
     report: Report,
+    /// Ids in the trajectory that are no object's; each is reported once.
+    strangers: BTreeSet<u32>,
 }
 
 impl Reader {
@@ -102,14 +106,19 @@ impl Reader {
                     let found = other.map_or("missing".to_string(), |s| format!("\"{s}\""));
                     let message = format!("is {found}; it must be sphere, cylinder or cube");
                     self.report.add(format!("{path}.shape"), message);
-                    continue;
+                    Shape::Disc { radius: size }
                 }
             };
             let mut word = |key| self.text(entry, key, &path).unwrap_or_default().to_lowercase();
             let (color, material) = (word("color"), word("material"));
             let mass = self.number(entry, "mass", &path);
-            if let Some(id) = id {
-                objects.push(Object { id, color, material, shape, mass });
+            let Some(id) = id else { continue };
+            match objects.iter().position(|o: &Object| o.id == id) {
+                Some(j) => {
+                    let message = format!("is {id}, as that of another object ({j}); give each its own");
+                    self.report.add(format!("{path}.object_id"), message);
+                }
+                None => objects.push(Object { id, color, material, shape, mass }),
             }
         }
         (objects.iter().map(|o| o.id).collect(), objects)
@@ -155,8 +164,10 @@ impl Reader {
                 let Some(id) = self.required_id(seen, &path) else { continue };
                 let Some(track) = ids.iter().position(|known| *known == id).and_then(|i| tracks.get_mut(i))
                 else {
-                    self.report
-                        .add(format!("{path}.object_id"), format!("is {id}, which object_property lacks"));
+                    if self.strangers.insert(id) {
+                        let message = format!("is {id}, which object_property lacks");
+                        self.report.add(format!("{path}.object_id"), message);
+                    }
                     continue;
                 };
                 if let Some(sample) = self.sample(seen, &path, frame, says_seen) {
@@ -392,7 +403,12 @@ mod tests {
     #[test]
     fn wrong_types_are_named_with_their_paths() {
         let break_one = |from: &str, to: &str| violations(&REAL.replacen(from, to, 1));
-        assert_eq!(break_one("\"cube\"", "\"torus\""), ["object_property[0].shape", OTHER, OTHER2]);
+        assert_eq!(break_one("\"cube\"", "\"torus\""), ["object_property[0].shape"]);
+        assert_eq!(
+            break_one("\"object_id\": 1", "\"object_id\": 0"),
+            ["object_property[1].object_id", OTHER]
+        );
+        assert_eq!(violations(&format!("\u{feff}{REAL}")), [""; 0]);
         assert_eq!(
             break_one("[1.1, 2.0, 0.2]", "[1.1, null, 0.2]"),
             ["motion_trajectory[1].objects[0].location[1]"]
@@ -405,8 +421,8 @@ mod tests {
         assert_eq!(violations("{\"a\":"), ["(file)"]);
         assert_eq!(violations("{}"), ["(file)"]);
     }
-    const OTHER: &str = "motion_trajectory[0].objects[0].object_id";
-    const OTHER2: &str = "motion_trajectory[1].objects[0].object_id";
+    /// Where the id first stands that no object has then.
+    const OTHER: &str = "motion_trajectory[0].objects[1].object_id";
 
     proptest! {
         #[test]

@@ -6,6 +6,7 @@ mod validate;
 
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
+pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
 use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
@@ -30,7 +31,8 @@ pub struct Scene {
     pub times: Vec<f64>,
     pub camera: Option<Camera>,
     pub table: Option<Table>,
-    /// Standard deviation of a measured position that the user believes (m).
+    /// Standard deviation of a measured position that the user believes (m); used only where the tracks are too
+    /// short to estimate it.
     pub noise_sigma: Option<f64>,
     pub objects: Vec<Object>,
     pub tracks: Vec<Track>,
@@ -130,6 +132,15 @@ impl Scene {
     }
 }
 
+impl Object {
+    /// "red metal cube"; an object without a colour has its id behind.
+    pub fn words(&self) -> String {
+        let id = if self.color.is_empty() { self.id.to_string() } else { String::new() };
+        let words = [&self.color, &self.material, self.shape.word(), &id];
+        words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(" ")
+    }
+}
+
 impl Shape {
     /// Radius of the circle around the outline (m).
     pub fn bounding_radius(&self) -> f64 {
@@ -137,6 +148,15 @@ impl Shape {
             Shape::Disc { radius } | Shape::Ball { radius } => radius,
             Shape::Square { half_side } => half_side * std::f64::consts::SQRT_2,
             Shape::Rectangle { half_length, half_width } => half_length.hypot(half_width),
+        }
+    }
+
+    /// Radius of the largest circle inside the outline (m).
+    pub fn inscribed_radius(&self) -> f64 {
+        match *self {
+            Shape::Disc { radius } | Shape::Ball { radius } => radius,
+            Shape::Square { half_side } => half_side,
+            Shape::Rectangle { half_length, half_width } => half_length.min(half_width),
         }
     }
 
@@ -233,4 +253,22 @@ pub struct SceneError {
 fn list(violations: &[Violation]) -> String {
     let lines: Vec<String> = violations.iter().map(|v| format!("{}: {}", v.path, v.message)).collect();
     lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_named_by_what_they_have() {
+        let check = |color: &str, material: &str, expected: &str| {
+            let (color, material) = (color.into(), material.into());
+            let object =
+                Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
+            assert_eq!(object.words(), expected);
+        };
+        check("red", "metal", "red metal cube");
+        check("red", "", "red cube");
+        check("", "", "cube 3");
+    }
 }

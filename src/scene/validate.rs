@@ -18,6 +18,9 @@ pub const MASS_RANGE: [f64; 2] = [1e-9, 1e9];
 pub const NOISE_RANGE: [f64; 2] = [1e-9, 1e3];
 /// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
 const DEEP_OVERLAP: f64 = 0.5;
+/// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
+/// matrix maps the plane to a line or a point, up to round-off.
+const SINGULAR: f64 = 1e-9;
 
 /// Collects violations; keeps the first [`MAX_VIOLATIONS`] and counts the others.
 #[derive(Default)]
@@ -144,6 +147,13 @@ impl Scene {
                     r.finite(|| format!("camera.matrix[{row}][{column}]"), v, 1e12, "");
                 }
             }
+            let finite = camera.matrix.iter().flatten().all(|v| v.is_finite());
+            if finite && is_singular(&camera.matrix) {
+                r.add(
+                    "camera.matrix",
+                    "is singular, so that it sees no plane; give the 3x4 projection matrix",
+                );
+            }
             for (k, &v) in camera.image_size.iter().enumerate() {
                 r.within(|| format!("camera.image_size[{k}]"), v, [1.0, 1e6], "px");
             }
@@ -167,7 +177,7 @@ impl Scene {
         let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(&self.tracks).collect();
         for (j, (b, track_b)) in pairs.iter().enumerate() {
             for (i, (a, track_a)) in pairs[..j].iter().enumerate() {
-                let limit = DEEP_OVERLAP * (inscribed_radius(&a.shape) + inscribed_radius(&b.shape));
+                let limit = DEEP_OVERLAP * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
                 if let Some((frame, distance)) = first_closer(track_a, track_b, limit) {
                     r.add(
                         format!("objects[{j}]"),
@@ -183,12 +193,19 @@ impl Scene {
     }
 }
 
-fn inscribed_radius(shape: &Shape) -> f64 {
-    match *shape {
-        Shape::Disc { radius } | Shape::Ball { radius } => radius,
-        Shape::Square { half_side } => half_side,
-        Shape::Rectangle { half_length, half_width } => half_length.min(half_width),
-    }
+/// Whether a finite projection matrix has a rank below 3.
+fn is_singular(matrix: &[[f64; 4]; 3]) -> bool {
+    let [a, b, c] = matrix;
+    let minor = |i: usize, j: usize, k: usize| {
+        a[i] * (b[j] * c[k] - b[k] * c[j]) - a[j] * (b[i] * c[k] - b[k] * c[i])
+            + a[k] * (b[i] * c[j] - b[j] * c[i])
+    };
+    let largest = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
+        .map(|(i, j, k)| minor(i, j, k).abs())
+        .into_iter()
+        .fold(0.0, f64::max);
+    let lengths: f64 = matrix.iter().map(|row| row.iter().map(|v| v * v).sum::<f64>().sqrt()).product();
+    largest <= SINGULAR * lengths
 }
 
 /// The first common frame in which the centres are closer than `limit` (m), and their distance.
@@ -256,7 +273,7 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Camera, Sample, Table, WorldKind};
+    use super::super::{CLEVRER_CAMERA, Camera, Sample, Table, WorldKind};
     use super::*;
     use crate::num::vec2;
     use proptest::prelude::*;
@@ -281,7 +298,7 @@ mod tests {
             world: WorldKind::Clevrer,
             fps: 25.0,
             times: (0..5).map(|f| f as f64 / 25.0).collect(),
-            camera: Some(Camera { matrix: [[1.0; 4]; 3], image_size: [480.0, 320.0] }),
+            camera: Some(Camera { matrix: CLEVRER_CAMERA.matrix, image_size: [480.0, 320.0] }),
             table: Some(Table { x: [0.0, 1.0], y: [0.0, 1.0] }),
             noise_sigma: Some(0.005),
             objects: (0..3).map(object).collect(),
@@ -338,6 +355,9 @@ mod tests {
         let mut s = scene();
         s.tracks[1].samples.clear();
         assert_eq!(paths(&s), ["objects[1].samples"]);
+        let mut s = scene();
+        s.camera.as_mut().unwrap().matrix[2] = [0.0; 4];
+        assert_eq!(paths(&s), ["camera.matrix"]);
         let mut s = scene();
         s.times.truncate(1);
         s.tracks.iter_mut().for_each(|t| t.samples.truncate(1));

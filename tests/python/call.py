@@ -22,6 +22,11 @@ objects = [
 ]
 with grpc.insecure_channel(server) as channel:
     video = videos_pb2_grpc.VideosStub(channel).CreateVideo(videos.CreateVideoRequest(video={"objects": objects}))
+    try:
+        videos_pb2_grpc.VideosStub(channel).CreateVideo(videos.CreateVideoRequest(video={"objects": objects * 20}))
+        raise AssertionError("taken though every id is there 20 times")
+    except grpc.RpcError as refused:
+        assert refused.code() is grpc.StatusCode.INVALID_ARGUMENT, refused
     future = reasoning_pb2_grpc.ReasoningStub(channel).Simulate(reasoning.SimulateRequest(video=video.name))
     assert len(future.frames) == future.observed_frames + 60
     for event in future.events:

@@ -135,3 +135,34 @@ async fn health_and_effects_are_told() {
     drop(health);
     service.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_preset_and_its_model_file_fit_and_simulate_and_so_does_the_papers_method() {
+    use v1::model_choice::Choice;
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let name = service.create(video("small", 20)).await.unwrap();
+    let choice = |choice| Some(v1::ModelChoice { choice: Some(choice) });
+    for preset in vrdp::world::PRESETS {
+        let start = choice(Choice::Preset(preset.name.into()));
+        let model = service.fit_with(fit_of(&name, start, v1::FitMethod::Unspecified)).await.unwrap().1;
+        assert_eq!(model.preset, preset.name);
+        let file = choice(Choice::ModelJson(model.model_json));
+        let again = service.fit_with(fit_of(&name, file.clone(), v1::FitMethod::Unspecified)).await;
+        assert_eq!(again.unwrap().1.preset, preset.name);
+        let request =
+            v1::SimulateRequest { video: name.clone(), model: file, rollouts: Some(2), ..Default::default() };
+        let done = service.reasoning().simulate(request).await.unwrap().into_inner();
+        assert_eq!(done.frames.len(), 80, "{}", preset.name);
+    }
+    let usual = service.fit(&name).await.unwrap().1;
+    let paper = service.fit_with(fit_of(&name, None, v1::FitMethod::Paper)).await.unwrap().1;
+    assert!(paper.name != usual.name && paper.iterations != usual.iterations, "{paper:?}");
+    let unknown = v1::FitModelRequest { method: 9, ..fit_of(&name, None, v1::FitMethod::Paper) };
+    assert_eq!(fields(&service.fit_with(unknown).await.unwrap_err()), ["method"]);
+    service.stop().await;
+}
+
+fn fit_of(video: &str, start: Option<v1::ModelChoice>, method: v1::FitMethod) -> v1::FitModelRequest {
+    v1::FitModelRequest { parent: video.into(), start, method: method.into(), ..Default::default() }
+}

@@ -67,6 +67,11 @@ const BREAKS: &[(&str, Break)] = &[
         v.world = 99;
         one("video.world")
     }),
+    ("a camera that sees a line", |v| {
+        let matrix = [[1.0, 2.0, 3.0, 4.0], [2.0, 4.0, 6.0, 8.0], [0.0, 0.0, 0.0, 1.0]].concat();
+        v.camera = Some(v1::Camera { matrix, image_width: 9.0, image_height: 9.0 });
+        one("video.camera.matrix")
+    }),
     ("half a camera", |v| {
         v.camera = Some(v1::Camera { matrix: vec![1.0; 6], image_width: 9.0, image_height: 9.0 });
         one("video.camera.matrix")
@@ -74,17 +79,13 @@ const BREAKS: &[(&str, Break)] = &[
     ("100,000 frames", |v| {
         v.objects[0].samples = (0..100_000).map(|f| sample(f, 0.001 * f as f64, 0.0)).collect();
         let beyond = (15_001..15_100).map(|k| format!("video.objects[0].samples[{k}].frame"));
-        let mut fields = one("video.times");
-        fields.extend(beyond);
-        // The rest is counted.
-        fields.push("video....".into());
-        fields
+        one("video.times").into_iter().chain(beyond).collect()
     }),
     ("everything in one place", |v| {
         let object = v.objects[0].clone();
         v.objects = (0..17).map(|id| v1::Object { id, ..object.clone() }).collect();
         let pairs = (0..17).flat_map(|j| (0..j).map(move |_| format!("video.objects[{j}]")));
-        pairs.take(100).chain(one("video....")).collect()
+        pairs.take(100).collect()
     }),
     ("1,000 objects", |v| {
         let object = v.objects[0].clone();
@@ -106,7 +107,11 @@ async fn broken_videos_are_refused_with_their_fields() {
         let mut spoiled = video("spoiled", 20);
         let expected = spoil(&mut spoiled);
         let status = service.create(spoiled).await.expect_err(what);
-        assert_eq!(fields(&status), expected, "{what}");
+        let mut told = fields(&status);
+        // The first ones travel, where all are too many for a header.
+        let cut = told.pop_if(|last| last == "...").is_some();
+        let expected = if cut { &expected[..told.len()] } else { &expected[..] };
+        assert!(told == expected && (!cut || told.len() > 20), "{what}: {told:?}");
     }
     let listed = service.videos().list_videos(v1::ListVideosRequest::default()).await.unwrap();
     assert_eq!(listed.into_inner().videos, vec![]);
@@ -128,7 +133,9 @@ async fn broken_questions_and_edits_are_refused_with_their_fields() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let name = service.create(video("good", 20)).await.unwrap();
+    let long = "x".repeat(1 << 20);
     let questions = [
+        (program(&["objects", &long]), "program.tokens[1]", "INVALID"),
         (program(&["objects", "filter_colour", "red"]), "program.tokens[1]", "INVALID"),
         (program(&[]), "program.tokens", "INVALID"),
         (None, "question", "INVALID"),
@@ -147,12 +154,30 @@ async fn broken_questions_and_edits_are_refused_with_their_fields() {
     }
     let remove = |object_id| v1::intervention::Kind::Remove(v1::intervention::Remove { object_id });
     let heavy = v1::intervention::ScaleMass { object_id: 0, factor: f64::NAN };
+    let vector = |x, y| Some(v1::Vector { x, y });
+    let fast = v1::intervention::SetVelocity { object_id: 1, velocity: vector(1e300, 0.0) };
+    let far = v1::intervention::Place { object_id: 1, position: vector(0.0, 1e9), yaw: None };
+    let onto = v1::intervention::Place { object_id: 1, position: vector(0.0, 2.1), yaw: None };
+    let added = |radius, y| v1::intervention::Add {
+        object_id: 9,
+        shape: Some(v1::Shape { kind: Some(v1::shape::Kind::Disc(v1::shape::Disc { radius })) }),
+        position: vector(0.0, y),
+        ..Default::default()
+    };
+    // Object 1 comes by at x = 0.4 after half a second.
+    let late = v1::intervention::Add { start_time: 0.5, position: vector(0.4, 1.0), ..added(0.2, 0.0) };
     let off = v1::intervention::SwitchEffect { effect: "magic".into(), on: false };
     let edits = [
         (Some(remove(77)), "interventions[1].remove.object_id"),
         (Some(v1::intervention::Kind::ScaleMass(heavy)), "interventions[1].scale_mass.factor"),
         (Some(v1::intervention::Kind::SwitchEffect(off)), "interventions[1].switch_effect.effect"),
         (None, "interventions[1]"),
+        (Some(v1::intervention::Kind::SetVelocity(fast)), "interventions[1].set_velocity.velocity.x"),
+        (Some(v1::intervention::Kind::Place(far)), "interventions[1].place.position.y"),
+        (Some(v1::intervention::Kind::Place(onto)), "interventions[1].place.position"),
+        (Some(v1::intervention::Kind::Add(added(1e300, 9.0))), "interventions[1].add.shape.disc.radius"),
+        (Some(v1::intervention::Kind::Add(added(0.2, 1.1))), "interventions[1].add.position"),
+        (Some(v1::intervention::Kind::Add(late)), "interventions[1].add.position"),
     ];
     let simulate = |request: v1::SimulateRequest| {
         let mut client = service.reasoning();

@@ -90,8 +90,11 @@ impl Running {
 
     /// Progress that was reported, and the model.
     pub async fn fit(&self, video: &str) -> Result<(Vec<f64>, v1::Model), Status> {
+        self.fit_with(v1::FitModelRequest { parent: video.into(), ..Default::default() }).await
+    }
+
+    pub async fn fit_with(&self, request: v1::FitModelRequest) -> Result<(Vec<f64>, v1::Model), Status> {
         use v1::fit_model_response::Event;
-        let request = v1::FitModelRequest { parent: video.into(), ..Default::default() };
         let mut stream = self.models().fit_model(request).await?.into_inner();
         let mut progress = Vec::new();
         while let Some(message) = stream.message().await? {

@@ -74,3 +74,24 @@ async fn work_past_its_deadline_says_so() {
     assert_eq!(service.fit(&name).await.unwrap_err().code(), Code::DeadlineExceeded);
     service.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn slow_work_is_seen_to_be_alive_and_ends_at_its_deadline() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), Capacity { job_timeout: Duration::from_secs(3), ..CAPACITY }).await;
+    let name = service.create(video("slow", 20)).await.unwrap();
+    let worker = service.occupy().await;
+    let request = v1::FitModelRequest { parent: name, ..Default::default() };
+    let mut stream = service.models().fit_model(request).await.unwrap().into_inner();
+    let mut told = 0;
+    let end = loop {
+        match stream.message().await {
+            Ok(_) => told += 1,
+            Err(status) => break status,
+        }
+    };
+    assert_eq!(end.code(), Code::DeadlineExceeded, "{end:?}");
+    assert!(told >= 2, "{told} messages in three seconds");
+    drop(worker);
+    service.stop().await;
+}
