@@ -10,9 +10,14 @@ pub const FUTURE_FRAMES: usize = 58;
 /// Slowest speed that counts as moving (m/s).
 pub const MOVING_SPEED: f64 = 0.02;
 
+/// Sides of a table.
+pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Collision,
+    /// One object collides with this side of the table.
+    Side(&'static str),
     In,
     Out,
     Start,
@@ -70,7 +75,11 @@ fn events(scene: &Scene, trace: &Trace, plain: bool) -> Vec<Happening> {
         let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
         objects.sort_unstable();
         let again = events.iter().any(|e: &Happening| e.objects == objects);
-        if objects.len() == 2 && !(again && scene.world == WorldKind::Clevrer) {
+        let side = event.wall.as_ref().and_then(|wall| SIDES.iter().find(|side| *side == wall));
+        if let (Some(side), 1) = (side, objects.len()) {
+            let frame = scene.frame_at(event.time);
+            events.push(Happening { kind: Kind::Side(side), frame, objects });
+        } else if objects.len() == 2 && !(again && scene.world == WorldKind::Clevrer) {
             events.push(Happening { kind: Kind::Collision, frame: scene.frame_at(event.time), objects });
         }
     }

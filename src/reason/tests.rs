@@ -75,7 +75,7 @@ fn english_gives_the_programs_of_the_data() {
         .unwrap_or_default();
     questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
     let mut checked = 0;
-    for q in questions.iter().filter(|q| q["question_type"] != "descriptive") {
+    for q in &questions {
         let text = q["question"].as_str().unwrap();
         assert_eq!(question_program(text), Ok(tokens(&q["program"])), "{text}");
         for c in list(&q["choices"]) {
@@ -92,12 +92,12 @@ fn english_gives_the_programs_of_the_data() {
         let text = q["question"].as_str().unwrap();
         let program = question_program(text).unwrap();
         assert_eq!(program.last().map(String::as_str) == Some("negate"), text.contains(" not "), "{text}");
-        let phrase: String = program
-            .iter()
-            .filter(|t| q["removed"][1].as_str().unwrap().contains(t.as_str()))
-            .cloned()
-            .collect();
-        assert!(!phrase.is_empty(), "{text}");
+        let mut fitting = list(&q["objects"]);
+        for pair in program.windows(2) {
+            let kind = pair[1].trim_start_matches("filter_");
+            fitting.retain(|o| o.get(kind).is_none_or(|word| word == pair[0].as_str()));
+        }
+        assert_eq!(fitting.iter().map(|o| &o["id"]).collect::<Vec<_>>(), [&q["removed"][0]], "{text}");
         checked += 1;
     }
     println!("{checked} questions");
@@ -114,14 +114,67 @@ fn english_is_lenient_but_never_guesses() {
         "If the red block were much heavier, what would happen?",
         "What would happen if the red cube were heavier?",
     );
+    same("Does the grey cube hit the ball?", "do the gray box collide with the sphere");
     for bad in [
-        "What is the meaning of life?",
-        "What will happen if the red is removed and added?",
-        "",
-        "what will happen without the frog?",
+        "what will happen if the red is removed and added?",
+        "why?",
+        "how many red red cubes are there",
+        "the",
     ] {
         assert!(matches!(question_program(bad), Err(ReasonError::NotUnderstood { .. })), "{bad}");
     }
+}
+
+#[test]
+fn a_refusal_names_the_part_and_completes_what_it_understood() {
+    let check = |text: &str, refused: &str, near: &str| match question_program(text) {
+        Err(ReasonError::NotUnderstood { part, nearest }) => {
+            assert_eq!((part.as_str(), nearest.as_str()), (refused, near), "{text}");
+            question_program(&nearest).unwrap();
+        }
+        other => panic!("{text}: {other:?}"),
+    };
+    check("What will happen without the frog?", "frog", "what will happen without the blue cube");
+    check(
+        "How many cubes are moving when the frog enters?",
+        "frog enters",
+        "how many cubes are moving when the video ends",
+    );
+    check(
+        "If the red ball's gone, what happens?",
+        "'s gone what happens",
+        "if the red ball is removed what will not happen",
+    );
+    check("What will happen next week?", "week", "what will happen next");
+    check(
+        "What is the meaning of life?",
+        "meaning of life",
+        "what is the color of the first object to collide with the blue cube",
+    );
+}
+
+#[test]
+fn every_example_is_understood() {
+    for text in examples() {
+        let tokens = question_program(&text).or_else(|_| choice_program(&text, false)).unwrap();
+        Program::parse(&tokens)
+            .unwrap()
+            .check(&mut vec![])
+            .or_else(|_| {
+                // What asks about choices needs one on the stack.
+                Program::parse(&tokens).unwrap().check(&mut vec![Type::Event])
+            })
+            .unwrap_or_else(|e| panic!("{text}: {e}"));
+    }
+}
+
+#[test]
+fn billiards_ask_about_the_sides_of_the_table() {
+    let tokens =
+        question_program("Will the yellow billiard collide with the right side of the billiard table?");
+    let expected =
+        "unseen_events objects yellow filter_color sphere filter_shape unique right filter_side exist";
+    assert_eq!(tokens.unwrap().join(" "), expected);
 }
 
 /// The events of one true world.
