@@ -8,6 +8,7 @@ mod fit;
 mod health;
 mod input;
 mod output;
+mod score;
 mod serve;
 mod simulate;
 
@@ -48,6 +49,8 @@ enum Command {
     Simulate(simulate::Args),
     /// Answers a question about a scene.
     Ask(ask::Args),
+    /// Answers every question beside each scene, and tells how many answers are right.
+    Score(score::Args),
     /// Whether a service is serving (exit status 0 or 1).
     Health,
 }
@@ -78,6 +81,7 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Fit(args) => fit::run(&cli.target, args).await,
         Command::Simulate(args) => simulate::run(&cli.target, args).await,
         Command::Ask(args) => ask::run(&cli.target, args).await,
+        Command::Score(args) => score::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,
     }
 }

@@ -1,13 +1,15 @@
 //! Tests of the question language on real questions: types, English, and answers on the true events.
 
+use super::ask::doubt;
 use super::english::{choice_program, question_program};
-use super::events::{Happening, Kind, Past, World};
+use super::events::{Happening, Kind, Past, World, world};
 use super::program::{Program, Type};
 use super::run::{Facts, Halt, Value, describe, run};
 use super::*;
+use crate::fit::{Estimate, ObjectEstimate};
 use crate::num::never;
-use crate::scene::{Scene, parse};
-use crate::world::{Intervention, Preset};
+use crate::scene::{Scene, WorldKind, parse};
+use crate::world::{Event, EventKind, Intervention, Preset};
 use serde_json::Value as Json;
 use std::path::{Path, PathBuf};
 
@@ -293,4 +295,63 @@ fn a_question_is_answered_from_english_and_from_its_program() {
         asked("What will not happen without the cube?", &[]),
         Err(ReasonError::ProgramResult { .. })
     ));
+}
+
+#[test]
+fn an_unsure_answer_says_what_the_video_leaves_open() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let estimate = |identified| Estimate {
+        scene: Some(0),
+        name: String::new(),
+        value: 1.0,
+        sd: 1.0,
+        unit: "1".to_string(),
+        identified,
+    };
+    let object = |i: usize, mass, restitution| ObjectEstimate {
+        id: scene.objects[i].id,
+        mass: estimate(mass),
+        restitution: estimate(restitution),
+    };
+    let said = doubt(&scene, [object(0, true, true), object(2, false, true)].iter());
+    let expected = "it does not determine the mass of the brown metal sphere.";
+    assert!(said.ends_with(expected), "{said}");
+    assert!(doubt(&scene, [object(0, true, true)].iter()).contains("noise"));
+}
+
+#[test]
+fn a_pair_of_clevrer_collides_once_and_a_ball_meets_a_side_again() {
+    let mut scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let ids: Vec<u32> = scene.objects.iter().map(|o| o.id).collect();
+    let hit = |time, objects: &[u32], wall: Option<&str>| Event {
+        kind: EventKind::Collision,
+        time,
+        objects: objects.to_vec(),
+        position: crate::num::vec2(0.0, 0.0),
+        normal: None,
+        impulse: None,
+        wall: wall.map(str::to_string),
+    };
+    let simulated = |scene: &Scene| {
+        let request = Request { interventions: vec![], frames: 2, rollouts: 0, seed: 0 };
+        let start = Preset::named("clevrer").unwrap().model(scene);
+        let options = crate::fit::FitOptions { max_iterations: 1, ..Default::default() };
+        let fit = crate::fit::fit(std::slice::from_ref(scene), &[start], &options, &never).unwrap();
+        imagine(scene, &fit, 0, &request, &never).unwrap()
+    };
+    let mut imagined = simulated(&scene);
+    let side = Some("left");
+    imagined.best.events = vec![
+        hit(0.5, &[ids[0], ids[1]], None),
+        hit(1.0, &[ids[2]], side),
+        hit(1.5, &[ids[1], ids[0]], None),
+        hit(2.0, &[ids[2]], side),
+    ];
+    let count = |scene: &Scene, kind| {
+        let events = &world(scene, &imagined).rollouts[0].events;
+        events.iter().filter(|e| e.kind == kind).count()
+    };
+    assert_eq!((count(&scene, Kind::Collision), count(&scene, Kind::Side("left"))), (1, 2));
+    scene.world = WorldKind::Billiards;
+    assert_eq!(count(&scene, Kind::Collision), 2);
 }
