@@ -5,7 +5,7 @@ use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output};
 use crate::api::v1::{AskRequest, AskResponse, Choice, Step, ask_request, choice};
-use crate::reason::FORMS;
+use crate::reason::examples;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 pub struct Args {
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The question, in English; its forms stand below.
+    /// The question, in English; such as below.
     #[arg(long, value_name = "TEXT")]
     question: String,
     /// A choice to judge; may be repeated. None: an open answer.
@@ -29,8 +29,7 @@ pub struct Args {
 }
 
 fn forms() -> String {
-    let forms = FORMS.join("\n  ");
-    format!("Forms of questions and choices (S: an object, such as \"gray metal cube\"):\n  {forms}")
+    format!("Questions and choices such as:\n  {}", examples().join("\n  "))
 }
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {

@@ -12,6 +12,7 @@ mod fit;
 mod health;
 mod input;
 mod output;
+mod score;
 mod serve;
 mod simulate;
 mod study;
@@ -61,6 +62,8 @@ enum Command {
     Discover(discover::Args),
     /// The catalogue of physical effects.
     Effects(effects::Args),
+    /// Answers every question beside each scene, and tells how many answers are right.
+    Score(score::Args),
     /// Whether a service is serving (exit status 0 or 1).
     Health,
 }
@@ -95,6 +98,7 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
         Command::Discover(args) => discover::run(&cli.target, args).await,
         Command::Effects(args) => effects::run(&cli.target, args).await,
+        Command::Score(args) => score::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,
     }
 }

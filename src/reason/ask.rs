@@ -4,12 +4,16 @@ use super::english::{choice_program, is_explanatory, question_program};
 use super::events::{FUTURE_FRAMES, World, world};
 use super::program::{Op, Program, Type};
 use super::run::{Facts, Halt, Step, Value, describe, describe_event, run};
-use super::{Imagined, ReasonError, Request, imagine};
-use crate::fit::Fit;
+use super::{Imagined, ReasonError, Request, imagine, ops};
+use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::Intervention;
+use crate::world::{EventKind, Intervention};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// An answer less probable than this is told with what the video leaves open.
+const SURE: f64 = 0.75;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -104,6 +108,10 @@ pub fn ask(
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
     answer.program = program.tokens;
+    if answer.probability < SURE {
+        let met = session.met();
+        answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
+    }
     answer.simulations = session.simulations;
     Ok(answer)
 }
@@ -123,6 +131,25 @@ fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
             let choices = choices.iter().map(|c| Ok((c.join(" "), Program::parse(c)?)));
             Ok((Program::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
         }
+    }
+}
+
+/// Why an answer is unsure: what the video does not determine of the objects that it depends on.
+pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectEstimate>) -> String {
+    let open = objects.filter_map(|o| {
+        let what = match (o.mass.identified, o.restitution.identified) {
+            (true, true) => return None,
+            (false, true) => "mass",
+            (true, false) => "restitution",
+            (false, false) => "mass and restitution",
+        };
+        let object = scene.objects.get(scene.object_index(o.id)?)?;
+        Some(format!("the {what} of {}", ops::phrase(object)))
+    });
+    let open: Vec<String> = open.collect();
+    match open.is_empty() {
+        true => " The video cannot tell for sure: differences within its noise decide.".to_string(),
+        false => format!(" The video cannot tell for sure: it does not determine {}.", open.join(", ")),
     }
 }
 
@@ -163,6 +190,15 @@ impl Session<'_> {
                 Err(Halt::Error(error)) => return Err(error),
             }
         }
+    }
+
+    /// Objects that collide in some simulation.
+    fn met(&self) -> BTreeSet<u32> {
+        let events = self.simulations.iter().flat_map(|s| &s.events);
+        events
+            .filter(|e| e.event.kind == EventKind::Collision)
+            .flat_map(|e| e.event.objects.clone())
+            .collect()
     }
 
     fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {

@@ -1,46 +1,22 @@
-//! English to programs: a small grammar; what it does not understand is refused by name, never guessed.
+//! English to programs: reads a text by the table of forms; what it does not understand is refused by name, never guessed.
 
 use super::ReasonError;
+use super::grammar::{FORMS, Form};
 use super::program::nearest;
 
-/// Every supported form; S is an object phrase such as "blue rubber cube".
-pub const FORMS: &[&str] = &[
-    "what will happen next?",
-    "which event will happen next?",
-    "what will [not] happen if the S is removed?",
-    "which event will [not] happen without the S?",
-    "which of the following will [not] happen if the S is removed?",
-    "if the S is removed, what will [not] happen?",
-    "without the S, which event will [not] happen?",
-    "what would happen if the S were heavier?",
-    "which event would happen if the S were lighter?",
-    "if the S were heavier, what would [not] happen?",
-    "if the S were lighter, which of the events that happened would not have happened?",
-    "which of the following is [not] responsible for the collision between the S and the S?",
-    "which of the following is [not] responsible for the S's colliding with the S?",
-    "which of the following is [not] responsible for the S's exit?",
-    "the S collides with the S",
-    "the S and the S collide",
-    "the S exits the scene",
-    "the S enters the scene",
-    "the presence of the S",
-    "the S's colliding with the S",
-    "the collision between the S and the S",
-    "the S's entrance",
-    "the S's entering the scene",
-];
+/// Longest part of a text that a refusal repeats (characters).
+const MAX_PART: usize = 200;
+/// Objects in examples.
+const OBJECTS: [&str; 2] = ["the blue cube", "the red metal sphere"];
 
 /// The program of a question.
 pub fn question_program(text: &str) -> Result<Vec<String>, ReasonError> {
-    let words = words(text);
-    question(&words.iter().map(String::as_str).collect::<Vec<_>>()).map_err(|part| refusal(text, &part))
+    program("question", text, "events")
 }
 
 /// The program of a choice; `observed` where the question is about what the video shows (explanatory).
 pub fn choice_program(text: &str, observed: bool) -> Result<Vec<String>, ReasonError> {
-    let words = words(text);
-    let source = if observed { "events" } else { "all_events" };
-    choice(&words.iter().map(String::as_str).collect::<Vec<_>>(), source).map_err(|part| refusal(text, &part))
+    program("choice", text, if observed { "events" } else { "all_events" })
 }
 
 /// Whether the question asks what led to something that the video shows.
@@ -48,17 +24,203 @@ pub(super) fn is_explanatory(question: &[String]) -> bool {
     question.iter().any(|t| t == "filter_ancestor")
 }
 
-fn refusal(text: &str, part: &str) -> ReasonError {
-    let part = if part.is_empty() { text } else { part };
-    let plain: Vec<String> =
-        words(text).into_iter().map(|w| if word(&w).is_some() { "S".into() } else { w }).collect();
-    let nearest = nearest(&plain.join(" "), FORMS.iter().copied());
-    ReasonError::NotUnderstood { part: part.chars().take(200).collect(), nearest }
+/// An example of every supported form of a question and of a choice.
+pub fn examples() -> Vec<String> {
+    FORMS.iter().filter(|f| ["question", "choice"].contains(&f.phrase)).map(example).collect()
+}
+
+fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec<String>, ReasonError> {
+    let words = words(text);
+    let mut reader = Reader { words: &words, source, pending: vec![], furthest: 0, missing: None };
+    let mut readings = reader.phrase(phrase, 0).into_iter();
+    if let Some((_, tokens)) = readings.find(|(end, _)| *end == words.len()) {
+        return Ok(tokens);
+    }
+    // As far as it was understood, completed by an example; else whatever is written alike.
+    let (understood, rest) = words.split_at(reader.furthest.min(words.len()));
+    let nearest = match reader.missing {
+        Some((kept, missing)) if kept > 0 => {
+            let mut out = words.iter().take(kept).cloned().collect();
+            missing.iter().for_each(|part| spell(part, &mut out));
+            sentence(&out)
+        }
+        _ => {
+            let examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
+            nearest(&words.join(" "), examples.iter().map(String::as_str))
+        }
+    };
+    let part = sentence(if rest.is_empty() { understood } else { rest }).chars().take(MAX_PART).collect();
+    Err(ReasonError::NotUnderstood { part, nearest })
+}
+
+/// The form with every phrase in it written out, such as "what will not happen if the blue cube is removed".
+fn example(form: &Form) -> String {
+    let mut out = vec![];
+    spell(form.reads, &mut out);
+    sentence(&out)
+}
+
+fn sentence(words: &[String]) -> String {
+    words.join(" ").replace(" 's", "'s")
+}
+
+/// Writes words with every phrase in its first form.
+fn spell(reads: &'static str, out: &mut Vec<String>) {
+    for part in reads.split_whitespace() {
+        match slot(part).map(kind) {
+            None => out.push(part.split('|').next().unwrap_or(part).to_string()),
+            Some("S") => {
+                let free = OBJECTS.iter().find(|o| !out.join(" ").contains(**o)).unwrap_or(&OBJECTS[0]);
+                out.push(free.to_string());
+            }
+            Some("some") => {
+                out.push(if out.ends_with(&["the".to_string()]) { "cube" } else { "cubes" }.into())
+            }
+            Some(name) => {
+                if let Some(form) = FORMS.iter().find(|f| f.phrase == name) {
+                    spell(form.reads, out);
+                }
+            }
+        }
+    }
+}
+
+/// The name in `{name}`.
+fn slot(part: &'static str) -> Option<&'static str> {
+    part.strip_prefix('{')?.strip_suffix('}')
+}
+
+/// The phrase that a slot holds.
+fn kind(slot: &'static str) -> &'static str {
+    slot.trim_end_matches(|c: char| c.is_ascii_digit())
+}
+
+/// Where a reading ends, and its program.
+type Reading = (usize, Vec<String>);
+
+struct Reader<'a> {
+    words: &'a [String],
+    /// Where the events come from that a program asks for.
+    source: &'static str,
+    /// What the phrases around the one that is being read still want.
+    pending: Vec<&'static str>,
+    /// Words that some reading has understood.
+    furthest: usize,
+    /// What the reading that came furthest wants after so many words.
+    missing: Option<(usize, Vec<&'static str>)>,
+}
+
+impl Reader<'_> {
+    /// All readings of a form from the word `start` on.
+    fn form(&mut self, form: &'static Form, start: usize) -> Vec<Reading> {
+        let mut states: Vec<(usize, Vec<(&str, Vec<String>)>)> = vec![(start, vec![])];
+        let mut rest = form.reads;
+        while let Some(part) = rest.split_whitespace().next() {
+            let here = rest;
+            rest = rest.get(part.len()..).unwrap_or_default().trim_start();
+            let mut next = vec![];
+            for (at, bound) in states {
+                let Some(name) = slot(part) else {
+                    if self.word(at).is_some_and(|w| part.split('|').any(|p| p == w)) {
+                        next.push((at + 1, bound));
+                    } else {
+                        self.stuck(at, at, here);
+                    }
+                    continue;
+                };
+                self.pending.push(rest);
+                let readings = self.phrase(kind(name), at);
+                self.pending.pop();
+                for (end, tokens) in readings {
+                    next.push((end, [bound.clone(), vec![(name, tokens)]].concat()));
+                }
+            }
+            states = next;
+        }
+        for (end, _) in &states {
+            if self.pending.iter().all(|rest| rest.is_empty()) {
+                self.stuck(*end, *end, "");
+            }
+        }
+        states.into_iter().map(|(end, bound)| (end, self.program(form.program, &bound))).collect()
+    }
+
+    /// Keeps what is missing where a reading ends that understood the words before `furthest`, the first such.
+    fn stuck(&mut self, furthest: usize, kept: usize, missing: &'static str) {
+        if self.missing.is_none() || furthest > self.furthest {
+            self.furthest = furthest;
+            self.missing =
+                Some((kept, std::iter::once(missing).chain(self.pending.iter().rev().copied()).collect()));
+        }
+    }
+
+    fn phrase(&mut self, name: &'static str, at: usize) -> Vec<Reading> {
+        match name {
+            "S" => self.object(at).into_iter().collect(),
+            "some" => {
+                let some = self.objects(at);
+                if some.is_none() {
+                    self.stuck(at, at, "{some}");
+                }
+                some.into_iter().collect()
+            }
+            _ => FORMS.iter().filter(|f| f.phrase == name).flat_map(|f| self.form(f, at)).collect(),
+        }
+    }
+
+    fn program(&self, template: &str, bound: &[(&str, Vec<String>)]) -> Vec<String> {
+        let fill = |token: &'_ str| match bound.iter().find(|(name, _)| token == format!("{{{name}}}")) {
+            Some((_, tokens)) => tokens.clone(),
+            None if token == "@events" => vec![self.source.to_string()],
+            None => vec![token.to_string()],
+        };
+        template.split_whitespace().flat_map(fill).collect()
+    }
+
+    fn word(&self, at: usize) -> Option<&str> {
+        self.words.get(at).map(String::as_str)
+    }
+
+    /// "[the] blue rubber cube": one object, which at least one word describes.
+    fn object(&mut self, at: usize) -> Option<Reading> {
+        let start = if self.word(at) == Some("the") { at + 1 } else { at };
+        match self.objects(start) {
+            Some((end, tokens)) if tokens.len() > 1 => {
+                Some((end, [tokens, vec!["unique".to_string()]].concat()))
+            }
+            partly => {
+                self.stuck(partly.map_or(start, |(end, _)| end), at, "{S}");
+                None
+            }
+        }
+    }
+
+    /// "blue rubber cubes", "objects": as many words as fit.
+    fn objects(&self, start: usize) -> Option<Reading> {
+        let (mut at, mut found, mut noun) = (start, vec![], false);
+        while let (Some(described), false) = (self.word(at).and_then(word), noun) {
+            match described {
+                None => noun = true,
+                Some((_, filter)) if found.iter().any(|(_, f)| *f == filter) => break,
+                Some(pair) => {
+                    noun = pair.1 == "filter_shape";
+                    found.push(pair);
+                }
+            }
+            at += 1;
+        }
+        found.sort_by_key(|(_, f)| {
+            ["filter_color", "filter_material", "filter_shape"].iter().position(|k| k == f)
+        });
+        let described = found.into_iter().flat_map(|(value, filter)| [value.to_string(), filter.to_string()]);
+        (at > start).then(|| (at, std::iter::once("objects".to_string()).chain(described).collect()))
+    }
 }
 
 /// Lower case words without punctuation; a possessive is a word of its own.
 fn words(text: &str) -> Vec<String> {
     let text = text.to_lowercase().replace(['\u{2019}', '\u{2018}', '`'], "'").replace("'s", " 's ");
+    let text = text.replace("billiard ball", "ball");
     let split = text.split(|c: char| !(c.is_alphanumeric() || c == '\''));
     split.filter(|w| !w.is_empty()).map(str::to_string).collect()
 }
@@ -75,171 +237,16 @@ fn word(w: &str) -> Option<Option<(&'static str, &'static str)>> {
         "cyan" => ("cyan", c),
         "purple" => ("purple", c),
         "yellow" => ("yellow", c),
+        "white" => ("white", c),
+        "black" => ("black", c),
+        "orange" => ("orange", c),
+        "pink" => ("pink", c),
         "rubber" | "matte" => ("rubber", m),
         "metal" | "metallic" | "shiny" => ("metal", m),
-        "sphere" | "spheres" | "ball" | "balls" => ("sphere", s),
+        "sphere" | "spheres" | "ball" | "balls" | "billiard" | "billiards" => ("sphere", s),
         "cylinder" | "cylinders" | "disc" | "puck" => ("cylinder", s),
         "cube" | "cubes" | "box" | "boxes" | "block" | "blocks" => ("cube", s),
-        "object" | "objects" | "thing" | "one" => return Some(None),
+        "object" | "objects" | "thing" | "things" | "one" | "ones" => return Some(None),
         _ => return None,
     }))
-}
-
-/// Why a text was not understood: the part.
-type Part = String;
-
-/// Tokens of "[the] blue rubber cube", which must be all of `words`.
-fn object(words: &[&str]) -> Result<Vec<String>, Part> {
-    let rest = words.strip_prefix(&["the"]).unwrap_or(words);
-    let (mut found, mut noun) = (vec![], false);
-    for w in rest {
-        match word(w) {
-            Some(None) if !noun => noun = true,
-            Some(Some(pair)) if !noun && !found.iter().any(|(_, f)| *f == pair.1) => {
-                noun = pair.1 == "filter_shape";
-                found.push(pair);
-            }
-            _ => return Err(if word(w).is_none() { w.to_string() } else { words.join(" ") }),
-        }
-    }
-    if found.is_empty() {
-        return Err(words.join(" "));
-    }
-    found.sort_by_key(|(_, f)| {
-        ["filter_color", "filter_material", "filter_shape"].iter().position(|k| k == f)
-    });
-    let mut tokens = vec!["objects".to_string()];
-    for (value, filter) in found {
-        tokens.extend([value.to_string(), filter.to_string()]);
-    }
-    tokens.push("unique".to_string());
-    Ok(tokens)
-}
-
-fn join(parts: &[&[&str]]) -> Vec<String> {
-    parts.iter().flat_map(|p| p.iter().map(|t| t.to_string())).collect()
-}
-
-fn around(before: &[&str], object: Vec<String>, after: &[&str]) -> Vec<String> {
-    [join(&[before]), object, join(&[after])].concat()
-}
-
-fn collision(source: &str, a: &[&str], b: &[&str]) -> Result<Vec<String>, Part> {
-    let first = around(&[source], object(a)?, &["filter_collision"]);
-    Ok([first, around(&[], object(b)?, &["filter_collision", "unique"])].concat())
-}
-
-/// Splits at the first occurrence of `mid`.
-fn split<'a>(words: &'a [&'a str], mid: &[&str]) -> Option<(&'a [&'a str], &'a [&'a str])> {
-    let at = words.windows(mid.len()).position(|w| w == mid)?;
-    Some((words.get(..at)?, words.get(at + mid.len()..)?))
-}
-
-/// The event that a phrase names; `None` where it names none.
-fn event(w: &[&str], source: &str) -> Result<Option<Vec<String>>, Part> {
-    for mid in
-        [&["'s", "colliding", "with"][..], &["collides", "with"], &["hits"], &["will", "collide", "with"]]
-    {
-        if let Some((a, b)) = split(w, mid) {
-            return collision(source, a, b).map(Some);
-        }
-    }
-    let between = w.strip_prefix(&["the", "collision", "between"]);
-    if let Some(pair) =
-        between.or(w.strip_suffix(&["collide"])).or(w.strip_suffix(&["collide", "with", "each", "other"]))
-    {
-        let (a, b) = split(pair, &["and"]).ok_or_else(|| pair.join(" "))?;
-        return collision(source, a, b).map(Some);
-    }
-    let ends: [(&[&str], &str); 8] = [
-        (&["'s", "entrance"], "filter_in"),
-        (&["'s", "entering", "the", "scene"], "filter_in"),
-        (&["enters", "the", "scene"], "filter_in"),
-        (&["'s", "exit"], "filter_out"),
-        (&["'s", "exiting", "the", "scene"], "filter_out"),
-        (&["exits", "the", "scene"], "filter_out"),
-        (&["leaves", "the", "scene"], "filter_out"),
-        (&["exits"], "filter_out"),
-    ];
-    for (end, filter) in ends {
-        if let Some(phrase) = w.strip_suffix(end) {
-            return Ok(Some(around(&[source], object(phrase)?, &[filter, "unique"])));
-        }
-    }
-    Ok(None)
-}
-
-fn choice(w: &[&str], source: &str) -> Result<Vec<String>, Part> {
-    if let Some(phrase) = w.strip_prefix(&["the", "presence", "of"]) {
-        return object(phrase);
-    }
-    event(w, source)?.ok_or_else(String::new)
-}
-
-fn question(w: &[&str]) -> Result<Vec<String>, Part> {
-    let asks = |w: &[&str]| -> Option<bool> {
-        let starts: [&[&str]; 4] = [
-            &["what"],
-            &["which", "event"],
-            &["which", "of", "the", "following"],
-            &["which", "of", "the", "events", "that", "happened"],
-        ];
-        let rest = starts.iter().find_map(|s| w.strip_prefix(*s))?;
-        let rest = rest.strip_prefix(&["will"]).or(rest.strip_prefix(&["would"]))?;
-        match rest {
-            ["happen"] | ["have", "happened"] => Some(false),
-            ["not", "happen"] | ["not", "have", "happened"] => Some(true),
-            _ => None,
-        }
-    };
-    if w.strip_suffix(&["next"]).and_then(asks) == Some(false) {
-        return Ok(join(&[&["unseen_events", "belong_to"]]));
-    }
-    if let Some((head, tail)) = split(w, &["responsible", "for"]) {
-        let negate = match head {
-            ["which", "of", "the", "following", "is"] | ["what", "is"] => false,
-            ["which", "of", "the", "following", "is", "not"] | ["what", "is", "not"] => true,
-            _ => return Err(head.join(" ")),
-        };
-        let cause = event(tail, "events")?.ok_or_else(|| tail.join(" "))?;
-        let mut tokens = around(&["events"], cause, &["filter_ancestor", "belong_to"]);
-        tokens.extend(negate.then(|| "negate".to_string()));
-        return Ok(tokens);
-    }
-    // The question comes first or last; between lies the condition.
-    for at in 0..=w.len() {
-        let (Some(head), Some(tail)) = (w.get(..at), w.get(at..)) else { continue };
-        for (asked, condition) in [(asks(head), tail), (asks(tail), head)] {
-            if let (Some(negate), false) = (asked, condition.is_empty()) {
-                return counterfactual(condition, negate);
-            }
-        }
-    }
-    Err(String::new())
-}
-
-fn counterfactual(w: &[&str], negate: bool) -> Result<Vec<String>, Part> {
-    let removed = w.strip_prefix(&["without"]).or_else(|| {
-        let rest = w.strip_prefix(&["if"])?;
-        ["is", "were", "was"].iter().find_map(|verb| rest.strip_suffix(&[*verb, "removed"]))
-    });
-    let (phrase, apply) = if let Some(phrase) = removed {
-        (phrase, None)
-    } else {
-        let rest = w.strip_prefix(&["if"]).ok_or_else(|| w.join(" "))?;
-        let (rest, apply) = match rest {
-            [rest @ .., "heavier"] => (rest, "apply_heavier"),
-            [rest @ .., "lighter"] => (rest, "apply_lighter"),
-            _ => return Err(w.join(" ")),
-        };
-        let rest = rest.strip_suffix(&["much"]).unwrap_or(rest);
-        let phrase =
-            rest.strip_suffix(&["were"]).or(rest.strip_suffix(&["was"])).or(rest.strip_suffix(&["is"]));
-        (phrase.ok_or_else(|| w.join(" "))?, Some(apply))
-    };
-    let mut tokens = around(&["all_events"], object(phrase)?, &[]);
-    tokens.extend(apply.map(str::to_string));
-    tokens.extend(join(&[&["filter_counterfact", "belong_to"]]));
-    tokens.extend(negate.then(|| "negate".to_string()));
-    Ok(tokens)
 }

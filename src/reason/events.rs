@@ -1,7 +1,7 @@
 //! What happened, in each rollout: collisions, entrances and exits by frame, and which objects moved.
 
 use super::Imagined;
-use crate::scene::Scene;
+use crate::scene::{Scene, WorldKind};
 use crate::world::{EventKind, Intervention, Trace};
 use std::collections::BTreeSet;
 
@@ -10,9 +10,14 @@ pub const FUTURE_FRAMES: usize = 58;
 /// Slowest speed that counts as moving (m/s).
 pub const MOVING_SPEED: f64 = 0.02;
 
+/// Sides of a table.
+pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     Collision,
+    /// One object collides with this side of the table.
+    Side(&'static str),
     In,
     Out,
     Start,
@@ -63,12 +68,18 @@ pub fn world(scene: &Scene, imagined: &Imagined) -> World {
     World { interventions: imagined.interventions.clone(), rollouts: rollouts.collect() }
 }
 
+/// By CLEVRER's rule a pair collides once: its annotations tell the first contact, also where the two part and meet again.
 fn events(scene: &Scene, trace: &Trace, plain: bool) -> Vec<Happening> {
     let mut events = vec![];
     for event in trace.events.iter().filter(|e| e.kind == EventKind::Collision) {
         let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
         objects.sort_unstable();
-        if objects.len() == 2 {
+        let again = events.iter().any(|e: &Happening| e.objects == objects);
+        let side = event.wall.as_ref().and_then(|wall| SIDES.iter().find(|side| *side == wall));
+        if let (Some(side), 1) = (side, objects.len()) {
+            let frame = scene.frame_at(event.time);
+            events.push(Happening { kind: Kind::Side(side), frame, objects });
+        } else if objects.len() == 2 && !(again && scene.world == WorldKind::Clevrer) {
             events.push(Happening { kind: Kind::Collision, frame: scene.frame_at(event.time), objects });
         }
     }

@@ -3,6 +3,7 @@
 mod ask;
 mod english;
 mod events;
+mod grammar;
 mod imagine;
 mod ops;
 mod program;
@@ -11,7 +12,7 @@ mod run;
 mod tests;
 
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
-pub use english::{FORMS, choice_program, question_program};
+pub use english::{choice_program, examples, question_program};
 pub use events::{FUTURE_FRAMES, MOVING_SPEED};
 pub use imagine::{Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
 

@@ -1,7 +1,7 @@
 //! The operations of programs, one function each.
 
 use super::ReasonError;
-use super::events::{Happening, Kind, Past};
+use super::events::{Happening, Kind, Past, SIDES};
 use crate::scene::{Object, Scene};
 use crate::world::Intervention;
 
@@ -20,7 +20,7 @@ pub fn all(scene: &Scene) -> Vec<usize> {
     (0..scene.objects.len()).collect()
 }
 
-/// Every event one could ask about: any two objects collide, any one enters or exits.
+/// Every event one could ask about: any two objects collide, any one enters, exits or meets a side of the table.
 pub fn conceivable(scene: &Scene) -> Vec<Happening> {
     let n = scene.objects.len();
     let event = |kind, objects| Happening { kind, frame: 0, objects };
@@ -28,6 +28,9 @@ pub fn conceivable(scene: &Scene) -> Vec<Happening> {
     let mut events: Vec<Happening> = pairs.map(|p| event(Kind::Collision, p)).collect();
     for i in 0..n {
         events.extend([event(Kind::In, vec![i]), event(Kind::Out, vec![i])]);
+        if scene.table.is_some() {
+            events.extend(SIDES.map(|side| event(Kind::Side(side), vec![i])));
+        }
     }
     events
 }

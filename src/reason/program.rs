@@ -13,6 +13,7 @@ pub enum Type {
     Color,
     Material,
     Shape,
+    Side,
     Order,
     Change,
     Text,
@@ -24,13 +25,16 @@ macro_rules! ops {
     ($($op:ident: $($token:literal)|+;)*) => {
         /// One operation; a word of the vocabulary is one that pushes itself.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Order(usize) }
-        /// Tokens and the operations they stand for; the aliases in use are among them.
+        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Order(usize) }
+        /// Tokens and the operations they stand for: CLEVRER's with the aliases in use, and those of billiards.
         pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
             ("first", Op::Order(0)), ("second", Op::Order(1)), ("last", Op::Order(usize::MAX)),
             ("gray", Op::Color("gray")), ("red", Op::Color("red")), ("blue", Op::Color("blue")),
             ("green", Op::Color("green")), ("brown", Op::Color("brown")), ("cyan", Op::Color("cyan")),
             ("purple", Op::Color("purple")), ("yellow", Op::Color("yellow")),
+            ("white", Op::Color("white")), ("black", Op::Color("black")), ("orange", Op::Color("orange")),
+            ("pink", Op::Color("pink")), ("left", Op::Side("left")), ("right", Op::Side("right")),
+            ("top", Op::Side("top")), ("bottom", Op::Side("bottom")),
             ("rubber", Op::Material("rubber")), ("metal", Op::Material("metal")),
             ("sphere", Op::Shape("sphere")), ("cylinder", Op::Shape("cylinder")), ("cube", Op::Shape("cube")),
         ];
@@ -58,6 +62,7 @@ ops! {
     FilterIn: "filter_in";
     FilterOut: "filter_out";
     FilterCollision: "filter_collision";
+    FilterSide: "filter_side";
     FilterBefore: "filter_before";
     FilterAfter: "filter_after";
     FilterStart: "filter_start";
@@ -137,6 +142,7 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
         Op::Color(_) => Color,
         Op::Material(_) => Material,
         Op::Shape(_) => Shape,
+        Op::Side(_) => Side,
         Op::Order(_) => Order,
         Op::Unique => match pop("objects or events", &[Objects, Events])? {
             Objects => Object,
@@ -162,6 +168,11 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             pop("objects", &[Objects])?
         }
         Op::FilterIn | Op::FilterOut | Op::FilterCollision => {
+            pop("objects or an object", &[Objects, Object])?;
+            pop("events", &[Events])?
+        }
+        Op::FilterSide => {
+            pop("a side of the table", &[Side])?;
             pop("objects or an object", &[Objects, Object])?;
             pop("events", &[Events])?
         }

@@ -101,7 +101,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
         Op::Start => Event(ops::edge(scene, Kind::Start)),
         Op::End => Event(ops::edge(scene, Kind::End)),
         Op::Null => Frame(None),
-        Op::Color(word) | Op::Material(word) | Op::Shape(word) => Word(word),
+        Op::Color(word) | Op::Material(word) | Op::Shape(word) | Op::Side(word) => Word(word),
         Op::Order(place) => Order(place),
         Op::Unique => match pop()? {
             Objects(objects) => Object(ops::unique_object(scene, &objects, &words.join(" "))?),
@@ -142,15 +142,20 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
                 _ => return Err(untyped(op)),
             }
         }
-        Op::FilterIn | Op::FilterOut | Op::FilterCollision => {
+        Op::FilterIn | Op::FilterOut | Op::FilterCollision | Op::FilterSide => {
+            let side = match op {
+                Op::FilterSide => Some(pop()?),
+                _ => None,
+            };
             let objects = match pop()? {
                 Objects(objects) => objects,
                 Object(object) => vec![object],
                 _ => return Err(untyped(op)),
             };
-            let kind = match op {
-                Op::FilterIn => Kind::In,
-                Op::FilterOut => Kind::Out,
+            let kind = match (op, side) {
+                (Op::FilterIn, _) => Kind::In,
+                (Op::FilterOut, _) => Kind::Out,
+                (_, Some(Word(side))) => Kind::Side(side),
                 _ => Kind::Collision,
             };
             match pop()? {
@@ -268,6 +273,7 @@ pub fn describe_event(scene: &Scene, event: &Happening) -> String {
         Kind::Collision => format!("{} collides with {}", name(0), name(1)),
         Kind::In => format!("{} enters the scene", name(0)),
         Kind::Out => format!("{} exits the scene", name(0)),
+        Kind::Side(side) => format!("{} collides with the {side} side", name(0)),
         Kind::Start => "the video begins".to_string(),
         Kind::End => "the video ends".to_string(),
         Kind::Never => return "no such event".to_string(),
