@@ -28,6 +28,7 @@ mod sliding_friction;
 mod soft_contact;
 mod speed_dependent_restitution;
 mod spin_friction;
+mod sticky_contact;
 #[cfg(test)]
 mod tests;
 mod tilt;
@@ -73,6 +74,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<hidden_object::HiddenObject>(),
     EffectEntry::of::<speed_dependent_restitution::SpeedDependentRestitution>(),
     EffectEntry::of::<soft_contact::SoftContact>(),
+    EffectEntry::of::<sticky_contact::StickyContact>(),
     EffectEntry::of::<mass_change::MassChange>(),
     EffectEntry::of::<wrong_size::WrongSize>(),
     EffectEntry::of::<wrong_scale::WrongScale>(),

@@ -57,7 +57,7 @@ pub(super) enum Change {
 pub(super) const REST_SPEED: f64 = 1e-7;
 
 /// Speed below which a body that is pressed on and gets slower is at rest (m/s).
-const SETTLING_SPEED: f64 = 1e-3;
+pub(super) const SETTLING_SPEED: f64 = 1e-3;
 
 /// The active effects and masses of one simulation, resolved for each body.
 pub(super) struct Laws<T: Scalar> {
