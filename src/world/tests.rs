@@ -1,6 +1,7 @@
 //! Properties of the simulation: conservation, exact derivatives, no tunnelling, determinism.
 
 use super::*;
+use crate::effects::formula::{Formula, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Scope, effect};
 use crate::num::{Jet, LANES, Vec2, vec2};
 use crate::scene::Shape;
@@ -516,4 +517,34 @@ fn derivatives_hold_with_each_effect_present() {
             }
         }
     }
+}
+
+#[test]
+fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
+    let disc = || vec![body(0, shape(0), vec2(0.0, 0.0), vec2(1.5, 0.4))];
+    let own = |name: &str, default| FormulaParameter {
+        name: name.into(),
+        unit: "1/m".into(),
+        default,
+        min: 0.0,
+        max: 5.0,
+    };
+    let with = |text: &str| {
+        let law = Formula { text: text.into(), parameters: vec![own("k", 0.3)] };
+        let mut m = model(disc(), &[("sliding_friction", &[0.02])]);
+        m.effects.push(ActiveEffect::of_formula("my_drag", law, &m.bodies).expect("it is right"));
+        m
+    };
+    let m = with("fx = -k * vx * speed\nfy = -k * vy * speed");
+    let known = model(disc(), &[("sliding_friction", &[0.02]), ("quadratic_drag", &[0.3])]);
+    assert_eq!(trace(&m, &seconds(50)).states, trace(&known, &seconds(50)).states);
+    let (good, all, worst) = derivatives_agree(&m, &seconds(50));
+    assert_eq!(good, all, "{worst}");
+    let text = serde_json::to_string(&m).expect("a model is plain data");
+    assert_eq!(serde_json::from_str::<Model>(&text).expect("it was written"), m);
+    // At x = 1.2 the force has no value any more.
+    let t = trace(&with("ax = k * ln(1.2 - x)"), &seconds(50));
+    assert_eq!(t.ending, Ending::FormulaUndefined);
+    let reached: Vec<_> = t.states.iter().map_while(|row| row[0]).collect();
+    assert!((15..50).contains(&reached.len()) && reached.iter().all(|s| s.position.x < 1.2));
 }
