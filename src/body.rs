@@ -102,6 +102,10 @@ pub struct ContactLaw<T> {
     pub edge: T,
     /// Share of a ball's slip that a wall's shear reverses where friction holds.
     pub shear: T,
+    /// Share of two bodies' relative motion that the blow takes; from 1 on they stick together.
+    pub stick: T,
+    /// One over the pull that parts bodies that stick (1/N); 0: nothing does.
+    pub weakness: T,
 }
 
 impl<T: Real> ContactLaw<T> {
@@ -117,6 +121,8 @@ impl<T: Real> ContactLaw<T> {
             presence: T::constant(1.0),
             edge: zero,
             shear: zero,
+            stick: zero,
+            weakness: zero,
         }
     }
 }

@@ -39,6 +39,8 @@ pub trait Real:
     fn value(self) -> f64;
     /// The derivatives alone: value zero.
     fn infinitesimal(self) -> Self;
+    /// Whether value and derivatives are finite.
+    fn is_finite(self) -> bool;
     /// Whether all derivatives are zero.
     fn is_constant(self) -> bool;
     /// `f(self)` for a function whose value and slope at the real part are known.
@@ -87,6 +89,9 @@ impl Real for f64 {
     const DIFFERENTIATES: bool = false;
     fn infinitesimal(self) -> Self {
         0.0
+    }
+    fn is_finite(self) -> bool {
+        f64::is_finite(self)
     }
     fn is_constant(self) -> bool {
         true
@@ -147,6 +152,9 @@ impl Real for Jet {
     const DIFFERENTIATES: bool = true;
     fn infinitesimal(self) -> Self {
         Jet { v: 0.0, d: self.d }
+    }
+    fn is_finite(self) -> bool {
+        self.v.is_finite() && self.d.iter().all(|d| d.is_finite())
     }
     #[inline(always)]
     fn is_constant(self) -> bool {

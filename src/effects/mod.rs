@@ -7,6 +7,7 @@ mod contact_friction;
 mod coriolis;
 mod cushion;
 mod damping;
+pub mod formula;
 mod frame_rate;
 mod friction_offset;
 mod friction_patch;
@@ -20,6 +21,7 @@ mod mass_change;
 mod off_centre_marker;
 mod pair_attraction;
 mod pair_repulsion;
+mod parser;
 mod quadratic_drag;
 mod report;
 mod restitution;
@@ -29,6 +31,7 @@ mod sliding_friction;
 mod soft_contact;
 mod speed_dependent_restitution;
 mod spin_friction;
+mod sticky_contact;
 #[cfg(test)]
 mod tests;
 mod tilt;
@@ -75,6 +78,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<hidden_object::HiddenObject>(),
     EffectEntry::of::<speed_dependent_restitution::SpeedDependentRestitution>(),
     EffectEntry::of::<soft_contact::SoftContact>(),
+    EffectEntry::of::<sticky_contact::StickyContact>(),
     EffectEntry::of::<mass_change::MassChange>(),
     EffectEntry::of::<wrong_size::WrongSize>(),
     EffectEntry::of::<wrong_scale::WrongScale>(),

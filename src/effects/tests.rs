@@ -54,8 +54,20 @@ fn contact<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
     for b in [Some(other), None] {
         let mut law = ContactLaw::plain();
         (T::hooks(entry).contact)(p, p, &Contact { a, b, normal, point, approach }, &mut law);
-        let ContactLaw { restitution, friction, fading, softness, damping, presence, edge, shear } = law;
+        let ContactLaw {
+            restitution,
+            friction,
+            fading,
+            softness,
+            damping,
+            presence,
+            edge,
+            shear,
+            stick,
+            weakness,
+        } = law;
         all.extend([restitution, friction, fading, softness, damping, presence - 1.0, edge, shear]);
+        all.extend([stick, weakness]);
     }
     all
 }
@@ -332,6 +344,8 @@ fn reports_join_vectors_and_turn_amplitudes_into_the_quantities_of_the_field() {
         &[1.0, 2.0, 0.0, 0.7],
         &[("point", Vector([2.0, 0.0])), ("normal", Vector([1.0, 0.0])), ("restitution", Number(0.7))],
     );
+    check("sticky_contact", &[1.0, 0.5], &[("strength", Number(2.0))]);
+    check("sticky_contact", &[1.0, 0.0], &[]);
     check("soft_contact", &[0.1, 3.0], &[("stiffness", Number(1.0 / (0.1 * 0.1))), ("damping", Number(3.0))]);
     check(
         "time_periodic",

@@ -116,27 +116,38 @@ impl Violations {
     }
 
     fn effect(&mut self, i: usize, active: &ActiveEffect, bodies: &[BodySpec]) {
-        let Some(entry) = effect(&active.name) else {
-            self.add(format!("effects[{i}].name"), format!("there is no effect {}", active.name));
-            return;
+        let known: Vec<&str> = match (&active.formula, effect(&active.name)) {
+            (Some(_), Some(_)) => {
+                let message = format!("{} is an effect's name; give the formula its own", active.name);
+                return self.add(format!("effects[{i}].name"), message);
+            }
+            (Some(formula), None) => {
+                if let Err(error) = formula.read() {
+                    return self.add(format!("effects[{i}].formula"), error.to_string());
+                }
+                formula.parameters.iter().map(|p| p.name.as_str()).collect()
+            }
+            (None, Some(entry)) => entry.spec.params.iter().map(|p| p.name).collect(),
+            (None, None) => {
+                let message = format!("there is no effect {}", active.name);
+                return self.add(format!("effects[{i}].name"), message);
+            }
         };
-        let (given, known): (Vec<&str>, Vec<&str>) = (
-            active.parameters.iter().map(|p| p.name.as_str()).collect(),
-            entry.spec.params.iter().map(|p| p.name).collect(),
-        );
+        let given: Vec<&str> = active.parameters.iter().map(|p| p.name.as_str()).collect();
         if given != known {
             self.add(format!("effects[{i}].parameters"), format!("are {given:?}; must be {known:?}"));
             return;
         }
-        for (j, (p, spec)) in active.parameters.iter().zip(entry.spec.params).enumerate() {
+        for (j, p) in active.parameters.iter().enumerate() {
+            let (_, min, max) = active.bounds(j).unwrap_or(("1", f64::NEG_INFINITY, f64::INFINITY));
             let at = format!("effects[{i}].parameters[{j}]");
             if !p.labels.is_sorted_by(|a, b| a < b) || p.labels.len() != p.values.len() {
                 self.add(format!("{at}.labels"), "must be sorted, one for each value");
                 continue;
             }
             for (k, value) in p.values.iter().enumerate() {
-                if !(spec.min..=spec.max).contains(value) {
-                    let message = format!("is {value}; must be {} to {}", spec.min, spec.max);
+                if !(min..=max).contains(value) {
+                    let message = format!("is {value}; must be {min} to {max}");
                     self.add(format!("{at}.values[{k}]"), message);
                 }
             }

@@ -2,7 +2,6 @@
 
 use super::problem::{Free, Linear, Part, Problem, Window};
 use super::{Fit, SceneFit};
-use crate::effects::effect;
 use crate::world::{BODY_VALUES, MASS, Model};
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
@@ -300,7 +299,7 @@ impl Fit {
         let mut all = vec![];
         for active in model.effects.iter().filter(|e| e.on) {
             for (k, parameter) in active.parameters.iter().enumerate() {
-                let unit = effect(&active.name).and_then(|e| e.spec.params.get(k)).map_or("1", |p| p.unit);
+                let unit = active.bounds(k).map_or("1", |b| b.0);
                 let value = |(label, value): (&String, &f64)| {
                     let name = parameter.full_name(active, label);
                     let fixed = Estimate {

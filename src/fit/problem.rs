@@ -1,7 +1,7 @@
 //! The fit as a least-squares problem: free parameters, whitened residuals, their Jacobian.
 
 use super::noise::{Noise, wrapped};
-use crate::effects::{Scope, effect};
+use crate::effects::Scope;
 use crate::num::{Jet, LANES, Real};
 use crate::scene::Scene;
 use crate::world::{
@@ -23,7 +23,7 @@ pub(super) struct Free {
     /// The scene it belongs to; `None` where scenes share it.
     pub scene: Option<usize>,
     pub name: String,
-    pub unit: &'static str,
+    pub unit: String,
     /// Masses are searched as logarithms.
     pub log: bool,
     pub min: f64,
@@ -99,7 +99,7 @@ impl<'a> Problem<'a> {
                         free.push(Free {
                             scene: Some(index),
                             name: format!("objects[{}].{}", body.id, BODY_VALUES[value]),
-                            unit,
+                            unit: unit.into(),
                             log: false,
                             min: f64::NEG_INFINITY,
                             max: f64::INFINITY,
@@ -113,7 +113,7 @@ impl<'a> Problem<'a> {
                     free.push(Free {
                         scene: Some(index),
                         name: format!("objects[{}].mass", body.id),
-                        unit: "1",
+                        unit: "1".into(),
                         log: true,
                         min: (1e-3f64).ln(),
                         max: (1e3f64).ln(),
@@ -124,9 +124,8 @@ impl<'a> Problem<'a> {
             }
             let mut at = width * model.bodies.len();
             for active in &model.effects {
-                let spec = effect(&active.name).map(|e| &e.spec);
                 for (k, parameter) in active.parameters.iter().enumerate() {
-                    let bounds = spec.and_then(|s| s.params.get(k));
+                    let bounds = active.bounds(k);
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
                         let name = parameter.full_name(active, label);
@@ -138,10 +137,10 @@ impl<'a> Problem<'a> {
                                 free.push(Free {
                                     scene: (!shared).then_some(index),
                                     name,
-                                    unit: bounds.map_or("1", |b| b.unit),
+                                    unit: bounds.map_or("1", |b| b.0).into(),
                                     log: false,
-                                    min: bounds.map_or(f64::NEG_INFINITY, |b| b.min),
-                                    max: bounds.map_or(f64::INFINITY, |b| b.max),
+                                    min: bounds.map_or(f64::NEG_INFINITY, |b| b.1),
+                                    max: bounds.map_or(f64::INFINITY, |b| b.2),
                                     mean: *mean,
                                     sd: parameter.prior.sd,
                                 });

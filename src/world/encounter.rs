@@ -6,6 +6,7 @@ use super::impact::{
 };
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
+use super::rigid::cling;
 use super::simulate::{Blow, ContactEffect, Few, Moving, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
@@ -65,7 +66,8 @@ impl<T: Scalar> Run<'_, T> {
         let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
         let engaged = self.touching.iter().any(|t| t.a == a && t.b == b)
             || self.passing.contains(&(a, b))
-            || self.blows.iter().any(|blow| blow.a == a && blow.b == b);
+            || self.blows.iter().any(|blow| blow.a == a && blow.b == b)
+            || self.one_body(a, b);
         if body.mode == Mode::Absent || engaged {
             return None;
         }
@@ -279,15 +281,17 @@ impl<T: Scalar> Run<'_, T> {
     /// Contact and what follows from it, the bodies being where they touch at `time`.
     fn strike(&mut self, time: f64, a: usize, b: usize) {
         let (near, _) = self.facing_now(a, b);
-        let friction = self.bounce(time, a, b, &near);
+        let law = self.bounce(time, a, b, &near);
         let (near, rate) = self.facing_now(a, b);
-        if self.passes(a, b, rate) {
+        if law.stick.value() >= 1.0 && b < self.bodies.len() {
+            self.bond(a, b, &near, law.weakness);
+        } else if self.passes(a, b, rate) {
             self.passing.push((a, b));
         } else if rate.value() < REBOUND_SPEED * 0.1
             && near.gap.value() < 1e-6
             && rate.value() > -APPROACH.sqrt()
         {
-            self.touching.push(Touching::new(a, b, friction));
+            self.touching.push(Touching::new(a, b, law.friction));
             self.join(a, b);
         }
         self.pass_on(time, &self.involved(a, b), BLOW_SPEED);
@@ -310,6 +314,11 @@ impl<T: Scalar> Run<'_, T> {
     /// New ways of the bodies that have met.
     fn go_on(&mut self, a: usize, b: usize) {
         let changed = self.involved(a, b);
+        if !self.bonds.is_empty() {
+            self.part(&changed);
+            self.predict_all(&changed);
+            return self.refresh(&changed);
+        }
         self.predict(a);
         if b < self.bodies.len() && !self.bodies[a].group.contains(&b) {
             self.predict(b);
@@ -360,29 +369,31 @@ impl<T: Scalar> Run<'_, T> {
         all
     }
 
-    /// Applies the impulses of the contact, notes the event, and gives the coefficient of friction.
-    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) -> T {
+    /// Applies the impulses of the contact, notes the event, and gives the contact's law.
+    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) -> ContactLaw<T> {
         let approach = self.approach_at(a, b, near);
         let point = (near.on_a + near.on_b).scaled(0.5);
         let mut law = self.law(a, b, near, approach);
         law.restitution = self.restitution(&law, a, b, near, approach);
         let mut side_a = self.side(a);
         let mut side_b = self.side(b);
-        let impulse = match side_a.ball {
+        let mut impulse = match side_a.ball {
             Some(radius) if b >= self.bodies.len() => against_edge(&mut side_a, radius, near, &law),
             _ => resolve(&mut side_a, &mut side_b, near, &law),
         };
+        if b < self.bodies.len() && (law.stick.value() != 0.0 || !law.stick.is_constant()) {
+            let rebound = side_b.kinematics.velocity;
+            cling(&mut side_a, &mut side_b, law.stick.min(T::constant(1.0)));
+            impulse += near.normal.dot(side_b.kinematics.velocity - rebound) / side_b.inverse_mass;
+        }
         let there = law.presence.value() > 0.0;
         for (i, side) in [(a, side_a), (b, side_b)] {
             if i < self.bodies.len() {
-                self.bodies[i].from = side.kinematics;
-                if there {
-                    self.bodies[i].mode = Mode::Slide;
-                }
+                self.receive(i, side.kinematics, there.then_some(Mode::Slide));
             }
         }
         if !there {
-            return law.friction;
+            return law;
         }
         let id = |i: usize| self.model.bodies.get(i).map(|body| body.id);
         let objects: Vec<u32> = [id(a), id(b)].into_iter().flatten().collect();
@@ -393,7 +404,7 @@ impl<T: Scalar> Run<'_, T> {
             .find(|e| e.objects == objects && e.wall == wall);
         if let Some(event) = same {
             event.impulse = event.impulse.map(|j| j + impulse.value());
-            return law.friction;
+            return law;
         }
         self.events.push(Event {
             kind: EventKind::Collision,
@@ -404,7 +415,7 @@ impl<T: Scalar> Run<'_, T> {
             impulse: Some(impulse.value()),
             wall,
         });
-        law.friction
+        law
     }
 
     /// What the contact effects say of this contact.
@@ -424,7 +435,11 @@ impl<T: Scalar> Run<'_, T> {
         law
     }
 
+    /// How body `i`, with what sticks to it, answers an impulse.
     fn side(&self, i: usize) -> Side<T> {
+        if let Some(rigid) = self.rigid(i, |j| self.bodies[j].from) {
+            return rigid.side();
+        }
         match self.bodies.get(i) {
             Some(body) => Side {
                 kinematics: body.from,

@@ -13,6 +13,7 @@ mod motion;
 mod obstacle;
 mod preset;
 mod pressing;
+mod rigid;
 mod simulate;
 mod trace;
 

@@ -1,6 +1,7 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
 use super::trace::State;
+use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EffectEntry, EffectSpec, Hook, Scope, effect};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
@@ -55,8 +56,11 @@ pub struct Wall {
 pub struct ActiveEffect {
     pub name: String,
     pub on: bool,
-    /// In the order of the effect's spec.
+    /// In the order of the effect's spec, or of its formula.
     pub parameters: Vec<Parameter>,
+    /// The law itself, where the user wrote it; the name is then the user's too.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub formula: Option<Formula>,
 }
 
 /// One parameter of an effect: a value for each label of its scope (materials, object ids, pairs "1-3").
@@ -176,7 +180,18 @@ impl Model {
         self.effects.iter().filter_map(move |active| {
             let first = next;
             next += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
-            Some((active, effect(&active.name).filter(|_| active.on)?, first))
+            let entry = effect(&active.name).filter(|_| active.on && active.formula.is_none())?;
+            Some((active, entry, first))
+        })
+    }
+
+    /// The formulas that are on, likewise.
+    pub(super) fn formulas(&self) -> impl Iterator<Item = (&ActiveEffect, &Formula, usize)> {
+        let mut next = BODY_VALUES.len() * self.bodies.len();
+        self.effects.iter().filter_map(move |active| {
+            let first = next;
+            next += active.parameters.iter().map(|p| p.values.len()).sum::<usize>();
+            Some((active, active.formula.as_ref().filter(|_| active.on)?, first))
         })
     }
 
@@ -229,7 +244,27 @@ impl ActiveEffect {
             let prior = Prior { mean: p.default, sd: 0.0 };
             Parameter::new(p.name, p.scope, prior, bodies)
         });
-        ActiveEffect { name: spec.name.to_string(), on: true, parameters: parameters.collect() }
+        let parameters = parameters.collect();
+        ActiveEffect { name: spec.name.to_string(), on: true, parameters, formula: None }
+    }
+
+    /// The user's own law under the user's name; all bodies share its parameters.
+    pub fn of_formula(name: &str, formula: Formula, bodies: &[BodySpec]) -> Result<Self, FormulaError> {
+        formula.read()?;
+        let own = |p: &FormulaParameter| {
+            let prior = Prior { mean: p.default, sd: 0.0 };
+            Parameter::new(&p.name, Scope::Setup, prior, bodies)
+        };
+        let parameters = formula.parameters.iter().map(own).collect();
+        Ok(ActiveEffect { name: name.to_string(), on: true, parameters, formula: Some(formula) })
+    }
+
+    /// Unit and bounds of a parameter, as the spec or the formula gives them.
+    pub fn bounds(&self, parameter: usize) -> Option<(&str, f64, f64)> {
+        match &self.formula {
+            Some(formula) => formula.parameters.get(parameter).map(|p| (p.unit.as_str(), p.min, p.max)),
+            None => effect(&self.name)?.spec.params.get(parameter).map(|p| (p.unit, p.min, p.max)),
+        }
     }
 }
 

@@ -3,9 +3,11 @@
 use super::footprint::footprint;
 use super::model::{BODY_VALUES, MASS, Model};
 use crate::body::{Body, Matter, Wrench};
+use crate::effects::formula::Program;
 use crate::effects::{Hook, Hooks, Scalar};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
+use std::cell::Cell;
 
 /// Position and motion of one body.
 #[derive(Debug, Clone, Copy)]
@@ -57,7 +59,7 @@ pub(super) enum Change {
 pub(super) const REST_SPEED: f64 = 1e-7;
 
 /// Speed below which a body that is pressed on and gets slower is at rest (m/s).
-const SETTLING_SPEED: f64 = 1e-3;
+pub(super) const SETTLING_SPEED: f64 = 1e-3;
 
 /// The active effects and masses of one simulation, resolved for each body.
 pub(super) struct Laws<T: Scalar> {
@@ -69,6 +71,10 @@ pub(super) struct Laws<T: Scalar> {
     pub growth: Vec<T>,
     forces: Vec<PerBody<T>>,
     pairs: Vec<PerBody<T>>,
+    /// Each with its parameters, body by body.
+    formulas: Vec<(Program, Vec<Vec<T>>)>,
+    /// Whether a formula had no finite value since.
+    pub undefined: Cell<bool>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
     pub constant: Vec<bool>,
     /// Whether no force depends on the time.
@@ -110,6 +116,16 @@ impl<T: Scalar> Laws<T> {
             let list = if force { &mut forces } else { &mut pairs };
             list.push(PerBody { hooks, values, count });
         }
+        let (mut formulas, mut undefined) = (vec![], false);
+        for (active, formula, first) in model.formulas() {
+            let Ok(program) = formula.read() else {
+                undefined = true;
+                continue;
+            };
+            steady &= program.steady();
+            let values = |body| active.values_for(first, flat, body, body);
+            formulas.push((program, model.bodies.iter().map(values).collect::<Vec<_>>()));
+        }
         let shapes: Vec<Shape> =
             model.bodies.iter().zip(&matter).map(|(b, m)| b.shape.scaled(m.size.value())).collect();
         let mut growth: Vec<T> = matter.iter().map(|m| (m.size / m.size.value()).infinitesimal()).collect();
@@ -127,11 +143,26 @@ impl<T: Scalar> Laws<T> {
                 *inertia *= -*growth * 2.0 + 1.0;
             }
         }
-        let plain = |law: &PerBody<T>, i: usize| law.of(i).iter().all(|p| p.is_constant());
-        let constant =
-            (0..shapes.len()).map(|i| mass[i].is_constant() && forces.iter().all(|law| plain(law, i)));
+        let plain = |values: &[T]| values.iter().all(|p| p.is_constant());
+        let constant = (0..shapes.len()).map(|i| {
+            let formulas = formulas.iter().all(|(_, values): &(_, Vec<Vec<T>>)| plain(&values[i]));
+            mass[i].is_constant() && formulas && forces.iter().all(|law| plain(law.of(i)))
+        });
         let constant = constant.collect();
-        Laws { shapes, mass, inverse_mass, inverse_inertia, growth, forces, pairs, constant, steady }
+        let undefined = Cell::new(undefined);
+        Laws {
+            shapes,
+            mass,
+            inverse_mass,
+            inverse_inertia,
+            growth,
+            forces,
+            pairs,
+            formulas,
+            undefined,
+            constant,
+            steady,
+        }
     }
 
     /// Whether bodies act on each other at a distance.
@@ -157,6 +188,11 @@ impl<T: Scalar> Laws<T> {
         let mut out = Wrench::zero();
         for law in &self.forces {
             (law.hooks.force)(law.of(i), time, &body, &mut out);
+        }
+        for (program, values) in &self.formulas {
+            if !program.force(&values[i], time, &body, &mut out) {
+                self.undefined.set(true);
+            }
         }
         if out.excess.value() != 0.0 || !out.excess.is_constant() {
             let factor = out.excess + 1.0;

@@ -1,8 +1,9 @@
 //! Contacts that last: bodies that press on each other move together until they part.
 
 use super::geometry::{Feature, Pose, Proximity, manifold};
-use super::impact::{facing, point_velocity};
+use super::impact::{Side, facing, point_velocity};
 use super::motion::{Kinematics, Mode, Rates};
+use super::rigid::in_group;
 use super::simulate::{Few, Run};
 use crate::body::Wrench;
 use crate::effects::Scalar;
@@ -54,6 +55,7 @@ impl<T: Scalar> Run<'_, T> {
             let Touching { a, b, .. } = self.touching[k];
             self.join(a, b);
         }
+        self.join_bonds();
     }
 
     /// A body that has come out of an obstacle may run into it again.
@@ -85,6 +87,11 @@ impl<T: Scalar> Run<'_, T> {
             return;
         }
         self.touching.retain(pressing);
+        self.split(group);
+    }
+
+    /// Groups anew the bodies of a group whose contacts have changed.
+    pub(super) fn split(&mut self, group: &[usize]) {
         if self.laws.has_pair_forces() {
             return;
         }
@@ -95,6 +102,7 @@ impl<T: Scalar> Run<'_, T> {
             let Touching { a, b, .. } = self.touching[k];
             self.join(a, b);
         }
+        self.join_bonds();
     }
 
     /// Accelerations of a group, kept contacts included; `mark` notes which of those still press.
@@ -105,8 +113,8 @@ impl<T: Scalar> Run<'_, T> {
         w: &[Wrench<T>],
         mark: bool,
     ) -> Few<Rates<T>> {
-        let free = |(x, &j): (usize, &usize)| self.laws.rates(j, &k[x], self.bodies[j].mode, &w[x]);
-        let mut rates: Few<Rates<T>> = group.iter().enumerate().map(free).collect();
+        let mut rates = self.free_rates(group, k, w);
+        self.fuse(group, k, &mut rates);
         if !self.touching.iter().any(|t| group.contains(&t.a)) {
             return rates;
         }
@@ -122,9 +130,15 @@ impl<T: Scalar> Run<'_, T> {
         rates
     }
 
+    /// Accelerations of a group that nothing joins.
+    pub(super) fn free_rates(&self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) -> Few<Rates<T>> {
+        let free = |(x, &j): (usize, &usize)| self.laws.rates(j, &k[x], self.bodies[j].mode, &w[x]);
+        group.iter().enumerate().map(free).collect()
+    }
+
     /// The pressure points of the group with their forces; `rates` take them in. The search starts where the last
     /// one ended.
-    fn solved(
+    pub(super) fn solved(
         &mut self,
         group: &[usize],
         k: &[Kinematics<T>],
@@ -158,19 +172,42 @@ impl<T: Scalar> Run<'_, T> {
         let mut settled = false;
         for (x, &j) in group.iter().enumerate() {
             let moves = matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll);
-            let left = self.laws.time_to_settle(j, &k[x], &rates[x]).filter(|_| moves);
-            if let Some(left) = left.filter(|_| self.laws.holds(j, &w[x])) {
+            let left = match self.cluster(j) {
+                Some(_) => self.cluster_settles(j, group, k, rates),
+                None => self.laws.time_to_settle(j, &k[x], &rates[x]),
+            };
+            if let Some(left) = left.filter(|_| moves && self.held(j, group, k, w)) {
                 // The way that is left.
-                let from = &mut self.bodies[j].from;
-                from.position += from.velocity * (left * 0.5);
-                from.yaw += from.spin * left * 0.5;
-                self.rest(j);
-                self.note_stop(j, self.bodies[j].since.value());
-                k[x] = self.bodies[j].from;
+                for i in self.stuck_to(j) {
+                    let from = &mut self.bodies[i].from;
+                    from.position += from.velocity * (left * 0.5);
+                    from.yaw += from.spin * left * 0.5;
+                }
+                self.stop(j, self.bodies[j].since.value());
                 settled = true;
             }
         }
+        if settled {
+            group.iter().zip(k).for_each(|(&j, k)| *k = self.bodies[j].from);
+        }
         settled
+    }
+
+    /// Body `i`, and what sticks to it, stops.
+    pub(super) fn stop(&mut self, i: usize, time: f64) {
+        for j in self.stuck_to(i) {
+            self.rest(j);
+            self.note_stop(j, time);
+        }
+    }
+
+    /// Predicts each group among these bodies.
+    pub(super) fn predict_all(&mut self, bodies: &[usize]) {
+        for &j in bodies {
+            if self.bodies[j].group[0] == j {
+                self.predict(j);
+            }
+        }
     }
 
     /// Bodies at rest that are pressed harder than friction can hold begin to slide; whether any did.
@@ -179,23 +216,22 @@ impl<T: Scalar> Run<'_, T> {
         if self.touching.is_empty() || !group.iter().any(|&j| still(self, j)) {
             return false;
         }
-        let free = |(x, &j): (usize, &usize)| self.laws.rates(j, &k[x], self.bodies[j].mode, &w[x]);
-        let mut rates: Few<Rates<T>> = group.iter().enumerate().map(free).collect();
+        let mut rates = self.free_rates(group, k, w);
+        self.fuse(group, k, &mut rates);
         let points = self.solved(group, k, &mut rates);
+        let mut pressed: Few<Wrench<T>> = w.into();
+        for p in &points {
+            let force = p.normal * p.force + p.normal.perp() * p.rub;
+            for s in p.sides.iter().flatten() {
+                pressed[s.at].force += force.scaled(s.sign);
+            }
+        }
         let mut woken = false;
-        for (x, &j) in group.iter().enumerate() {
-            if !still(self, j) {
-                continue;
-            }
-            let mut pressed = w[x];
-            for p in &points {
-                for s in p.sides.iter().flatten().filter(|s| s.at == x) {
-                    let force = p.normal * p.force + p.normal.perp() * p.rub;
-                    pressed.force += force.scaled(s.sign);
+        for &j in group {
+            if still(self, j) && !self.held(j, group, k, &pressed) {
+                for i in self.stuck_to(j) {
+                    self.bodies[i].mode = Mode::Slide;
                 }
-            }
-            if !self.laws.holds(j, &pressed) {
-                self.bodies[j].mode = Mode::Slide;
                 woken = true;
             }
         }
@@ -218,10 +254,8 @@ impl<T: Scalar> Run<'_, T> {
                 let point = (near.on_a + near.on_b).scaled(0.5);
                 let slip = point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a);
                 let n = near.normal;
-                let sides = [
-                    Some(self.pressed(x, a, -1.0, point - ka.position)),
-                    y.map(|y| self.pressed(y, b, 1.0, point - kb.position)),
-                ];
+                let pressed = |at, body, sign| self.pressed((group, k), (at, body), sign, point);
+                let sides = [Some(pressed(x, a, -1.0)), y.map(|y| pressed(y, b, 1.0))];
                 let response = |d| sides.iter().flatten().fold(T::zero(), |sum, s| sum + s.response(d));
                 let (response, tangential_response) = (response(n), response(n.perp()));
                 let bias = curvature(&near, ka, sa, &kb, sb)
@@ -268,14 +302,40 @@ impl<T: Scalar> Run<'_, T> {
         self.touching.iter().filter_map(gap).fold(f64::INFINITY, f64::min)
     }
 
-    fn pressed(&self, at: usize, body: usize, sign: f64, arm: Vec2<T>) -> Pressed<T> {
+    /// How `body`, at place `at` of the group, answers a force at `point`.
+    fn pressed(
+        &self,
+        (group, k): (&[usize], &[Kinematics<T>]),
+        (at, body): (usize, usize),
+        sign: f64,
+        point: Vec2<T>,
+    ) -> Pressed<T> {
         let mode = self.bodies[body].mode;
         let moves = matches!(mode, Mode::Slide | Mode::Roll);
+        let arm = point - k[at].position;
+        if let Some(rigid) = self.rigid(body, |j| in_group(group, k, j)).filter(|_| moves) {
+            let center = rigid.kinematics.position;
+            let place = |j: &usize| group.iter().position(|i| i == j);
+            let places = self.cluster(body).into_iter().flatten().filter_map(place);
+            let Side { inverse_mass: compliance, inverse_inertia, .. } = rigid.side();
+            return Pressed {
+                at,
+                sign,
+                arm,
+                lever: point - center,
+                compliance,
+                inverse_inertia,
+                carried: places.map(|x| (x, k[x].position - center)).collect(),
+                ball: None,
+                rolls: false,
+            };
+        }
         let inverse_inertia = if moves { self.laws.inverse_inertia[body] } else { T::zero() };
         let shape = &self.laws.shapes[body];
         let ball = shape.is_ball().then(|| shape.bounding_radius());
         let rolls = mode == Mode::Roll;
-        Pressed { at, sign, arm, compliance: self.laws.compliance(body, mode), inverse_inertia, ball, rolls }
+        let compliance = self.laws.compliance(body, mode);
+        Pressed { at, sign, arm, lever: arm, compliance, inverse_inertia, carried: vec![], ball, rolls }
     }
 }
 
@@ -285,14 +345,14 @@ fn lift_of<T: Real>(k: &Kinematics<T>, shape: &Shape, n: Vec2<T>) -> T {
 }
 
 /// One point of a kept contact, where a normal force keeps the gap from closing and friction resists the slip.
-struct PressurePoint<T> {
+pub(super) struct PressurePoint<T> {
     /// Index among the touching pairs.
     contact: usize,
     /// Which end of the edge, where box meets box.
     end: usize,
-    sides: [Option<Pressed<T>>; 2],
+    pub sides: [Option<Pressed<T>>; 2],
     /// Unit normal from a to b.
-    normal: Vec2<T>,
+    pub normal: Vec2<T>,
     /// Acceleration per force, along the normal and across (1/kg).
     response: T,
     tangential_response: T,
@@ -304,18 +364,21 @@ struct PressurePoint<T> {
     aside: T,
     up: T,
     /// Normal force and tangential force on b (N).
-    force: T,
-    rub: T,
+    pub force: T,
+    pub rub: T,
 }
 
 /// How one body answers a force at a pressure point.
-struct Pressed<T> {
+pub(super) struct Pressed<T> {
     /// Index in the group.
-    at: usize,
+    pub at: usize,
     /// Forces are given as they act on b: -1 for a, 1 for b.
-    sign: f64,
-    /// From its centre to the point (m).
+    pub sign: f64,
+    /// From its centre to the point, and from the centre that it has with what sticks to it (m).
     arm: Vec2<T>,
+    lever: Vec2<T>,
+    /// Places in the group of all that stick together, and where they are from their centre (m); empty for one alone.
+    carried: Vec<(usize, Vec2<T>)>,
     /// Acceleration of the centre per force, and of the spin per torque.
     compliance: T,
     inverse_inertia: T,
@@ -351,7 +414,7 @@ impl<T: Real> PressurePoint<T> {
     fn add(&self, rates: &mut [Rates<T>], force: T, rub: T) {
         let push = self.normal * force + self.normal.perp() * rub;
         for s in self.sides.iter().flatten() {
-            s.push(&mut rates[s.at], push);
+            s.push(rates, push);
             s.lift(&mut rates[s.at], self.normal, self.up * force);
         }
     }
@@ -367,16 +430,25 @@ impl<T: Real> PressurePoint<T> {
 
 impl<T: Real> Pressed<T> {
     fn response(&self, direction: Vec2<T>) -> T {
-        let turn = self.arm.cross(direction);
+        let turn = self.lever.cross(direction);
         self.compliance + turn * turn * self.inverse_inertia
     }
 
     /// A force in the plane at the point.
-    fn push(&self, r: &mut Rates<T>, force: Vec2<T>) {
+    fn push(&self, rates: &mut [Rates<T>], force: Vec2<T>) {
         let force = force.scaled(self.sign);
         let acceleration = force * self.compliance;
+        let turn = self.lever.cross(force) * self.inverse_inertia;
+        for &(x, arm) in &self.carried {
+            rates[x].velocity += acceleration + arm.perp() * turn;
+            rates[x].spin += turn;
+        }
+        if !self.carried.is_empty() {
+            return;
+        }
+        let r = &mut rates[self.at];
         r.velocity += acceleration;
-        r.spin += self.arm.cross(force) * self.inverse_inertia;
+        r.spin += turn;
         if let (Some(radius), true) = (self.ball, self.rolls) {
             r.roll += acceleration.perp().scaled(1.0 / radius);
         }

@@ -7,6 +7,7 @@ use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
 use super::motion::{Change, Kinematics, Laws, Mode, REST_SPEED, Rates};
 use super::obstacle::Static;
 use super::pressing::Touching;
+use super::rigid::Bond;
 use super::trace::{Ending, Event, EventKind, State, Trace};
 use crate::body::Wrench;
 use crate::effects::{ContactFn, Hook, Scalar};
@@ -133,6 +134,9 @@ pub(super) struct Run<'m, T: Scalar> {
     pub bodies: Vec<Moving<T>>,
     pub walls: Vec<Static<T>>,
     pub touching: Vec<Touching<T>>,
+    pub bonds: Vec<Bond<T>>,
+    /// Bodies that bonds make one.
+    pub clusters: Vec<Vec<usize>>,
     /// Bodies inside an obstacle that lets them through.
     pub passing: Vec<(usize, usize)>,
     pub blows: Vec<Blow<T>>,
@@ -186,6 +190,8 @@ impl<'m, T: Scalar> Run<'m, T> {
             bodies,
             walls: Static::all(model, flat),
             touching: vec![],
+            bonds: vec![],
+            clusters: vec![],
             passing: vec![],
             blows: vec![],
             impacts: vec![],
@@ -292,15 +298,27 @@ impl<'m, T: Scalar> Run<'m, T> {
                 return;
             }
             self.budget -= 1;
+            if self.is_undefined() {
+                break;
+            }
             match next {
                 Next::Change(i) => self.change(i),
                 Next::Impact(time, a, b) => self.impact(time, a, b),
                 Next::Blow(which) => self.blow(which),
             }
         }
+        if self.is_undefined() {
+            self.ending = Ending::FormulaUndefined;
+            return;
+        }
         for i in 0..self.bodies.len() {
             self.arrive(i);
         }
+    }
+
+    /// Whether a formula had no finite value.
+    fn is_undefined(&self) -> bool {
+        self.laws.undefined.get() || self.plain.as_ref().is_some_and(|plain| plain.undefined.get())
     }
 
     /// Whether nothing else enters the motion of body `i`.
@@ -345,9 +363,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         let awake =
             |run: &Self| group.iter().any(|&j| matches!(run.bodies[j].mode, Mode::Slide | Mode::Roll));
         let wrenches = self.wrenches(&group, &start, since);
-        for (x, &j) in group.iter().enumerate() {
-            self.bodies[j].mode = self.laws.mode_under(j, self.bodies[j].mode, &wrenches[x]);
-        }
+        self.set_modes(&group, &start, &wrenches);
         let mut end = start.clone();
         let mut until = T::constant(self.step_end);
         let mut change = None;
@@ -358,7 +374,10 @@ impl<'m, T: Scalar> Run<'m, T> {
                 first = self.rates(&group, &start, &wrenches, true);
             }
             for (x, &j) in group.iter().enumerate() {
-                let next = self.laws.next_change(j, &start[x], self.bodies[j].mode, &wrenches[x], &first[x]);
+                let next = match self.cluster(j) {
+                    Some(_) => self.cluster_change(j, &group, &start, &wrenches, &first),
+                    None => self.laws.next_change(j, &start[x], self.bodies[j].mode, &wrenches[x], &first[x]),
+                };
                 if let Some((kind, after)) = next
                     && matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll)
                     && (since + after).value() < until.value()
@@ -418,17 +437,21 @@ impl<'m, T: Scalar> Run<'m, T> {
         let y2 = stage(start, k1, half);
         let k2 = self.rates_at(group, &y2, since + half);
         if midpoint {
-            return stage(&y2, &k2, h);
+            let mut end = stage(&y2, &k2, h);
+            self.assemble(group, start, &mut end);
+            return end;
         }
         let y3 = stage(&y2, &k2, half);
         let k3 = self.rates_at(group, &y3, since + half);
         let y4 = stage(&y3, &k3, h);
         let k4 = self.rates_at(group, &y4, since + h);
         let stages = |x: usize| [(&y2[x], &k2[x]), (&y3[x], &k3[x]), (&y4[x], &k4[x])];
-        (0..group.len()).map(|x| start[x].summed(&k1[x], stages(x), h)).collect()
+        let mut end = (0..group.len()).map(|x| start[x].summed(&k1[x], stages(x), h)).collect::<Few<_>>();
+        self.assemble(group, start, &mut end);
+        end
     }
 
-    fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Wrench<T>> {
+    pub(super) fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Wrench<T>> {
         let mut out: Few<Wrench<T>> =
             group.iter().zip(k).map(|(&j, k)| self.laws.wrench(j, k, time)).collect();
         if self.laws.has_pair_forces() {
@@ -487,21 +510,16 @@ impl<'m, T: Scalar> Run<'m, T> {
         let time = self.bodies[i].since;
         let change = self.bodies[i].change.take();
         let k = self.bodies[i].from;
-        let ball = self.laws.shapes[i].is_ball();
+        let ball = self.laws.shapes[i].is_ball() && self.cluster(i).is_none();
         let radius = self.laws.shapes[i].bounding_radius();
         match change {
             Some(Change::Stop) => {
                 let speed =
                     k.velocity.value().norm() + if ball { 0.0 } else { k.spin.value().abs() * radius };
-                let wrench = self.wrenches(
-                    &group,
-                    &group.iter().map(|&j| self.bodies[j].from).collect::<Few<_>>(),
-                    time,
-                );
-                let at = group.iter().position(|&j| j == i).unwrap_or(0);
-                if speed <= 10.0 * REST_SPEED && self.laws.holds(i, &wrench[at]) {
-                    self.rest(i);
-                    self.note_stop(i, time.value());
+                let states: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+                let wrenches = self.wrenches(&group, &states, time);
+                if speed <= 10.0 * REST_SPEED && self.held(i, &group, &states, &wrenches) {
+                    self.stop(i, time.value());
                 }
             }
             Some(Change::StartRolling) if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED => {
@@ -517,11 +535,8 @@ impl<'m, T: Scalar> Run<'m, T> {
             Some(Change::Continue) => self.pass_on(time.value(), &group, CUT_IN_SPEED),
         }
         self.release(&group);
-        for &j in &group {
-            if self.bodies[j].group[0] == j {
-                self.predict(j);
-            }
-        }
+        self.part(&group);
+        self.predict_all(&group);
         self.refresh(&group);
     }
 }

@@ -1,18 +1,19 @@
 //! Properties of the simulation: conservation, exact derivatives, no tunnelling, determinism.
 
 use super::*;
+use crate::effects::formula::{Formula, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Scope, effect};
 use crate::num::{Jet, LANES, Vec2, vec2};
 use crate::scene::Shape;
 use proptest::prelude::*;
 
-fn body(id: u32, shape: Shape, position: Vec2, velocity: Vec2) -> BodySpec {
+pub(super) fn body(id: u32, shape: Shape, position: Vec2, velocity: Vec2) -> BodySpec {
     let state = State { position, velocity, ..State::default() };
     BodySpec { id, material: "m".into(), shape, mass: 1.0, start: Start { time: 0.0, state, rolling: false } }
 }
 
 /// A model with these effects: name, parameter values in the spec's order.
-fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
+pub(super) fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
     let active = effects.iter().map(|(name, values)| {
         let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &bodies);
         for (p, v) in active.parameters.iter_mut().zip(*values) {
@@ -24,7 +25,7 @@ fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model {
     Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5, spin_sd: 0.0 }
 }
 
-fn seconds(n: usize) -> Vec<f64> {
+pub(super) fn seconds(n: usize) -> Vec<f64> {
     (0..=n).map(|f| f as f64 * 0.04).collect()
 }
 
@@ -45,7 +46,7 @@ fn shot(velocity: Vec2, roll: Vec2, side: f64, cushion: [f64; 4]) -> Model {
     m
 }
 
-fn shape(kind: u8) -> Shape {
+pub(super) fn shape(kind: u8) -> Shape {
     match kind % 4 {
         0 => Shape::Disc { radius: 0.2 },
         1 => Shape::Ball { radius: 0.2 },
@@ -55,7 +56,7 @@ fn shape(kind: u8) -> Shape {
 }
 
 /// Bodies on a grid, thrown about at random.
-fn crowd(seed: &[(u8, f64, f64, f64, f64, f64)]) -> Vec<BodySpec> {
+pub(super) fn crowd(seed: &[(u8, f64, f64, f64, f64, f64)]) -> Vec<BodySpec> {
     let throw = |(i, &(kind, vx, vy, spin, yaw, mass)): (usize, &(u8, f64, f64, f64, f64, f64))| {
         let mut b =
             body(i as u32, shape(kind), vec2((i % 3) as f64 * 0.9, (i / 3) as f64 * 0.9), vec2(vx, vy));
@@ -67,12 +68,12 @@ fn crowd(seed: &[(u8, f64, f64, f64, f64, f64)]) -> Vec<BodySpec> {
     seed.iter().enumerate().map(throw).collect()
 }
 
-fn throws() -> impl Strategy<Value = Vec<(u8, f64, f64, f64, f64, f64)>> {
+pub(super) fn throws() -> impl Strategy<Value = Vec<(u8, f64, f64, f64, f64, f64)>> {
     let one = (0u8..4, -2.0..2.0f64, -2.0..2.0f64, -2.0..2.0f64, -1.5..1.5f64, 0.4..2.5f64);
     prop::collection::vec(one, 2..7)
 }
 
-fn momentum(t: &Trace, m: &Model, frame: usize) -> (Vec2, f64) {
+pub(super) fn momentum(t: &Trace, m: &Model, frame: usize) -> (Vec2, f64) {
     let (mut p, mut l) = (vec2(0.0, 0.0), 0.0);
     for (s, b) in t.states[frame].iter().zip(&m.bodies) {
         let s = s.expect("present");
@@ -82,7 +83,7 @@ fn momentum(t: &Trace, m: &Model, frame: usize) -> (Vec2, f64) {
     (p, l)
 }
 
-fn conserves(m: &Model, tolerance: f64) -> Result<(), TestCaseError> {
+pub(super) fn conserves(m: &Model, tolerance: f64) -> Result<(), TestCaseError> {
     let t = trace(m, &seconds(60));
     let ((p0, l0), e0) = (momentum(&t, m, 0), t.energy[0]);
     for f in 0..t.times.len() {
@@ -190,7 +191,7 @@ fn num_const(v: f64) -> Jet {
 }
 
 /// Share of the derivatives of all positions at the end that agree with central differences.
-fn derivatives_agree(m: &Model, times: &[f64]) -> (usize, usize, String) {
+pub(super) fn derivatives_agree(m: &Model, times: &[f64]) -> (usize, usize, String) {
     let base = m.flatten();
     let (mut good, mut all, mut worst) = (0, 0, String::new());
     let limits = Limits::default();
@@ -516,4 +517,34 @@ fn derivatives_hold_with_each_effect_present() {
             }
         }
     }
+}
+
+#[test]
+fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
+    let disc = || vec![body(0, shape(0), vec2(0.0, 0.0), vec2(1.5, 0.4))];
+    let own = |name: &str, default| FormulaParameter {
+        name: name.into(),
+        unit: "1/m".into(),
+        default,
+        min: 0.0,
+        max: 5.0,
+    };
+    let with = |text: &str| {
+        let law = Formula { text: text.into(), parameters: vec![own("k", 0.3)] };
+        let mut m = model(disc(), &[("sliding_friction", &[0.02])]);
+        m.effects.push(ActiveEffect::of_formula("my_drag", law, &m.bodies).expect("it is right"));
+        m
+    };
+    let m = with("fx = -k * vx * speed\nfy = -k * vy * speed");
+    let known = model(disc(), &[("sliding_friction", &[0.02]), ("quadratic_drag", &[0.3])]);
+    assert_eq!(trace(&m, &seconds(50)).states, trace(&known, &seconds(50)).states);
+    let (good, all, worst) = derivatives_agree(&m, &seconds(50));
+    assert_eq!(good, all, "{worst}");
+    let text = serde_json::to_string(&m).expect("a model is plain data");
+    assert_eq!(serde_json::from_str::<Model>(&text).expect("it was written"), m);
+    // At x = 1.2 the force has no value any more.
+    let t = trace(&with("ax = k * ln(1.2 - x)"), &seconds(50));
+    assert_eq!(t.ending, Ending::FormulaUndefined);
+    let reached: Vec<_> = t.states.iter().map_while(|row| row[0]).collect();
+    assert!((15..50).contains(&reached.len()) && reached.iter().all(|s| s.position.x < 1.2));
 }

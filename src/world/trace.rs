@@ -69,4 +69,6 @@ pub enum Ending {
     Completed,
     /// More events than a step may have; the states after are the last ones reached.
     EventLimit,
+    /// A formula has no finite value where a body went; there are no states after.
+    FormulaUndefined,
 }
