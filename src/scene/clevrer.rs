@@ -21,7 +21,7 @@ pub const CLEVRER_CAMERA: Camera = Camera {
 
 /// Reads the text of an annotation file. Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
-    let mut reader = Reader { report: Report::default(), strangers: BTreeSet::new() };
+    let mut reader = Reader { report: Report::default(), strangers: BTreeSet::new(), bad_ids: false };
     // Some editors put a byte order mark in front.
     let root = match serde_json::from_str::<Value>(text.trim_start_matches('\u{feff}')) {
         Ok(Value::Object(root)) => root,
@@ -49,6 +49,8 @@ struct Reader {
     report: Report,
     /// Ids in the trajectory that are no object's; each is reported once.
     strangers: BTreeSet<u32>,
+    /// Whether an object's own id was refused: the trajectory may mean that object then.
+    bad_ids: bool,
 }
 
 impl Reader {
@@ -112,13 +114,14 @@ impl Reader {
             let mut word = |key| self.text(entry, key, &path).unwrap_or_default().to_lowercase();
             let (color, material) = (word("color"), word("material"));
             let mass = self.number(entry, "mass", &path);
-            let Some(id) = id else { continue };
-            match objects.iter().position(|o: &Object| o.id == id) {
-                Some(j) => {
-                    let message = format!("is {id}, as that of another object ({j}); give each its own");
+            match id {
+                Some(id) if objects.iter().any(|o: &Object| o.id == id) => {
+                    let message = format!("is a duplicate: {id} is another object's; give each its own");
                     self.report.add(format!("{path}.object_id"), message);
+                    self.bad_ids = true;
                 }
-                None => objects.push(Object { id, color, material, shape, mass }),
+                Some(id) => objects.push(Object { id, color, material, shape, mass }),
+                None => self.bad_ids = true,
             }
         }
         (objects.iter().map(|o| o.id).collect(), objects)
@@ -164,7 +167,7 @@ impl Reader {
                 let Some(id) = self.required_id(seen, &path) else { continue };
                 let Some(track) = ids.iter().position(|known| *known == id).and_then(|i| tracks.get_mut(i))
                 else {
-                    if self.strangers.insert(id) {
+                    if !self.bad_ids && self.strangers.insert(id) {
                         let message = format!("is {id}, which object_property lacks");
                         self.report.add(format!("{path}.object_id"), message);
                     }
@@ -266,7 +269,10 @@ impl Reader {
         let id = value.and_then(Value::as_u64).and_then(|id| u32::try_from(id).ok());
         if id.is_none() {
             let found = value.map_or("missing", kind);
-            self.report.add(join(path, "object_id"), format!("is {found}; give a whole number from 0"));
+            self.report.add(
+                join(path, "object_id"),
+                format!("is {found}; give a whole number from 0 to {}", u32::MAX),
+            );
         }
         id
     }
@@ -404,10 +410,10 @@ mod tests {
     fn wrong_types_are_named_with_their_paths() {
         let break_one = |from: &str, to: &str| violations(&REAL.replacen(from, to, 1));
         assert_eq!(break_one("\"cube\"", "\"torus\""), ["object_property[0].shape"]);
-        assert_eq!(
-            break_one("\"object_id\": 1", "\"object_id\": 0"),
-            ["object_property[1].object_id", OTHER]
-        );
+        assert_eq!(break_one("\"object_id\": 1", "\"object_id\": 0"), ["object_property[1].object_id"]);
+        assert_eq!(break_one("\"object_id\": 1", "\"object_id\": 5e9"), ["object_property[1].object_id"]);
+        let stranger = REAL.replace("{\"object_id\": 1, \"loc", "{\"object_id\": 7, \"loc");
+        assert_eq!(violations(&stranger), ["motion_trajectory[0].objects[1].object_id"]);
         assert_eq!(violations(&format!("\u{feff}{REAL}")), [""; 0]);
         assert_eq!(
             break_one("[1.1, 2.0, 0.2]", "[1.1, null, 0.2]"),
@@ -421,8 +427,6 @@ mod tests {
         assert_eq!(violations("{\"a\":"), ["(file)"]);
         assert_eq!(violations("{}"), ["(file)"]);
     }
-    /// Where the id first stands that no object has then.
-    const OTHER: &str = "motion_trajectory[0].objects[1].object_id";
 
     proptest! {
         #[test]
