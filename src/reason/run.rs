@@ -66,7 +66,7 @@ impl Facts<'_> {
     }
 }
 
-/// Runs a checked program on top of `stack`.
+/// Runs a checked program on top of `stack`; with its trail on the best rollout.
 pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Vec<Value>, Vec<Step>), Halt> {
     let mut trail = vec![];
     let mut words: Vec<&str> = vec![];
@@ -77,7 +77,10 @@ pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Ve
             _ => {}
         }
         let value = step(*op, facts, &mut stack, &words)?;
-        trail.push(Step { token: token.clone(), result: describe(facts.scene, &value) });
+        // Only the best rollout's trail is told, and telling costs more than the step.
+        if facts.rollout == 0 {
+            trail.push(Step { token: token.clone(), result: describe(facts.scene, &value) });
+        }
         stack.push(value);
     }
     Ok((stack, trail))
