@@ -157,6 +157,10 @@ impl Reader<'_> {
     fn phrase(&mut self, name: &'static str, at: usize) -> Vec<Reading> {
         match name {
             "S" => self.object(at).into_iter().collect(),
+            "number" => match self.word(at) {
+                Some(w) if w.parse::<u32>().is_ok_and(|n| n > 0) => vec![(at + 1, vec![w.to_string()])],
+                _ => vec![],
+            },
             "some" => {
                 let some = self.objects(at);
                 if some.is_none() {
