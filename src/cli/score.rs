@@ -254,7 +254,13 @@ mod tests {
         scores.add(&open, Some(&json!("2")));
         scores.add(&open, None);
         scores.add(&json!({ "question_type": "descriptive" }), Some(&json!("3")));
-        insta::assert_snapshot!(scores.table(), @"");
+        insta::assert_snapshot!(scores.table(), @r"
+          type                per option [95 %]       per question [95 %]
+          ───────────────────────────────────────────────────────────────
+          descriptive   50.0 % [9.5, 90.5] of 2   50.0 % [9.5, 90.5] of 2
+          predictive   75.0 % [30.1, 95.4] of 4   50.0 % [9.5, 90.5] of 2
+          all          66.7 % [30.0, 90.3] of 6  50.0 % [15.0, 85.0] of 4
+        ");
     }
 
     #[test]

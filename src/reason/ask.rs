@@ -66,6 +66,7 @@ struct Session<'a> {
     index: usize,
     options: AskOptions,
     stop: Stop<'a>,
+    effects: Vec<String>,
     worlds: Vec<World>,
     simulations: Vec<Imagined>,
 }
@@ -103,8 +104,10 @@ pub fn ask(
         result(&program, vec![], None)?;
     }
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
+    let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
+    let effects = active.map(|e| e.name.clone()).collect();
     let (worlds, simulations) = (vec![], vec![]);
-    let mut session = Session { scene, fit, index, options, stop, worlds, simulations };
+    let mut session = Session { scene, fit, index, options, stop, effects, worlds, simulations };
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
     answer.program = program.tokens;
@@ -173,7 +176,7 @@ impl Session<'_> {
         rollout: usize,
     ) -> Result<(Option<Value>, Vec<Step>), ReasonError> {
         loop {
-            let facts = Facts { scene: self.scene, worlds: &self.worlds, rollout };
+            let facts = Facts { scene: self.scene, effects: &self.effects, worlds: &self.worlds, rollout };
             let mut trail = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, facts, stack)?;

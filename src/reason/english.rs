@@ -98,6 +98,9 @@ fn kind(slot: &'static str) -> &'static str {
 /// Where a reading ends, and its program.
 type Reading = (usize, Vec<String>);
 
+/// Programs of the phrases in a form so far.
+type Bound = Vec<(&'static str, Vec<String>)>;
+
 struct Reader<'a> {
     words: &'a [String],
     /// Where the events come from that a program asks for.
@@ -113,7 +116,7 @@ struct Reader<'a> {
 impl Reader<'_> {
     /// All readings of a form from the word `start` on.
     fn form(&mut self, form: &'static Form, start: usize) -> Vec<Reading> {
-        let mut states: Vec<(usize, Vec<(&str, Vec<String>)>)> = vec![(start, vec![])];
+        let mut states: Vec<(usize, Bound)> = vec![(start, vec![])];
         let mut rest = form.reads;
         while let Some(part) = rest.split_whitespace().next() {
             let here = rest;
@@ -157,6 +160,10 @@ impl Reader<'_> {
     fn phrase(&mut self, name: &'static str, at: usize) -> Vec<Reading> {
         match name {
             "S" => self.object(at).into_iter().collect(),
+            "number" => match self.word(at) {
+                Some(w) if w.parse::<u32>().is_ok_and(|n| n > 0) => vec![(at + 1, vec![w.to_string()])],
+                _ => vec![],
+            },
             "some" => {
                 let some = self.objects(at);
                 if some.is_none() {

@@ -16,7 +16,8 @@ const fn form(phrase: &'static str, reads: &'static str, program: &'static str) 
 /// The collision of two objects.
 const PAIR: &str = "@events {S1} filter_collision {S2} filter_collision unique";
 
-/// `{S}` is one object ("the blue cube"), `{some}` any number of them ("blue cubes"): see [`super::english`].
+/// `{S}` is one object ("the blue cube"), `{some}` any number of them ("blue cubes"), `{number}` is written in digits: see
+/// [`super::english`].
 /// The first form of a phrase is the one that examples use.
 pub(super) static FORMS: &[Form] = &[
     // What would have been.
@@ -43,8 +44,23 @@ pub(super) static FORMS: &[Form] = &[
     form("if", "if {S} is|was|were removed", "{S}"),
     form("if", "without {S}", "{S}"),
     form("if", "if {S} is|was|were {much} {mass}", "{S} {mass}"),
+    form("if", "if {S1} and {S2} are|were removed", "{S1} {S2} both"),
+    form("if", "without {S1} and {S2}", "{S1} {S2} both"),
+    form("if", "if there was|were no {law}", "{law} switch_off"),
+    form("if", "without {law}", "{law} switch_off"),
     form("mass", "heavier", "apply_heavier"),
     form("mass", "lighter", "apply_lighter"),
+    form("mass", "{factor} times as heavy", "{factor} scale_mass"),
+    form("mass", "{factor} times heavier", "{factor} scale_mass"),
+    form("mass", "twice as heavy", "2 scale_mass"),
+    form("mass", "half as heavy", "0.5 scale_mass"),
+    form("factor", "{number}", "{number}"),
+    form("factor", "three", "3"),
+    form("factor", "five", "5"),
+    form("factor", "ten", "10"),
+    form("law", "friction", "friction"),
+    form("law", "drag", "drag"),
+    form("law", "air drag|resistance", "drag"),
     form("much", "much", ""),
     form("much", "", ""),
     form("asked", "what", ""),

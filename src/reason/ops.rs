@@ -3,7 +3,7 @@
 use super::ReasonError;
 use super::events::{Happening, Kind, Past, SIDES};
 use crate::scene::{Object, Scene};
-use crate::world::Intervention;
+use crate::world::{Intervention, InterventionError};
 
 /// Mass factors of "heavier" and "lighter".
 pub const HEAVIER: f64 = 5.0;
@@ -123,6 +123,7 @@ pub fn partner(event: &Happening, object: usize) -> Result<usize, ReasonError> {
     other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
 }
 
+/// Removal of the object, or its mass times the factor.
 pub fn change(scene: &Scene, object: usize, factor: Option<f64>) -> Result<Intervention, ReasonError> {
     let object = scene.objects.get(object).ok_or_else(|| ReasonError::NoSuchObject {
         phrase: format!("object {object}"),
@@ -132,4 +133,17 @@ pub fn change(scene: &Scene, object: usize, factor: Option<f64>) -> Result<Inter
         None => Intervention::Remove { id: object.id },
         Some(factor) => Intervention::ScaleMass { id: object.id, factor },
     })
+}
+
+/// Switches off the effects of the model that together are what people call friction, or drag.
+pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, ReasonError> {
+    let also = if law == "friction" { "rolling_resistance" } else { "damping" };
+    let off = effects.iter().filter(|name| name.contains(law) || *name == also);
+    let off: Vec<Intervention> =
+        off.map(|name| Intervention::SwitchEffect { name: name.clone(), on: false }).collect();
+    if off.is_empty() {
+        let (name, known) = (law.to_string(), effects.to_vec());
+        return Err(InterventionError::UnknownEffect { name, known }.into());
+    }
+    Ok(off)
 }

@@ -15,6 +15,8 @@ pub enum Type {
     Shape,
     Side,
     Order,
+    Factor,
+    Law,
     Change,
     Text,
     Number,
@@ -24,9 +26,10 @@ pub enum Type {
 macro_rules! ops {
     ($($op:ident: $($token:literal)|+;)*) => {
         /// One operation; a word of the vocabulary is one that pushes itself.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Order(usize) }
-        /// Tokens and the operations they stand for: CLEVRER's with the aliases in use, and those of billiards.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64) }
+        /// Tokens and the operations they stand for: CLEVRER's with the aliases in use, and ours for billiards
+        /// and for more changes than CLEVRER makes; a number is a factor.
         pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
             ("first", Op::Order(0)), ("second", Op::Order(1)), ("last", Op::Order(usize::MAX)),
             ("gray", Op::Color("gray")), ("red", Op::Color("red")), ("blue", Op::Color("blue")),
@@ -34,6 +37,7 @@ macro_rules! ops {
             ("purple", Op::Color("purple")), ("yellow", Op::Color("yellow")),
             ("white", Op::Color("white")), ("black", Op::Color("black")), ("orange", Op::Color("orange")),
             ("pink", Op::Color("pink")), ("left", Op::Side("left")), ("right", Op::Side("right")),
+            ("friction", Op::Law("friction")), ("drag", Op::Law("drag")),
             ("top", Op::Side("top")), ("bottom", Op::Side("bottom")),
             ("rubber", Op::Material("rubber")), ("metal", Op::Material("metal")),
             ("sphere", Op::Shape("sphere")), ("cylinder", Op::Shape("cylinder")), ("cube", Op::Shape("cube")),
@@ -75,6 +79,9 @@ ops! {
     Counterfact: "filter_counterfact" | "get_counterfact" | "counterfact_events";
     ApplyHeavier: "apply_heavier";
     ApplyLighter: "apply_lighter";
+    ScaleMass: "scale_mass";
+    SwitchOff: "switch_off";
+    Both: "both";
     QueryColor: "query_color";
     QueryMaterial: "query_material";
     QueryShape: "query_shape";
@@ -96,7 +103,9 @@ impl Program {
             return Err(ReasonError::ProgramLength { tokens: tokens.len(), most: Self::MAX_TOKENS });
         }
         let ops = tokens.iter().enumerate().map(|(position, token)| {
-            TOKENS.iter().find(|(t, _)| t == token).map(|(_, op)| *op).ok_or_else(|| {
+            let word = TOKENS.iter().find(|(t, _)| t == token).map(|(_, op)| *op);
+            let factor = || token.parse().ok().filter(|f: &f64| f.is_finite() && *f > 0.0).map(Op::Factor);
+            word.or_else(factor).ok_or_else(|| {
                 let names = TOKENS.iter().map(|(t, _)| *t);
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })
@@ -143,6 +152,8 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
         Op::Material(_) => Material,
         Op::Shape(_) => Shape,
         Op::Side(_) => Side,
+        Op::Factor(_) => Factor,
+        Op::Law(_) => Law,
         Op::Order(_) => Order,
         Op::Unique => match pop("objects or events", &[Objects, Events])? {
             Objects => Object,
@@ -196,11 +207,20 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             pop("an event", &[Event]).map(|_| Object)?
         }
         Op::Counterfact => {
-            pop("an object or its changed mass", &[Object, Change])?;
+            pop("an object or a change", &[Object, Change])?;
             if stack.last() == Some(&Events) {
                 stack.pop();
             }
             Events
+        }
+        Op::ScaleMass => {
+            pop("a factor", &[Factor])?;
+            pop("an object", &[Object]).map(|_| Change)?
+        }
+        Op::SwitchOff => pop("friction or drag", &[Law]).map(|_| Change)?,
+        Op::Both => {
+            pop("an object or a change", &[Object, Change])?;
+            pop("an object or a change", &[Object, Change]).map(|_| Change)?
         }
         Op::ApplyHeavier | Op::ApplyLighter => pop("an object", &[Object]).map(|_| Change)?,
         Op::QueryColor | Op::QueryMaterial | Op::QueryShape => pop("an object", &[Object]).map(|_| Text)?,

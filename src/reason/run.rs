@@ -24,7 +24,8 @@ pub enum Value {
     Frame(Option<usize>),
     Word(&'static str),
     Order(usize),
-    Change(Intervention),
+    Factor(f64),
+    Change(Vec<Intervention>),
     Text(String),
     Number(usize),
     Bool(bool),
@@ -48,6 +49,8 @@ impl From<ReasonError> for Halt {
 #[derive(Clone, Copy)]
 pub struct Facts<'a> {
     pub scene: &'a Scene,
+    /// Effects that are on in the fitted model.
+    pub effects: &'a [String],
     pub worlds: &'a [World],
     pub rollout: usize,
 }
@@ -66,7 +69,7 @@ impl Facts<'_> {
     }
 }
 
-/// Runs a checked program on top of `stack`.
+/// Runs a checked program on top of `stack`; with its trail on the best rollout.
 pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Vec<Value>, Vec<Step>), Halt> {
     let mut trail = vec![];
     let mut words: Vec<&str> = vec![];
@@ -77,7 +80,10 @@ pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Ve
             _ => {}
         }
         let value = step(*op, facts, &mut stack, &words)?;
-        trail.push(Step { token: token.clone(), result: describe(facts.scene, &value) });
+        // Only the best rollout's trail is told, and telling costs more than the step.
+        if facts.rollout == 0 {
+            trail.push(Step { token: token.clone(), result: describe(facts.scene, &value) });
+        }
         stack.push(value);
     }
     Ok((stack, trail))
@@ -92,6 +98,12 @@ fn untyped(op: Op) -> Halt {
 fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<Value, Halt> {
     use Value::*;
     let scene = facts.scene;
+    // An object by itself stands for its removal.
+    let changes = |value| match value {
+        Object(object) => Ok(vec![ops::change(scene, object, None)?]),
+        Change(changes) => Ok(changes),
+        _ => Err(untyped(op)),
+    };
     let mut pop = || stack.pop().ok_or_else(|| untyped(op));
     Ok(match op {
         Op::Objects => Objects(ops::all(scene)),
@@ -101,7 +113,8 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
         Op::Start => Event(ops::edge(scene, Kind::Start)),
         Op::End => Event(ops::edge(scene, Kind::End)),
         Op::Null => Frame(None),
-        Op::Color(word) | Op::Material(word) | Op::Shape(word) | Op::Side(word) => Word(word),
+        Op::Color(word) | Op::Material(word) | Op::Shape(word) | Op::Side(word) | Op::Law(word) => Word(word),
+        Op::Factor(factor) => Factor(factor),
         Op::Order(place) => Order(place),
         Op::Unique => match pop()? {
             Objects(objects) => Object(ops::unique_object(scene, &objects, &words.join(" "))?),
@@ -207,20 +220,28 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
         Op::ApplyHeavier | Op::ApplyLighter => match pop()? {
             Object(object) => {
                 let factor = if op == Op::ApplyHeavier { ops::HEAVIER } else { ops::LIGHTER };
-                Change(ops::change(scene, object, Some(factor))?)
+                Change(vec![ops::change(scene, object, Some(factor))?])
             }
             _ => return Err(untyped(op)),
         },
+        Op::ScaleMass => match (pop()?, pop()?) {
+            (Factor(factor), Object(object)) => Change(vec![ops::change(scene, object, Some(factor))?]),
+            _ => return Err(untyped(op)),
+        },
+        Op::SwitchOff => match pop()? {
+            Word(law) => Change(ops::switch_off(facts.effects, law)?),
+            _ => return Err(untyped(op)),
+        },
+        Op::Both => {
+            let (second, first) = (changes(pop()?)?, changes(pop()?)?);
+            Change([first, second].concat())
+        }
         Op::Counterfact => {
-            let change = match pop()? {
-                Object(object) => ops::change(scene, object, None)?,
-                Change(change) => change,
-                _ => return Err(untyped(op)),
-            };
+            let changes = changes(pop()?)?;
             if matches!(stack.last(), Some(Events(_))) {
                 stack.pop();
             }
-            Events(facts.events(&[change], false)?)
+            Events(facts.events(&changes, false)?)
         }
         Op::QueryColor | Op::QueryMaterial | Op::QueryShape => match pop()? {
             Object(object) => match scene.objects.get(object) {
@@ -255,11 +276,23 @@ pub fn describe(scene: &Scene, value: &Value) -> String {
         Value::Word(word) => word.to_string(),
         Value::Order(usize::MAX) => "last".to_string(),
         Value::Order(place) => format!("number {}", place + 1),
-        Value::Change(Intervention::ScaleMass { factor, .. }) => format!("its mass times {factor}"),
-        Value::Change(_) => "a change".to_string(),
+        Value::Factor(factor) => factor.to_string(),
+        Value::Change(changes) => list(changes.iter().map(|change| describe_change(scene, change)).collect()),
         Value::Text(text) => text.clone(),
         Value::Number(number) => number.to_string(),
         Value::Bool(b) => if *b { "yes" } else { "no" }.to_string(),
+    }
+}
+
+fn describe_change(scene: &Scene, change: &Intervention) -> String {
+    let name = |id: &u32| scene.object_index(*id).and_then(|i| scene.objects.get(i)).map(ops::phrase);
+    match change {
+        Intervention::Remove { id } => format!("without {}", name(id).unwrap_or_default()),
+        Intervention::ScaleMass { id, factor } => {
+            format!("the mass of {} times {factor}", name(id).unwrap_or_default())
+        }
+        Intervention::SwitchEffect { name, .. } => format!("without {name}"),
+        other => format!("{other:?}"),
     }
 }
 

@@ -235,7 +235,7 @@ fn true_events_give_the_true_answers() {
                 rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
             });
         }
-        let facts = Facts { scene: &scene, worlds: &worlds, rollout: 0 };
+        let facts = Facts { scene: &scene, effects: &[], worlds: &worlds, rollout: 0 };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = Program::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);
@@ -287,6 +287,14 @@ fn a_question_is_answered_from_english_and_from_its_program() {
         asked("What will happen without the red object?", &[pair]),
         Err(ReasonError::NoSuchObject { .. })
     ));
+    for (text, edits) in [
+        ("What would happen if the cube were 3 times as heavy?", 1),
+        ("What would happen without the cube and the brown sphere?", 2),
+        ("What would happen if there were no friction?", 3),
+    ] {
+        let answer = asked(text, &[pair]).unwrap();
+        assert_eq!(answer.simulations[0].interventions.len(), edits, "{text}");
+    }
     let ambiguous = asked("What will happen without the cyan object?", &[pair]);
     assert!(
         matches!(ambiguous, Err(ReasonError::AmbiguousObject { candidates, .. }) if candidates.len() == 2)
