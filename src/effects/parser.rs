@@ -35,7 +35,7 @@ impl<'a> Parser<'a> {
             if !program.steps[target].is_empty() {
                 return Err((at, Problem::Twice { name: TARGETS[target] }));
             }
-            self.expect('=', "'='")?;
+            self.take('=', "'='")?;
             let mut steps = vec![];
             self.expression(0, 0, &mut steps)?;
             program.steps[target] = steps;
@@ -64,7 +64,7 @@ impl<'a> Parser<'a> {
             Some('(') => {
                 self.at += 1;
                 self.expression(0, depth + 1, out)?;
-                self.expect(')', "')'")?;
+                self.take(')', "')'")?;
             }
             Some(c) if c.is_ascii_digit() || c == '.' => out.push(Step::Number(self.number()?)),
             Some(c) if c.is_ascii_alphabetic() => self.named(depth, out)?,
@@ -99,7 +99,7 @@ impl<'a> Parser<'a> {
         } else if name == "pi" {
             out.push(Step::Number(std::f64::consts::PI));
         } else if let Some(i) = FUNCTIONS.iter().position(|f| f.0 == name) {
-            self.expect('(', "'('")?;
+            self.take('(', "'('")?;
             let mut found = 0;
             loop {
                 self.expression(0, depth + 1, out)?;
@@ -110,7 +110,7 @@ impl<'a> Parser<'a> {
                 }
                 self.at += 1;
             }
-            self.expect(')', "')' or ','")?;
+            self.take(')', "')' or ','")?;
             let (name, wanted) = FUNCTIONS[i];
             if found != wanted {
                 return Err((at, Problem::Arguments { name, wanted, found }));
@@ -147,7 +147,7 @@ impl<'a> Parser<'a> {
         &rest[..end]
     }
 
-    fn expect(&mut self, c: char, wanted: &'static str) -> Result<(), Fault> {
+    fn take(&mut self, c: char, wanted: &'static str) -> Result<(), Fault> {
         self.skip();
         if self.peek() != Some(c) {
             return Err(self.unexpected(wanted));
