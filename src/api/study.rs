@@ -5,7 +5,7 @@ use super::request::Report;
 use super::v1;
 use crate::discover::{Comparison, Diagnosis, Ranked, SceneComparison, Value, Verdict};
 use crate::effects::effect;
-use crate::engine::{Choice, Discovered, EngineError, Findings, Inquiry, MAX_STUDY_VIDEOS, Study};
+use crate::engine::{Choice, Discovered, EngineError, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
 use crate::num::Vec2;
 
 /// Effects that a discovery adds at most where nothing is said.
@@ -200,8 +200,8 @@ fn unit(of: &str, name: &str) -> String {
 }
 
 fn course(video: &str, c: &crate::engine::Course) -> v1::Course {
-    let pose = |p: Option<&Option<[f64; 3]>>| p.copied().flatten().map(|p| p.to_vec()).unwrap_or_default();
-    let frame = |(before, after): (&Vec<Option<[f64; 3]>>, &Vec<Option<[f64; 3]>>)| v1::CourseFrame {
+    let pose = |p: Option<&Pose>| p.copied().flatten().map(|p| p.to_vec()).unwrap_or_default();
+    let frame = |(before, after): (&Vec<Pose>, &Vec<Pose>)| v1::CourseFrame {
         objects: (0..before.len())
             .map(|k| v1::CourseObject { before: pose(before.get(k)), after: pose(after.get(k)) })
             .collect(),

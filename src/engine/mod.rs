@@ -11,7 +11,7 @@ pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use memo::{Update, Waiting};
 pub use pool::Control;
 pub use start::{Choice, ChoiceKind};
-pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Study};
+pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
 pub use trace::TraceRecord;
 
 use crate::fit::{Fit, FitError, FitOptions, fit};

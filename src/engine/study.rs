@@ -55,11 +55,14 @@ pub struct Discovered {
     pub courses: Vec<Course>,
 }
 
-/// One video simulated without and with the effects that were added: `[frame][object]`, x, y (m) and yaw (rad).
+/// x, y (m) and yaw (rad); `None` where the object is absent.
+pub type Pose = Option<[f64; 3]>;
+
+/// One video simulated without and with the effects that were added: `[frame][object]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Course {
-    pub before: Vec<Vec<Option<[f64; 3]>>>,
-    pub after: Vec<Vec<Option<[f64; 3]>>>,
+    pub before: Vec<Vec<Pose>>,
+    pub after: Vec<Vec<Pose>>,
 }
 
 impl Engine {
@@ -187,7 +190,7 @@ fn findings(
     }
 }
 
-fn course(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<Option<[f64; 3]>>> {
+fn course(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<Pose>> {
     let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
     let rows = trace(model, &times).states;
     let pose = |s: &Option<crate::world::State>| s.map(|s| [s.position.x, s.position.y, s.yaw]);
