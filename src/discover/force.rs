@@ -6,7 +6,7 @@ use crate::effects::{EffectEntry, Hook, Scope, effect};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Instant, Kinematics, Model, accelerations};
+use crate::world::{BODY_VALUES, Kinematics, Model, Snapshot, accelerations};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -28,7 +28,7 @@ pub struct Lens<'a> {
     pub noises: Vec<Noise>,
     pub paths: Vec<Vec<Path>>,
     /// For each scene, all bodies in each frame.
-    instants: Vec<Vec<Instant>>,
+    instants: Vec<Vec<Snapshot>>,
     stretches: Vec<Stretch>,
     /// Rows that are left out together: one video's, or one object's where there is one video.
     pub folds: Vec<Vec<Range<usize>>>,
@@ -343,12 +343,12 @@ fn damped_step(
 }
 
 /// All bodies that are seen, frame by frame.
-fn instants(scene: &Scene, paths: &[Path]) -> Vec<Instant> {
+fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
     let bodies = |f: usize| {
         let seen = paths.iter().enumerate();
         seen.filter_map(|(i, p)| Some((i, (*p.motion.get(f)?)?))).collect()
     };
-    scene.times.iter().enumerate().map(|(f, &time)| Instant { time, bodies: bodies(f) }).collect()
+    scene.times.iter().enumerate().map(|(f, &time)| Snapshot { time, bodies: bodies(f) }).collect()
 }
 
 /// Double integral of a piecewise linear acceleration from rest at the first frame.

@@ -10,7 +10,7 @@ use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{FreeMotion, PROOF, search, search_on};
-use crate::effects::EffectEntry;
+use crate::effects::{EffectEntry, effect};
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -24,6 +24,12 @@ const FEWEST: usize = 60;
 const SAME: f64 = 20.0;
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 const FOLLOWED: f64 = 1.3;
+
+/// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
+const STICKING: &str = "sticky_contact";
+const STICKING_PROOF: f64 = 9.0;
+/// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
+const LOST: f64 = 1000.0;
 
 /// A law outside the library must beat what the library found by this (chi-square in units of what remains).
 const FORMULA_PROOF: f64 = 40.0;
@@ -186,9 +192,19 @@ fn conclude(
     }
     let revisions: Result<Vec<Revision>, FitError> =
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
-    let revisions = revisions?;
+    let mut revisions = revisions?;
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
+    let lost = proven.is_none() && last.reduced_chi_square > LOST;
+    if proven.is_none() && room && last.reduced_chi_square > FOLLOWED {
+        let stuck = sticking(lens, &motion.models, last, &options.fit, stop)?;
+        effects.extend(stuck.iter().map(|_| Found {
+            kind: STICKING.into(),
+            effect: STICKING.into(),
+            parameters: vec![],
+        }));
+        revisions.extend(stuck);
+    }
     if let Some(c) = proven {
         effects.push(Found {
             kind: c.entry.kind.to_string(),
@@ -211,7 +227,7 @@ fn conclude(
     // Two laws of the library may be the image of one that it lacks.
     let compromise = (motion.found.len() > 1).then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
-    let outside = misfit || compromise.is_some();
+    let outside = misfit || compromise.is_some() || (lost && effects.is_empty());
     let formula = compromise
         .or_else(|| misfit.then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
         .map(|l| l.text);
@@ -237,6 +253,26 @@ fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
+/// trace that a score could follow, so it is tried whole.
+fn sticking(
+    lens: &Lens,
+    models: &[Model],
+    base: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let Some(entry) = effect(STICKING) else { return Ok(None) };
+    let mut models = with_contact(models, entry, &[1.0, 0.0], &region(lens.scenes));
+    for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == STICKING) {
+        active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
+    }
+    let revision = revise(lens, &models, Some(STICKING), options, stop)?;
+    let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
+        && revision.held_out_rmse < base.held_out_rmse;
+    Ok(proven.then_some(revision))
 }
 
 /// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.
@@ -322,6 +358,9 @@ fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
+        Verdict::OutsideLibrary if left <= super::MISFIT => {
+            "between contacts the motion is explained, what contacts do is not; film single contacts".into()
+        }
         Verdict::OutsideLibrary => {
             format!(
                 "no law of the library is the one; reduced chi-square {left:.2} remains after its best, and the formula says more"

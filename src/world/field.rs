@@ -7,7 +7,7 @@ use crate::num::Vec2;
 
 /// Where some bodies were at one instant.
 #[derive(Debug, Clone)]
-pub struct Instant {
+pub struct Snapshot {
     /// s.
     pub time: f64,
     /// Index of the body and its motion.
@@ -16,9 +16,9 @@ pub struct Instant {
 
 /// Acceleration (m/s^2) of each body of each instant under the numbers `flat` ([`Model::flatten`]). Balls that
 /// begin to roll are taken to roll; nobody touches anybody.
-pub fn accelerations(model: &Model, flat: &[f64], instants: &[Instant]) -> Vec<Vec<Vec2>> {
+pub fn accelerations(model: &Model, flat: &[f64], instants: &[Snapshot]) -> Vec<Vec<Vec2>> {
     let laws = Laws::<f64>::new(model, flat);
-    let one = |instant: &Instant| {
+    let one = |instant: &Snapshot| {
         let members: Vec<usize> = instant.bodies.iter().map(|b| b.0).collect();
         let motions: Vec<Kinematics<f64>> = instant.bodies.iter().map(|b| b.1).collect();
         let mut wrenches: Vec<Wrench<f64>> =

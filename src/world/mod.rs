@@ -17,7 +17,7 @@ mod rigid;
 mod simulate;
 mod trace;
 
-pub use field::{Instant, accelerations};
+pub use field::{Snapshot, accelerations};
 pub use film::film;
 pub use intervene::{Intervention, InterventionError};
 pub use model::{
