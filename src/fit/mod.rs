@@ -135,13 +135,14 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
             start::from_tracks(scene, model, noise);
         }
     }
-    let problem = Problem::new(scenes, models, &noises);
+    let problem = Problem::new(scenes, models, &noises, stop);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
     let best = match options.method {
         Method::GaussNewton => gauss_newton(&problem, frames, options, stop)?,
         Method::Paper => paper::minimise(&problem, frames, options.max_iterations, stop)?,
     };
     let posterior = Posterior::at(&problem, &best.point, frames);
+    stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
     Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
 }

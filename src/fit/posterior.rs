@@ -162,6 +162,9 @@ fn draws(
         let shift: DVector<f64> = factor * z;
         let mut share = 1.0;
         for _ in 0..SHRINKS {
+            if (problem.stop)(0.0).is_err() {
+                break;
+            }
             let step = &shift * share;
             let wanted: Vec<Vec<f64>> = parts.iter().map(|p| p.predicted(step.as_slice())).collect();
             let mut drawn = moved(point, &step);

@@ -2,7 +2,7 @@
 
 use super::noise::{Noise, wrapped};
 use crate::effects::Scope;
-use crate::num::{Jet, LANES, Real};
+use crate::num::{Jet, LANES, Real, Stop};
 use crate::scene::Scene;
 use crate::world::{
     BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, SPINS, film,
@@ -44,6 +44,8 @@ pub(super) struct Part<'a> {
 }
 
 pub(super) struct Problem<'a> {
+    /// Polled between passes of one linearisation; what a stopped one gives is never used.
+    pub stop: Stop<'a>,
     pub parts: Vec<Part<'a>>,
     pub free: Vec<Free>,
 }
@@ -59,7 +61,7 @@ pub(super) struct Normal {
 pub(super) type Window = usize;
 
 impl<'a> Problem<'a> {
-    pub fn new(scenes: &'a [Scene], models: Vec<Model>, noises: &[Noise]) -> Self {
+    pub fn new(scenes: &'a [Scene], models: Vec<Model>, noises: &[Noise], stop: Stop<'a>) -> Self {
         let mut free: Vec<Free> = vec![];
         let mut parts = vec![];
         for (index, ((scene, model), noise)) in scenes.iter().zip(models).zip(noises).enumerate() {
@@ -153,11 +155,11 @@ impl<'a> Problem<'a> {
             let base = model.flatten();
             parts.push(Part { scene, model, noise: *noise, base, slots });
         }
-        Problem { parts, free }
+        Problem { stop, parts, free }
     }
 
     /// The same parameters and models with other measurements of the same objects.
-    pub fn with_scenes<'b>(&self, scenes: &'b [Scene]) -> Problem<'b> {
+    pub fn with_scenes<'b>(&'b self, scenes: &'b [Scene]) -> Problem<'b> {
         let part = |(p, scene): (&Part, &'b Scene)| Part {
             scene,
             model: p.model.clone(),
@@ -165,7 +167,8 @@ impl<'a> Problem<'a> {
             base: p.base.clone(),
             slots: p.slots.clone(),
         };
-        Problem { parts: self.parts.iter().zip(scenes).map(part).collect(), free: self.free.clone() }
+        let parts = self.parts.iter().zip(scenes).map(part).collect();
+        Problem { stop: self.stop, parts, free: self.free.clone() }
     }
 
     /// Where the search starts: the values of the models.
@@ -234,7 +237,7 @@ impl<'a> Problem<'a> {
 
     /// Residuals of each part and how they change with the parameters.
     pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
-        self.parts.iter().map(|part| part.linearised(&self.free, point, window)).collect()
+        self.parts.iter().map(|part| part.linearised(&self.free, point, window, self.stop)).collect()
     }
 
     /// The model of part `index` at this point.
@@ -301,7 +304,7 @@ impl Part<'_> {
         }
     }
 
-    fn linearised(&self, free: &[Free], point: &[f64], window: Window) -> Linear {
+    fn linearised(&self, free: &[Free], point: &[f64], window: Window, stop: Stop) -> Linear {
         let flat = self.flat(free, point);
         let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
         let mut residuals = vec![];
@@ -312,6 +315,9 @@ impl Part<'_> {
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
         for first in (0..width).step_by(LANES) {
+            if stop(0.0).is_err() {
+                break;
+            }
             let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
             for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
                 let (slot, k) = self.slots[lane.slot];

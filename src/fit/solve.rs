@@ -37,6 +37,7 @@ pub(super) fn minimise(
         cost = normal.cost;
         let mut accepted = None;
         while accepted.is_none() && damping < MOST_DAMPING {
+            stop(iteration as f64 / budget as f64)?;
             if let Some(step) = step(problem, &point, &normal.gradient, &normal.hessian, damping) {
                 let trial_cost = problem.cost(&step, window);
                 if trial_cost < cost {
