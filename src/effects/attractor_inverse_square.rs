@@ -1,6 +1,8 @@
 //! A fixed source that attracts with the inverse square of the distance.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, pair_attraction::softened};
+use super::{
+    CENTER, Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, pair_attraction::softened,
+};
 use crate::body::{Body, Wrench};
 use crate::num::{Real, vec2};
 
@@ -22,24 +24,8 @@ impl Effect for AttractorInverseSquare {
                 scope: Scope::Setup,
                 doc: "strength of the source",
             },
-            ParamSpec {
-                name: "center_x",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
-            ParamSpec {
-                name: "center_y",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
+            CENTER[0],
+            CENTER[1],
             ParamSpec {
                 name: "eps",
                 unit: "m",

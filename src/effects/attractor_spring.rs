@@ -1,6 +1,6 @@
 //! A spring to a fixed place: an attractor that grows with distance.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry};
+use super::{CENTER, Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry};
 use crate::body::{Body, Wrench};
 use crate::num::{Real, vec2};
 
@@ -22,24 +22,8 @@ impl Effect for AttractorSpring {
                 scope: Scope::Setup,
                 doc: "force per distance",
             },
-            ParamSpec {
-                name: "center_x",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
-            ParamSpec {
-                name: "center_y",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
+            CENTER[0],
+            CENTER[1],
         ],
     };
     const KIND: &str = "attractor";

@@ -1,6 +1,6 @@
 //! A round patch of ground that is rougher, or smoother, than the rest.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, report::Quantity};
+use super::{CENTER, Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, report::Quantity};
 use crate::body::{Body, Wrench};
 use crate::num::{Real, vec2};
 
@@ -25,24 +25,8 @@ impl Effect for FrictionPatch {
                 scope: Scope::Setup,
                 doc: "k - 1: by how much more friction there is",
             },
-            ParamSpec {
-                name: "center_x",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
-            ParamSpec {
-                name: "center_y",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
+            CENTER[0],
+            CENTER[1],
             ParamSpec {
                 name: "radius",
                 unit: "m",

@@ -194,6 +194,14 @@ pub struct ParamSpec {
     pub doc: &'static str,
 }
 
+const fn center(name: &'static str) -> ParamSpec {
+    let (unit, doc) = ("m", "where it is centred");
+    ParamSpec { name, unit, default: 0.0, min: -100.0, max: 100.0, scope: Scope::Setup, doc }
+}
+
+/// Place of a law that has a centre.
+const CENTER: [ParamSpec; 2] = [center("center_x"), center("center_y")];
+
 /// Who shares one value of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -1,6 +1,7 @@
 //! Objects that push each other away at a distance.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, pair_attraction::softened};
+use super::pair_attraction::{SOFTENED, softened};
+use super::{Effect, EffectSpec, Hook, Seed, Seeds};
 use crate::body::Body;
 use crate::num::{Real, Vec2};
 
@@ -12,26 +13,7 @@ impl Effect for PairRepulsion {
         doc: "F_i = -S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
         source: "Coulomb's law with Plummer's softening (Mon. Not. R. Astron. Soc. 71 (1911) 460)",
         hooks: &[Hook::Pair],
-        params: &[
-            ParamSpec {
-                name: "S",
-                unit: "N m^2",
-                default: 0.0,
-                min: 0.0,
-                max: 50.0,
-                scope: Scope::Setup,
-                doc: "strength of each pair",
-            },
-            ParamSpec {
-                name: "eps",
-                unit: "m",
-                default: 0.1,
-                min: 0.001,
-                max: 2.0,
-                scope: Scope::Setup,
-                doc: "distance within which the force is softened",
-            },
-        ],
+        params: &SOFTENED,
     };
     const SEEDS: Seeds = &[("eps", Seed::Values(&[0.05, 0.2]))];
 

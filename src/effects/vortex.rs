@@ -1,6 +1,6 @@
 //! A whirl that drags bodies along with it.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry};
+use super::{CENTER, Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry};
 use crate::body::{Body, Wrench};
 use crate::num::{Real, vec2};
 
@@ -31,24 +31,8 @@ impl Effect for Vortex {
                 scope: Scope::Setup,
                 doc: "turn rate of the fluid",
             },
-            ParamSpec {
-                name: "center_x",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
-            ParamSpec {
-                name: "center_y",
-                unit: "m",
-                default: 0.0,
-                min: -100.0,
-                max: 100.0,
-                scope: Scope::Setup,
-                doc: "where it is centred",
-            },
+            CENTER[0],
+            CENTER[1],
         ],
     };
     const SYMMETRY: Symmetry = Symmetry::About { center: 2, mirrors: false };
