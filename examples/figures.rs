@@ -13,7 +13,7 @@ use vrdp::fit::{Fit, FitOptions, fit};
 use vrdp::num::{Jet, Real, Vec2, never, vec2};
 use vrdp::reason::{Imagined, Request, imagine};
 use vrdp::scene::{Camera, Scene, parse};
-use vrdp::world::{EventKind, Intervention, Limits, MASS, BODY_VALUES, Model, Preset, simulate, trace};
+use vrdp::world::{BODY_VALUES, EventKind, Intervention, Limits, MASS, Model, Preset, simulate, trace};
 
 /// Size of the film in pixels where the truth has a camera, and the height of what it sees (m).
 const FILM: [f64; 2] = [480.0, 320.0];
@@ -113,7 +113,9 @@ impl Figures {
     /// Prediction and counterfactuals against the true trajectories.
     fn compare(&mut self, scene: &Scene, fit: &Fit, truth: &Json) -> Result<(), Box<dyn Error>> {
         let camera = serde_json::from_value::<Vec<[f64; 4]>>(truth["camera_matrix"].clone()).ok();
-        let camera = camera.and_then(|rows| Some(Camera { matrix: [*rows.first()?, *rows.get(1)?, *rows.get(2)?], image_size: FILM }));
+        let camera = camera.and_then(|rows| {
+            Some(Camera { matrix: [*rows.first()?, *rows.get(1)?, *rows.get(2)?], image_size: FILM })
+        });
         let in_view = |p: Vec2| camera.is_none_or(|c| c.sees(p, HEIGHT));
         let ids = ids(&truth["objects"], "object_id");
         let rows = list(&truth["trajectory"]);
@@ -198,7 +200,10 @@ impl Figures {
         if !self.deviations.is_empty() {
             let within = |n: f64| self.deviations.iter().filter(|d| **d <= n).count() as f64;
             let share = |n: f64| 100.0 * within(n) / self.deviations.len() as f64;
-            row("future errors within 1 and 2 predicted sd", format!("{:.1} % / {:.1} %", share(1.0), share(2.0)));
+            row(
+                "future errors within 1 and 2 predicted sd",
+                format!("{:.1} % / {:.1} %", share(1.0), share(2.0)),
+            );
         }
         let names = ["removal", "heavier", "lighter"];
         for (name, [right, invented, missed]) in names.iter().zip(self.collisions) {
@@ -285,9 +290,10 @@ fn off(imagined: &Imagined, frame: usize, id: u32, truth: Vec2) -> Option<(Vec2,
 
 /// Pairs that collide within the video, in at least half of the rollouts.
 fn pairs(imagined: &Imagined, frames: usize) -> Vec<[u32; 2]> {
-    let likely = imagined.events.iter().filter(|e| {
-        e.event.kind == EventKind::Collision && e.frame < frames && e.probability >= 0.5
-    });
+    let likely = imagined
+        .events
+        .iter()
+        .filter(|e| e.event.kind == EventKind::Collision && e.frame < frames && e.probability >= 0.5);
     distinct(likely.map(|e| e.event.objects.clone()))
 }
 

@@ -4,8 +4,8 @@ use super::v1;
 use crate::effects::{EFFECTS, Scope};
 use crate::engine::{Answered, Simulated, StoredFit, TraceRecord};
 use crate::fit::{Estimate, Outcome};
-use crate::reason::{ChoiceAnswer, Imagined, LikelyEvent, Step};
-use crate::world::{EventKind, State};
+use crate::reason::{ChoiceAnswer, CutShort, Imagined, LikelyEvent, Step};
+use crate::world::{Ending, EventKind, State};
 
 pub fn model_name(video: &str, id: &str) -> String {
     format!("videos/{video}/models/{id}")
@@ -51,6 +51,12 @@ pub fn model(stored: &StoredFit) -> v1::Model {
     }
 }
 
+/// The last message of a fit.
+pub fn fitted(fit: &StoredFit, others: &[&StoredFit]) -> v1::FitModelResponse {
+    let event = Some(v1::fit_model_response::Event::Model(model(fit)));
+    v1::FitModelResponse { event, others: others.iter().map(|fit| model(fit)).collect() }
+}
+
 fn estimate(e: &Estimate) -> v1::Estimate {
     v1::Estimate { value: e.value, sd: e.sd, unit: e.unit.clone(), identified: e.identified }
 }
@@ -94,6 +100,23 @@ pub fn simulation(video: &str, done: &Simulated) -> v1::SimulateResponse {
         frames: frames(&done.imagined),
         events: done.imagined.events.iter().map(event).collect(),
         trace: trace_name(&done.trace),
+        unreached_object_ids: done.imagined.unreached.clone(),
+        cut_short: done.imagined.cut_short.map(cut_short),
+    }
+}
+
+fn cut_short(cut: CutShort) -> v1::CutShort {
+    use v1::cut_short::Reason;
+    let reason = match cut.why {
+        Ending::Completed => Reason::Unspecified,
+        Ending::EventLimit => Reason::EventLimit,
+        Ending::FormulaUndefined => Reason::FormulaUndefined,
+    };
+    v1::CutShort {
+        reason: reason.into(),
+        rollouts: cut.rollouts as u32,
+        frame: cut.frame.map(|f| f as u32),
+        message: cut.why.to_string(),
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::v1;
 use crate::engine::{
-    Choice, ChoiceKind, DEFAULT_ROLLOUTS, EngineError, MAX_ROLLOUTS, MAX_SPEED, SimulateOptions,
+    Choice, ChoiceKind, DEFAULT_ROLLOUTS, EngineError, MAX_ROLLOUTS, MAX_SPEED, MAX_STUDY_VIDEOS, Others,
+    SimulateOptions,
 };
 use crate::fit::{FitOptions, Method};
 use crate::num::{Vec2, vec2};
@@ -184,11 +185,18 @@ pub fn page(size: i32, token: String) -> Result<(usize, String), EngineError> {
     report.finish((size, token))
 }
 
-/// Video, start and options of a fit.
-pub fn fit(given: v1::FitModelRequest) -> Result<(String, Choice, FitOptions), EngineError> {
+/// Video, the others, start and options of a fit.
+pub fn fit(given: v1::FitModelRequest) -> Result<(String, Others, Choice, FitOptions), EngineError> {
     let mut report = Report::default();
     let video = report.id("parent", &given.parent, "videos");
     let choice = report.choice("start", given.start, &video);
+    if given.whole_setup && !given.others.is_empty() {
+        report.add("others", "are named and whole_setup is set; choose one");
+    }
+    let named = given.others.iter().take(MAX_STUDY_VIDEOS + 1).enumerate();
+    let named: Vec<String> =
+        named.map(|(i, name)| report.id(&format!("others[{i}]"), name, "videos")).collect();
+    let others = if given.whole_setup { Others::Setup } else { Others::Named(named) };
     let mut options = FitOptions::default();
     match given.max_iterations {
         0 => {}
@@ -200,7 +208,7 @@ pub fn fit(given: v1::FitModelRequest) -> Result<(String, Choice, FitOptions), E
         Ok(v1::FitMethod::Paper) => options.method = Method::Paper,
         Err(_) => report.add("method", format!("is {}, which is no method", given.method)),
     }
-    report.finish((video, choice, options))
+    report.finish((video, others, choice, options))
 }
 
 pub fn simulate(request: v1::SimulateRequest) -> Result<(String, Choice, SimulateOptions), EngineError> {

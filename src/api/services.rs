@@ -2,7 +2,7 @@
 
 use super::status::{error, status};
 use super::{reply, request, study, v1, video};
-use crate::engine::{Engine, EngineError, Inquiry, Study, Update, Waiting};
+use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Update, Waiting};
 use futures_util::stream::{self, BoxStream, StreamExt};
 use std::sync::Arc;
 use std::time::Duration;
@@ -58,15 +58,24 @@ impl v1::models_server::Models for Services {
     async fn fit_model(&self, request: Request<v1::FitModelRequest>) -> Reply<Self::FitModelStream> {
         use v1::fit_model_response::Event;
         let given = request.into_inner();
-        let (video, start, options) = request::fit(given).map_err(status)?;
-        let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
-        let progress = |fraction| Event::Progress(v1::FitProgress { fraction });
-        let event = |event| v1::FitModelResponse { event: Some(event) };
-        Ok(updates(
-            waiting,
-            move |f| event(progress(f)),
-            move |fit| Some(event(Event::Model(reply::model(fit)))),
-        ))
+        let (video, others, start, options) = request::fit(given).map_err(status)?;
+        let videos = self.0.together(&video, others).await.map_err(status)?;
+        let progress = |fraction| v1::FitModelResponse {
+            event: Some(Event::Progress(v1::FitProgress { fraction })),
+            others: vec![],
+        };
+        if videos.len() == 1 {
+            let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
+            let done = |fit: &StoredFit| reply::fitted(fit, &[]);
+            return Ok(updates(waiting, progress, move |fit| Some(done(fit))));
+        }
+        let waiting = self.0.fit_together(videos, &start, options).await.map_err(status)?;
+        let own = Arc::<str>::from(video);
+        Ok(updates(waiting, progress, move |fits: &Vec<StoredFit>| {
+            let fit = fits.iter().find(|f| *f.video == *own)?;
+            let others: Vec<&StoredFit> = fits.iter().filter(|f| *f.video != *own).collect();
+            Some(reply::fitted(fit, &others))
+        }))
     }
 
     type CompareModelsStream = Items<v1::CompareModelsResponse>;
@@ -167,22 +176,25 @@ impl v1::reasoning_server::Reasoning for Services {
 fn updates<T: Send + Sync + 'static, M: Send + 'static>(
     waiting: Waiting<T>,
     progress: impl Fn(f64) -> M + Copy + Send + 'static,
-    done: impl Fn(&T) -> Option<M> + Copy + Send + 'static,
+    done: impl Fn(&T) -> Option<M> + Clone + Send + 'static,
 ) -> Response<Items<M>> {
-    let updates = stream::unfold(Some(waiting), move |waiting| async move {
-        let mut waiting = waiting?;
-        let update = match waiting.ready() {
-            Some(outcome) => Update::Done(outcome),
-            None => waiting.news(HEARTBEAT).await,
-        };
-        Some(match update {
-            Update::Progress(fraction) => (Ok(progress(fraction)), Some(waiting)),
-            Update::Done(Ok(found)) => {
-                let other = || Status::internal("the work has another result than was asked for");
-                (done(&found).ok_or_else(other), None)
-            }
-            Update::Done(Err(error)) => (Err(status(error)), None),
-        })
+    let updates = stream::unfold(Some(waiting), move |waiting| {
+        let done = done.clone();
+        async move {
+            let mut waiting = waiting?;
+            let update = match waiting.ready() {
+                Some(outcome) => Update::Done(outcome),
+                None => waiting.news(HEARTBEAT).await,
+            };
+            Some(match update {
+                Update::Progress(fraction) => (Ok(progress(fraction)), Some(waiting)),
+                Update::Done(Ok(found)) => {
+                    let other = || Status::internal("the work has another result than was asked for");
+                    (done(&found).ok_or_else(other), None)
+                }
+                Update::Done(Err(error)) => (Err(status(error)), None),
+            })
+        }
     });
     Response::new(updates.boxed())
 }

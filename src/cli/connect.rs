@@ -135,11 +135,23 @@ impl Connection {
     ) -> Result<Model, Failure> {
         let request =
             FitModelRequest { parent: video.into(), start, method: method.into(), ..Default::default() };
+        let mut models = self.fit_together(request, progress).await?;
+        Ok(models.swap_remove(0))
+    }
+
+    /// Fits as the request says: the model of its video, then those of the others.
+    pub async fn fit_together(
+        &self,
+        request: FitModelRequest,
+        progress: impl Fn(f64),
+    ) -> Result<Vec<Model>, Failure> {
         let mut stream = self.models().fit_model(request).await?.into_inner();
         while let Some(message) = stream.message().await? {
             match message.event {
                 Some(fit_model_response::Event::Progress(p)) => progress(p.fraction),
-                Some(fit_model_response::Event::Model(model)) => return Ok(model),
+                Some(fit_model_response::Event::Model(model)) => {
+                    return Ok([vec![model], message.others].concat());
+                }
                 None => {}
             }
         }

@@ -1,10 +1,10 @@
-//! `fit`: fits a model to each scene, one by one.
+//! `fit`: fits a model to each scene, one by one or all together.
 
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output};
-use crate::api::v1::{Estimate, FitMethod, Model, ModelChoice, SharedEstimate};
+use crate::api::v1::{Estimate, FitMethod, FitModelRequest, Model, ModelChoice, SharedEstimate};
 use crate::scene::Scene;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
@@ -26,6 +26,9 @@ pub struct Args {
     /// How the misfit is minimised [default: gauss-newton].
     #[arg(long, value_enum, value_name = "NAME")]
     method: Option<Method>,
+    /// Fits the scenes together: videos of one set-up, which share its physics.
+    #[arg(long)]
+    joint: bool,
     /// Writes the result as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -47,28 +50,16 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let count = scenes.len();
     let start = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let watch = Watch::new(count);
-    let (mut fitted, mut failures) = (Map::new(), Vec::new());
-    let mut ratios = Vec::with_capacity(count);
-    let mut tables = String::new();
-    for (i, scene) in scenes.into_iter().enumerate() {
-        let began = Instant::now();
-        let done = match &scene {
-            Ok(scene) => {
-                let progress = |fraction: f64| watch.show(&scene.name, i, fraction, began);
-                progress(0.0);
-                one(&connection, scene, start.clone(), args.method, progress).await
-            }
-            Err(_) => Ok(Model::default()),
-        };
-        match (scene, done) {
-            (Ok(scene), Ok(model)) => {
-                ratios.push(model.rmse / model.noise_sigma);
-                tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(&scene, id)));
-                fitted.insert(scene.name.clone(), to_json(&model, began.elapsed().as_secs_f64()));
-            }
-            (Err(failure), _) | (_, Err(failure)) => failures.push(failure),
-        }
+    let watch = Watch::new(if args.joint { 1 } else { count });
+    let (done, failures) = match args.joint {
+        true => (together(&connection, scenes, start, args.method, &watch).await?, vec![]),
+        false => one_by_one(&connection, scenes, start, args.method, &watch).await,
+    };
+    let (mut fitted, mut ratios, mut tables) = (Map::new(), Vec::with_capacity(count), String::new());
+    for (scene, model, seconds) in done {
+        ratios.push(model.rmse / model.noise_sigma);
+        tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(&scene, id)));
+        fitted.insert(scene.name.clone(), to_json(&model, seconds));
     }
     watch.bar.finish_and_clear();
     if !ratios.is_empty() {
@@ -86,23 +77,82 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     Failure::of(failures, count)
 }
 
-async fn one(
+/// A scene, its model, and the seconds that the fit took.
+type Fitted = (Scene, Model, f64);
+
+impl Method {
+    fn of(method: Option<Method>) -> FitMethod {
+        match method {
+            None => FitMethod::Unspecified,
+            Some(Method::GaussNewton) => FitMethod::GaussNewton,
+            Some(Method::Paper) => FitMethod::Paper,
+        }
+    }
+}
+
+async fn one_by_one(
     connection: &Connection,
-    scene: &Scene,
+    scenes: Vec<Result<Scene, Failure>>,
     start: Option<ModelChoice>,
     method: Option<Method>,
-    progress: impl Fn(f64),
-) -> Result<Model, Failure> {
-    let method = match method {
-        None => FitMethod::Unspecified,
-        Some(Method::GaussNewton) => FitMethod::GaussNewton,
-        Some(Method::Paper) => FitMethod::Paper,
+    watch: &Watch,
+) -> (Vec<Fitted>, Vec<Failure>) {
+    let (mut done, mut failures) = (vec![], vec![]);
+    for (i, scene) in scenes.into_iter().enumerate() {
+        let began = Instant::now();
+        let fitted = async {
+            let scene = scene?;
+            let progress = |fraction: f64| watch.show(&scene.name, i, fraction, began);
+            progress(0.0);
+            let model = async {
+                let video = connection.post(&scene).await?;
+                connection.fit(&video, start.clone(), Method::of(method), progress).await
+            };
+            let model = model.await.map_err(|e| e.at(&scene.name))?;
+            Ok((scene, model, began.elapsed().as_secs_f64()))
+        };
+        match fitted.await {
+            Ok(fitted) => done.push(fitted),
+            Err(failure) => failures.push(failure),
+        }
+    }
+    (done, failures)
+}
+
+/// Fits all scenes at once: one that fails is a failure of all.
+async fn together(
+    connection: &Connection,
+    scenes: Vec<Result<Scene, Failure>>,
+    start: Option<ModelChoice>,
+    method: Option<Method>,
+    watch: &Watch,
+) -> Result<Vec<Fitted>, Failure> {
+    let began = Instant::now();
+    let mut posted = vec![];
+    for scene in scenes {
+        let scene = scene?;
+        posted.push((connection.post(&scene).await.map_err(|e| e.at(&scene.name))?, scene));
+    }
+    let mut videos = posted.iter().map(|(video, _)| video.clone());
+    let request = FitModelRequest {
+        parent: videos.next().unwrap_or_default(),
+        others: videos.collect(),
+        start,
+        method: Method::of(method).into(),
+        ..Default::default()
     };
-    let fitted = async {
-        let video = connection.post(scene).await?;
-        connection.fit(&video, start, method, progress).await
+    let progress = |fraction| watch.show("the scenes together", 0, fraction, began);
+    progress(0.0);
+    let models = connection.fit_together(request, progress).await?;
+    let seconds = began.elapsed().as_secs_f64();
+    let of = |(video, scene): (String, Scene)| {
+        let own = format!("{video}/");
+        let model = models.iter().find(|m| m.name.starts_with(&own)).cloned();
+        let missing = || Failure::other("the service gave no model").at(&scene.name);
+        let model = model.ok_or_else(missing)?;
+        Ok((scene, model, seconds))
     };
-    fitted.await.map_err(|e| e.at(&scene.name))
+    posted.into_iter().map(of).collect()
 }
 
 /// Shows progress: a bar on a terminal, else a line on standard error now and then.

@@ -71,7 +71,8 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         Some(target) => output::json(target, &to_json(&scene, &reply, trace))?,
         None => {
             let trace = trace.map_or(String::new(), |trace| format!("\n  trace {trace}\n"));
-            output::print(&format!("{}{trace}", events(&scene, &reply.events)))?;
+            let notes = notes(&scene, &reply);
+            output::print(&format!("{}{notes}{trace}", events(&scene, &reply.events)))?;
         }
     }
     connection.close().await
@@ -125,6 +126,21 @@ pub fn events(scene: &Scene, events: &[SimulatedEvent]) -> String {
     }
 }
 
+/// What a person must know beside the events.
+fn notes(scene: &Scene, reply: &SimulateResponse) -> String {
+    let mut notes = String::new();
+    let unreached = reply.unreached_object_ids.iter().map(|id| super::fit::name(scene, *id));
+    let unreached: Vec<String> = unreached.collect();
+    if !unreached.is_empty() {
+        notes += &format!("  as observed, not reached by the change: {}\n", unreached.join(", "));
+    }
+    if let Some(cut) = &reply.cut_short {
+        let shown = cut.frame.map_or(String::new(), |f| format!(", the one shown at frame {f}"));
+        notes += &format!("  {} rollouts ended early{shown}: {}\n", cut.rollouts, cut.message);
+    }
+    notes
+}
+
 fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Value {
     let frames: Vec<Value> = reply
         .frames
@@ -153,6 +169,7 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Va
             })
         })
         .collect();
+    let cut_short = reply.cut_short.as_ref();
     json!({
         "scene": scene.name,
         "fps": reply.fps,
@@ -160,6 +177,8 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Va
         "frames": frames,
         "events": events,
         "trace": trace,
+        "unreached": reply.unreached_object_ids,
+        "cut_short": cut_short.map(|c| json!({ "rollouts": c.rollouts, "frame": c.frame, "message": c.message })),
     })
 }
 

@@ -1,6 +1,7 @@
 //! Joins core and edges: finds or makes what a request needs, once, on the CPU pool, and keeps it.
 
 mod check;
+mod joint;
 mod memo;
 mod pool;
 mod start;
@@ -8,6 +9,7 @@ mod study;
 mod trace;
 
 pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
+pub use joint::Others;
 pub use memo::{Update, Waiting};
 pub use pool::Control;
 pub use start::{Choice, ChoiceKind};
@@ -153,6 +155,7 @@ pub struct Engine {
     job_timeout: Duration,
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
+    joint_fits: Memo<Vec<StoredFit>>,
     studies: Memo<Study>,
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
@@ -172,8 +175,8 @@ impl Engine {
                 .max_capacity(CACHED_BYTES)
                 .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
                 .build(),
-            // A fit keeps draws of every parameter.
-            fits: Memo::new(CACHED_BYTES, |f| BASE_BYTES + 1024 * f.fit.posterior.estimates.len()),
+            fits: Memo::new(CACHED_BYTES, fit_bytes),
+            joint_fits: Memo::new(CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
             studies: Memo::new(CACHED_BYTES, |_| 64 * BASE_BYTES),
             simulations: Memo::new(CACHED_BYTES, |s| {
                 let best = &s.imagined.best;
@@ -246,12 +249,7 @@ impl Engine {
     ) -> Result<Waiting<StoredFit>, EngineError> {
         let key = self.key("");
         let scene = self.video(video).await?;
-        let Some(model) = start.start(&scene)? else {
-            return Err(EngineError::invalid(
-                start.path,
-                "is fitted already; name a preset or give a model file",
-            ));
-        };
+        let model = start.unfitted(&scene)?;
         let id = canonical_digest("model", &(video, &model, &options, env!("CARGO_PKG_VERSION")));
         let (engine, video) = (self.clone(), video.to_string());
         let work = {
@@ -401,6 +399,11 @@ impl Engine {
 fn scene_bytes(scene: &Scene) -> usize {
     let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
     BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
+}
+
+/// A fit keeps draws of every parameter.
+fn fit_bytes(stored: &StoredFit) -> usize {
+    BASE_BYTES + 1024 * stored.fit.posterior.estimates.len()
 }
 
 fn no_video(id: &str) -> EngineError {

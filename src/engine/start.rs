@@ -28,12 +28,12 @@ pub enum ChoiceKind {
 }
 
 impl Choice {
-    /// The model that a fit starts from; `None` where the choice is one that was fitted.
-    pub fn start(&self, scene: &Scene) -> Result<Option<Model>, EngineError> {
+    /// The model that a fit starts from; refuses one that was fitted.
+    pub fn unfitted(&self, scene: &Scene) -> Result<Model, EngineError> {
         match &self.kind {
-            ChoiceKind::Default => Ok(Some(Preset::for_world(scene.world).model(scene))),
+            ChoiceKind::Default => Ok(Preset::for_world(scene.world).model(scene)),
             ChoiceKind::Preset(name) => match Preset::named(name) {
-                Some(preset) => Ok(Some(preset.model(scene))),
+                Some(preset) => Ok(preset.model(scene)),
                 None => {
                     let known: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
                     let message = format!("there is no preset {name:?}; there are {}", known.join(", "));
@@ -46,9 +46,11 @@ impl Choice {
                     serde_json::from_str(text).map_err(|e| EngineError::invalid(&path, e.to_string()))?;
                 let mut found = Violations { path, list: Vec::new() };
                 found.model(&model, scene);
-                if found.list.is_empty() { Ok(Some(model)) } else { Err(EngineError::Invalid(found.list)) }
+                if found.list.is_empty() { Ok(model) } else { Err(EngineError::Invalid(found.list)) }
             }
-            ChoiceKind::Fitted(_) => Ok(None),
+            ChoiceKind::Fitted(_) => {
+                Err(EngineError::invalid(self.path, "is fitted already; name a preset or give a model file"))
+            }
         }
     }
 }
@@ -76,6 +78,12 @@ impl Violations {
         for (i, wall) in model.walls.iter().enumerate() {
             if ![wall.from.x, wall.from.y, wall.to.x, wall.to.y].iter().all(|v| v.is_finite()) {
                 self.add(format!("walls[{i}]"), "must be finite");
+            }
+        }
+        for (i, a) in model.anchors.iter().enumerate() {
+            let numbers = [a.time, a.position.x, a.position.y, a.velocity.x, a.velocity.y, a.yaw, a.spin];
+            if !numbers.iter().all(|v| v.abs() <= MAX_NUMBER) {
+                self.add(format!("anchors[{i}]"), format!("must be finite, within {MAX_NUMBER:e}"));
             }
         }
         for (i, active) in model.effects.iter().enumerate() {

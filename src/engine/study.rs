@@ -78,10 +78,7 @@ impl Engine {
         let (mut scenes, mut models) = (vec![], vec![]);
         for video in videos {
             let scene = self.video(video).await?;
-            let Some(model) = start.start(&scene)? else {
-                let message = "is fitted already; name a preset or give a model file";
-                return Err(EngineError::invalid(start.path, message));
-            };
+            let model = start.unfitted(&scene)?;
             if let Inquiry::Discover { frames: Some(frames), .. } = inquiry {
                 check::size(&scene, frames, 0)?;
             }

@@ -1,5 +1,6 @@
 //! Fits a model to what was observed: start values, damped Gauss-Newton in trajectory space, posterior.
 
+mod anchor;
 mod noise;
 mod paper;
 mod posterior;
@@ -9,6 +10,7 @@ mod start;
 #[cfg(test)]
 mod tests;
 
+pub use anchor::{Deviation, deviation};
 pub use noise::{Noise, estimate as estimate_noise};
 pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
@@ -130,6 +132,7 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
     check(scenes, start)?;
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let mut models = start.to_vec();
+    models.iter_mut().for_each(|m| m.anchors.clear());
     if options.begin == Begin::Tracks {
         for ((scene, model), noise) in scenes.iter().zip(&mut models).zip(&noises) {
             start::from_tracks(scene, model, noise);

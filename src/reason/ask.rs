@@ -115,6 +115,7 @@ pub fn ask(
         let met = session.met();
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
+    answer.explanation += &reach(scene, &session.simulations);
     answer.simulations = session.simulations;
     Ok(answer)
 }
@@ -135,6 +136,21 @@ fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
             Ok((Program::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
         }
     }
+}
+
+/// Which objects were kept as observed in every counterfactual, and whether a simulation ended early.
+fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
+    let imagined: Vec<&Imagined> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
+    let kept = scene.objects.iter().filter(|o| imagined.iter().all(|s| s.unreached.contains(&o.id)));
+    let kept: Vec<String> = kept.map(ops::phrase).collect();
+    let mut words = String::new();
+    if !imagined.is_empty() && !kept.is_empty() {
+        words += &format!(" The change does not reach {}: as observed.", kept.join(", "));
+    }
+    if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
+        words += &format!(" {} rollouts ended early ({}).", cut.rollouts, cut.why);
+    }
+    words
 }
 
 /// Why an answer is unsure: what the video does not determine of the objects that it depends on.

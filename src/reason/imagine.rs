@@ -1,16 +1,18 @@
 //! Predictions and counterfactuals over an ensemble drawn from the posterior.
 
 use super::ReasonError;
-use crate::fit::Fit;
+use crate::fit::{Fit, deviation};
 use crate::num::Stop;
 use crate::scene::{Camera, Scene};
-use crate::world::{Event, EventKind, Intervention, Model, Trace, trace};
+use crate::world::{Anchor, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
 use serde::{Deserialize, Serialize};
 
 /// Most frames of one simulation.
 pub const MAX_SIMULATED_FRAMES: usize = 20_000;
 /// Events of the ensemble that the best rollout lacks are told from this probability on.
 const WORTH_TELLING: f64 = 0.05;
+/// Simulations that are farther apart than this (m, rad) have parted: beyond round-off, far below any noise.
+const PARTED: f64 = 1e-6;
 
 /// One simulation request, answered: the best rollout and how sure it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +30,21 @@ pub struct Imagined {
     pub sd: Vec<Vec<Option<f64>>>,
     /// Events of the best rollout and others that the ensemble finds likely, by time.
     pub events: Vec<LikelyEvent>,
+    /// Objects that the interventions do not reach within the video: they move as observed.
+    pub unreached: Vec<u32>,
+    /// Rollouts that ended before they were through, if there are any.
+    pub cut_short: Option<CutShort>,
+}
+
+/// Rollouts that have no states from some frame on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CutShort {
+    /// How many: the best one and those of the ensemble.
+    pub rollouts: usize,
+    /// Why the first of them ended.
+    pub why: Ending,
+    /// The first frame that the best rollout lacks; `None` where it is whole.
+    pub frame: Option<usize>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -65,25 +82,82 @@ pub fn imagine(
         return Err(ReasonError::Frames { frames: *frames, most: MAX_SIMULATED_FRAMES });
     }
     let times: Vec<f64> = (0..*frames).map(|f| scene.time_of(f)).collect();
-    let simulated = |model: &Model| -> Result<(Model, Trace), ReasonError> {
-        let model = interventions.iter().try_fold(model.clone(), |m, i| i.apply(&m))?;
-        let mut run = trace(&model, &times);
+    let edited = |model: &Model| interventions.iter().try_fold(model.clone(), |m, i| i.apply(&m));
+    let run = |model: &Model| {
+        let mut run = trace(model, &times);
         if let Some(camera) = &scene.camera {
-            run.events.extend(comings_and_goings(&model, &run, camera));
+            run.events.extend(comings_and_goings(model, &run, camera));
             run.events.sort_by(|a, b| a.time.total_cmp(&b.time));
         }
-        Ok((model, run))
+        run
     };
-    let (model, best) = simulated(&fit.scenes[index].model)?;
+    let fitted = &fit.scenes[index];
+    let mut model = edited(&fitted.model)?;
+    // What was observed against the simulation that was fitted to it.
+    let factual = trace(&fitted.model, &scene.times);
+    let imagined = trace(&model, &scene.times);
+    let partings = partings(&factual, &imagined);
+    let off = |body: usize, frame: usize| deviation(scene, fitted, &factual, body, scene.time_of(frame));
+    model.anchors = partings.iter().filter_map(|p| Some(off(p.body, p.last)?.anchor())).collect();
+    let best = run(&model);
+    let anchored = !model.anchors.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
-    for drawn in fit.draw(index, *rollouts, *seed) {
+    for (number, drawn) in fit.draw(index, *rollouts, *seed).iter().enumerate() {
         stop(ensemble.len() as f64 / *rollouts as f64)?;
-        ensemble.push(simulated(&drawn)?.1);
+        let mut model = edited(drawn)?;
+        if anchored {
+            let own = trace(drawn, &scene.times);
+            let anchor = |p: &Parting| -> Option<Anchor> {
+                let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
+                Some(off(p.body, p.last)?.drawn(number, &at(&own)?, &at(&factual)?))
+            };
+            let partings = self::partings(&own, &trace(&model, &scene.times));
+            model.anchors = partings.iter().filter_map(anchor).collect();
+        }
+        ensemble.push(run(&model));
     }
     let sd = spread(&best, &ensemble);
     let events = likely_events(scene, &best, &ensemble);
     let observed_frames = scene.times.len();
-    Ok(Imagined { interventions: interventions.clone(), observed_frames, model, best, ensemble, sd, events })
+    let unreached = match interventions[..] {
+        [] => vec![],
+        _ => partings.iter().filter(|p| p.last + 1 == observed_frames).map(|p| factual.ids[p.body]).collect(),
+    };
+    let interventions = interventions.clone();
+    let cut_short = cut_short(&best, &ensemble);
+    Ok(Imagined { interventions, observed_frames, model, best, ensemble, sd, events, unreached, cut_short })
+}
+
+/// Until when a body of the video moves in two simulations alike.
+struct Parting {
+    /// Index of the body in the first one.
+    body: usize,
+    /// The last frame in which it does.
+    last: usize,
+}
+
+/// Bodies that begin alike, and how long: the interventions can have reached one only when the simulations part.
+fn partings(factual: &Trace, imagined: &Trace) -> Vec<Parting> {
+    let of = |(body, id): (usize, &u32)| {
+        let other = imagined.ids.iter().position(|i| i == id)?;
+        let alike = |frame: &usize| match (factual.states[*frame][body], imagined.states[*frame][other]) {
+            (Some(a), Some(b)) => (a.position - b.position).norm().max((a.yaw - b.yaw).abs()) <= PARTED,
+            (None, None) => true,
+            _ => false,
+        };
+        let last = (0..factual.states.len()).take_while(alike).last()?;
+        Some(Parting { body, last })
+    };
+    factual.ids.iter().enumerate().filter_map(of).collect()
+}
+
+fn cut_short(best: &Trace, ensemble: &[Trace]) -> Option<CutShort> {
+    let runs = std::iter::once(best).chain(ensemble);
+    let mut early = runs.map(|run| run.ending).filter(|ending| *ending != Ending::Completed);
+    let why = early.next()?;
+    let whole = best.states.iter().rposition(|row| row.iter().any(Option::is_some)).map_or(0, |f| f + 1);
+    let frame = (best.ending != Ending::Completed).then_some(whole);
+    Some(CutShort { rollouts: 1 + early.count(), why, frame })
 }
 
 /// Root mean square deviation of the ensemble from the best rollout, per coordinate.

@@ -14,7 +14,7 @@ mod tests;
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{choice_program, examples, question_program};
 pub use events::{FUTURE_FRAMES, MOVING_SPEED};
-pub use imagine::{Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
+pub use imagine::{CutShort, Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
 
 pub use program::{Op, Program, TOKENS, Type};
 pub use run::Step;

@@ -211,6 +211,18 @@ fn events(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingErr
         };
         push(to, &m::LOG, e.time, &log)?;
     }
+    if let Some(cut) = recording.imagined.cut_short {
+        let last = recording.imagined.best.times.last().copied().unwrap_or(0.0);
+        let time = cut.frame.and_then(|f| recording.imagined.best.times.get(f)).copied().unwrap_or(last);
+        let log = fox::Log {
+            timestamp: timestamp(time)?,
+            level: fox::log::Level::Warning as i32,
+            message: format!("{} rollouts ended early: {}", cut.rollouts, cut.why),
+            name: "vrdp".into(),
+            ..Default::default()
+        };
+        push(to, &m::LOG, time, &log)?;
+    }
     Ok(())
 }
 

@@ -64,6 +64,8 @@ fn imagined(scene: &Scene) -> Imagined {
         best,
         ensemble: vec![],
         events: vec![event(EventKind::Collision, 0.5, &[0, 3]), event(EventKind::Stop, 0.91, &[6])],
+        unreached: vec![],
+        cut_short: None,
     }
 }
 

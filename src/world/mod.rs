@@ -1,5 +1,6 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
+mod anchor;
 mod encounter;
 mod field;
 mod film;
@@ -17,6 +18,7 @@ mod rigid;
 mod simulate;
 mod trace;
 
+pub use anchor::Anchor;
 pub use field::{Snapshot, accelerations};
 pub use film::film;
 pub use intervene::{Intervention, InterventionError};

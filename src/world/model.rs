@@ -1,5 +1,6 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
+use super::anchor::Anchor;
 use super::trace::State;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EffectEntry, EffectSpec, Hook, Scope, effect};
@@ -21,6 +22,9 @@ pub struct Model {
     /// surface (m/s); 0: balls begin as their `Start` says.
     #[serde(default)]
     pub spin_sd: f64,
+    /// Where a prediction is put right by what was observed; a fit knows none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub anchors: Vec<Anchor>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

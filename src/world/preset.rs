@@ -265,7 +265,7 @@ impl Preset {
         });
         let effects = effects.collect();
         let Preset { mass_sd, spin_sd, .. } = *self;
-        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd, spin_sd }
+        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd, spin_sd, anchors: vec![] }
     }
 }
 

@@ -50,14 +50,14 @@ pub struct Rollout<T> {
 /// Deterministic; a run in [`Jet`](crate::num::Jet) has the events of the run in `f64`.
 pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits) -> Rollout<T> {
     let mut run = Run::new(model, flat, times, limits);
-    let mut starts: Vec<f64> = model.bodies.iter().map(|b| b.start.time).collect();
-    starts.sort_by(f64::total_cmp);
+    let cuts = model.cuts();
     let end = times.last().copied().unwrap_or(0.0);
-    let mut now = starts.first().copied().unwrap_or(0.0);
-    for start in starts.into_iter().filter(|&s| s <= end) {
-        run.advance(now, start);
-        now = start;
-        run.enter(start);
+    let mut now = cuts.first().copied().unwrap_or(0.0);
+    for cut in cuts.into_iter().filter(|&c| c <= end) {
+        run.advance(now, cut);
+        now = cut;
+        run.enter(cut);
+        run.put_right(cut);
     }
     run.advance(now, end);
     Rollout { states: run.states, events: run.events, ending: run.ending }

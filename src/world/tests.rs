@@ -21,8 +21,8 @@ pub(super) fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model 
         }
         active
     });
-    let effects = active.collect();
-    Model { preset: "test".into(), bodies, walls: vec![], effects, mass_sd: 0.5, spin_sd: 0.0 }
+    let (effects, preset, walls, anchors) = (active.collect(), "test".into(), vec![], vec![]);
+    Model { preset, bodies, walls, effects, mass_sd: 0.5, spin_sd: 0.0, anchors }
 }
 
 pub(super) fn seconds(n: usize) -> Vec<f64> {

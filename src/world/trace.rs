@@ -67,8 +67,22 @@ pub enum EventKind {
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
     Completed,
-    /// More events than a step may have; the states after are the last ones reached.
+    /// More events than a simulation may have; there are no states after.
     EventLimit,
     /// A formula has no finite value where a body went; there are no states after.
     FormulaUndefined,
+}
+
+impl std::fmt::Display for Ending {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Ending::Completed => "it was complete",
+            Ending::EventLimit => {
+                "more impacts and stops than a simulation may have: ask for fewer frames or slower objects"
+            }
+            Ending::FormulaUndefined => {
+                "a formula has no finite value there: change it, or ask for fewer frames"
+            }
+        })
+    }
 }

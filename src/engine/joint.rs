@@ -1,0 +1,109 @@
+//! Fits of several videos of one set-up: they share its physics, keep their own motion, and each gets its model.
+
+use super::memo::Waiting;
+use super::pool::Control;
+use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit};
+use crate::fit::{FitOptions, fit};
+use crate::num::Stop;
+use crate::scene::{Scene, canonical_digest};
+use crate::store::Kind;
+use crate::world::Model;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+/// Which videos a fit takes beside its own.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Others {
+    /// Ids; none: it is fitted alone.
+    Named(Vec<String>),
+    /// All that are stored and name the same set-up.
+    Setup,
+}
+
+impl Engine {
+    /// Ids of the videos that are fitted together, `video` among them, each once and sorted: who asks for the same ones
+    /// asks for the same fit.
+    pub async fn together(&self, video: &str, others: Others) -> Result<Vec<String>, EngineError> {
+        let scene = self.video(video).await?;
+        let named = match others {
+            Others::Named(named) => named,
+            Others::Setup => {
+                let Some(setup) = scene.setup.clone() else {
+                    let message = "needs a video that names its set-up; name the other videos instead";
+                    return Err(EngineError::invalid("whole_setup", message));
+                };
+                let of_setup = move |s: &Scene| s.setup.as_ref() == Some(&setup);
+                let found = self.store.list(Kind::Videos, "", "", MAX_STUDY_VIDEOS + 1, of_setup).await?;
+                found.into_iter().map(|(id, _)| id).collect()
+            }
+        };
+        let mut all: BTreeSet<String> = named.into_iter().collect();
+        all.insert(video.to_string());
+        if all.len() > MAX_STUDY_VIDEOS {
+            let message =
+                format!("make {} videos; at most {MAX_STUDY_VIDEOS} are fitted together", all.len());
+            return Err(EngineError::invalid("others", message));
+        }
+        Ok(all.into_iter().collect())
+    }
+
+    /// Fits the videos together, unless that was done before; the models are stored before they are given, in the
+    /// order of the videos.
+    pub async fn fit_together(
+        self: &Arc<Self>,
+        videos: Vec<String>,
+        start: &Choice,
+        options: FitOptions,
+    ) -> Result<Waiting<Vec<StoredFit>>, EngineError> {
+        let key = self.key("");
+        let (mut scenes, mut models) = (vec![], vec![]);
+        for video in &videos {
+            let scene = self.video(video).await?;
+            models.push(start.unfitted(&scene)?);
+            scenes.push(Scene::clone(&scene));
+        }
+        let setups: BTreeSet<&String> = scenes.iter().filter_map(|s| s.setup.as_ref()).collect();
+        if setups.len() > 1 {
+            let message = format!("are of the set-ups {setups:?}; only videos of one share its physics");
+            return Err(EngineError::invalid("others", message));
+        }
+        let id = canonical_digest("joint", &(&videos, &models, &options, env!("CARGO_PKG_VERSION")));
+        let engine = self.clone();
+        let work = {
+            let id = id.clone();
+            move |control| async move { engine.run_joint(id, videos, scenes, models, options, control).await }
+        };
+        Ok(self.joint_fits.join(format!("{key}{id}"), self.deadline(), work).await)
+    }
+
+    async fn run_joint(
+        &self,
+        id: String,
+        videos: Vec<String>,
+        scenes: Vec<Scene>,
+        models: Vec<Model>,
+        options: FitOptions,
+        control: Control,
+    ) -> Result<Vec<StoredFit>, EngineError> {
+        let of = |video: &String| canonical_digest("model", &(&id, video));
+        let ids: Vec<String> = videos.iter().map(of).collect();
+        let keys: Vec<String> = videos.iter().zip(&ids).map(|(video, id)| format!("{video}/{id}")).collect();
+        let mut found = vec![];
+        for key in &keys {
+            found.extend(self.store.get::<StoredFit>(Kind::Fits, key).await?);
+        }
+        if found.len() == keys.len() {
+            return Ok(found);
+        }
+        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        let job = move |stop: Stop| fit(&scenes, &models, &options, stop).map_err(EngineError::from);
+        let joint = self.pool.run(control, job).await?;
+        let one = |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k) };
+        let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
+        for (fit, key) in fits.iter().zip(&keys) {
+            self.put_of_video(Kind::Fits, &fit.video, key, fit).await?;
+        }
+        Ok(fits)
+    }
+}

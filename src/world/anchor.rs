@@ -1,0 +1,63 @@
+//! Anchors: where a simulation is put right by what was observed.
+
+use super::model::Model;
+use super::motion::Mode;
+use super::simulate::Run;
+use crate::effects::Scalar;
+use crate::num::Vec2;
+use serde::{Deserialize, Serialize};
+
+/// At `time` a body is moved by this much: an error that the model has made until then goes no further. A body that
+/// touches another is left alone, and one that rests keeps resting.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Anchor {
+    /// The object's id.
+    pub id: u32,
+    /// s.
+    pub time: f64,
+    /// m.
+    pub position: Vec2,
+    /// m/s; a ball's roll goes with it.
+    pub velocity: Vec2,
+    /// rad.
+    pub yaw: f64,
+    /// rad/s about z.
+    pub spin: f64,
+}
+
+impl Model {
+    /// Times at which bodies come in or are put right (s), increasing.
+    pub(super) fn cuts(&self) -> Vec<f64> {
+        let starts = self.bodies.iter().map(|b| b.start.time);
+        let mut cuts: Vec<f64> = starts.chain(self.anchors.iter().map(|a| a.time)).collect();
+        cuts.sort_by(f64::total_cmp);
+        cuts.dedup();
+        cuts
+    }
+}
+
+impl<T: Scalar> Run<'_, T> {
+    /// Applies the anchors of this time.
+    pub(super) fn put_right(&mut self, time: f64) {
+        let model = self.model;
+        for anchor in model.anchors.iter().filter(|a| a.time == time) {
+            let Some(i) = model.body_index(anchor.id) else { continue };
+            let touches = self.touching.iter().any(|t| t.a == i || t.b == i) || self.cluster(i).is_some();
+            let radius = self.laws.shapes[i].bounding_radius();
+            let body = &mut self.bodies[i];
+            if touches || body.mode == Mode::Absent {
+                continue;
+            }
+            body.from.position += Vec2::constant(anchor.position);
+            body.from.yaw += T::constant(anchor.yaw);
+            if body.mode != Mode::Rest {
+                let velocity = Vec2::constant(anchor.velocity);
+                body.from.velocity += velocity;
+                body.from.spin += T::constant(anchor.spin);
+                if model.bodies[i].shape.is_ball() {
+                    body.from.roll += velocity.perp().scaled(1.0 / radius);
+                }
+            }
+        }
+    }
+}
