@@ -79,7 +79,9 @@ pub struct SharedEstimate {
 impl Posterior {
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
         let parts = problem.linearised(point, window);
-        let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear);
+        let independent = vec![1.0; parts.len()];
+        let factor = covariance_factor(problem.weighed(point, &parts, &independent).hessian);
+        let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
         let shares: Vec<f64> = problem.parts.iter().zip(&parts).map(share).collect();
         let factor = covariance_factor(problem.weighed(point, &parts, &shares).hessian);
         let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();

@@ -347,20 +347,33 @@ impl Part<'_> {
 
     /// How many measurements of this part tell as much as one that is independent: residuals that go together,
     /// because the model is not quite right, say less than their number. Variance of means over a block of
-    /// frames against that of independent ones.
-    pub fn redundancy(&self, linear: &Linear) -> f64 {
-        let mut blocks: Vec<((usize, usize, usize), f64, usize)> = vec![];
-        self.each_sample(self.scene.times.len(), |body, frame, coordinate, _, _, row| {
+    /// frames against that of independent ones, of which the fit has taken its leverage; `factor` L has the
+    /// parameters' covariance L L^T.
+    pub fn redundancy(&self, linear: &Linear, factor: &nalgebra::DMatrix<f64>) -> f64 {
+        let zero = || nalgebra::DVector::<f64>::zeros(factor.nrows());
+        let mut blocks: Vec<((usize, usize, usize), f64, usize, nalgebra::DVector<f64>)> = vec![];
+        let mut rows = linear.rows();
+        self.each_sample(self.scene.times.len(), |body, frame, coordinate, _, _, _| {
+            let Some((residual, j, columns)) = rows.next() else { return };
             let key = (body, coordinate, frame / BLOCK);
             // The coordinates of a sample come one after the other.
-            match blocks.iter_mut().rev().take(3).find(|b| b.0 == key) {
-                Some(block) => (block.1, block.2) = (block.1 + linear.residuals[row], block.2 + 1),
-                None => blocks.push((key, linear.residuals[row], 1)),
+            let known = blocks.iter().rposition(|b| b.0 == key).filter(|at| at + 3 >= blocks.len());
+            let at = known.unwrap_or_else(|| {
+                blocks.push((key, 0.0, 0, zero()));
+                blocks.len() - 1
+            });
+            let (_, sum, count, slope) = &mut blocks[at];
+            (*sum, *count) = (*sum + residual, *count + 1);
+            for &(k, lane) in columns {
+                slope[k] += j[lane];
             }
         });
         let full = blocks.iter().filter(|b| 2 * b.2 > BLOCK);
-        let (sum, count) = full.fold((0.0, 0), |(s, n), b| (s + b.1 * b.1 / b.2 as f64, n + 1));
-        if count == 0 { 1.0 } else { f64::max(1.0, sum / count as f64) }
+        let (found, expected) = full.fold((0.0, 0.0), |(found, expected), (_, sum, count, slope)| {
+            let leverage = factor.tr_mul(slope).norm_squared() / *count as f64;
+            (found + sum * sum / *count as f64, expected + (1.0 - leverage).max(0.0))
+        });
+        if expected < 1.0 { 1.0 } else { f64::max(1.0, found / expected) }
     }
 
     /// Bodies that met, directly or through others, share a component: the smallest index among them.
