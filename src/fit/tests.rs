@@ -249,3 +249,30 @@ fn follow_draw_and_side_are_found_from_positions_alone() {
         assert_eq!(found[1].start.state.velocity, vec2(0.0, 0.0));
     }
 }
+
+#[test]
+fn a_track_that_leaves_the_simulation_says_by_how_much_and_noise_says_nothing() {
+    let (mut scene, _) = film("a", 2, [1.0, 1.6, 0.7]);
+    let fit = fitted(std::slice::from_ref(&scene));
+    let found = &fit.scenes[0];
+    let run = trace(&found.model, &scene.times);
+    let (end, last) = (scene.times[99], run.states.len() - 1);
+    for body in 0..3 {
+        assert_eq!(deviation(&scene, found, &run, body, end), None, "body {body}");
+    }
+    for s in scene.tracks[2].samples.iter_mut().filter(|s| s.frame >= 80) {
+        s.position += vec2(0.03 + 0.1 * (s.frame as f64 * 0.04 - end), 0.0);
+    }
+    let off = deviation(&scene, found, &run, 2, end).expect("it drifts");
+    let anchor = off.anchor();
+    assert!((anchor.position - vec2(0.03, 0.0)).norm() < 0.01, "{anchor:?}");
+    assert!((anchor.velocity - vec2(0.1, 0.0)).norm() < 0.02, "{anchor:?}");
+    // A draw is led to the same place from wherever it is.
+    let state = run.states[last][2].expect("there");
+    let mut other = state;
+    other.position += vec2(0.05, 0.0);
+    let drawn = off.drawn(3, &other, &state);
+    assert!((other.position + drawn.position - state.position - anchor.position).norm() < 0.02, "{drawn:?}");
+    assert_eq!(drawn, off.drawn(3, &other, &state));
+    assert_ne!(drawn, off.drawn(4, &other, &state));
+}

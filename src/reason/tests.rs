@@ -7,9 +7,9 @@ use super::program::{Program, Type};
 use super::run::{Facts, Halt, Value, describe, run};
 use super::*;
 use crate::fit::{Estimate, ObjectEstimate};
-use crate::num::never;
-use crate::scene::{Scene, WorldKind, parse};
-use crate::world::{Event, EventKind, Intervention, Preset};
+use crate::num::{Vec2, never, vec2};
+use crate::scene::{Object, Sample, Scene, Shape, Table, Track, WorldKind, parse};
+use crate::world::{Ending, Event, EventKind, Intervention, Preset, Trace, trace};
 use serde_json::Value as Json;
 use std::path::{Path, PathBuf};
 
@@ -362,4 +362,100 @@ fn a_pair_of_clevrer_collides_once_and_a_ball_meets_a_side_again() {
     assert_eq!((count(&scene, Kind::Collision), count(&scene, Kind::Side("left"))), (1, 2));
     scene.world = WorldKind::Billiards;
     assert_eq!(count(&scene, Kind::Collision), 2);
+}
+
+fn fitted(scene: &Scene) -> crate::fit::Fit {
+    let start = Preset::for_world(scene.world).model(scene);
+    crate::fit::fit(std::slice::from_ref(scene), &[start], &Default::default(), &never).unwrap()
+}
+
+fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene {
+    let sample = |frame: usize| {
+        let shake = vec2((37.0 * frame as f64).sin(), (53.0 * frame as f64).cos()).scaled(1e-3);
+        Sample { frame, position: at(frame as f64 / 25.0) + shake, yaw: None }
+    };
+    Scene {
+        name: "one".into(),
+        setup: None,
+        world,
+        fps: 25.0,
+        times: (0..60).map(|f| f as f64 / 25.0).collect(),
+        camera: None,
+        table: Some(Table { x: [-1.0, 9.0], y: [-1.0, 9.0] }),
+        noise_sigma: None,
+        objects: vec![Object { id: 4, color: "red".into(), material: "x".into(), shape, mass: Some(1.0) }],
+        tracks: vec![Track { samples: (0..60).map(sample).collect() }],
+    }
+}
+
+#[test]
+fn a_prediction_starts_from_the_end_of_the_video_where_the_model_is_wrong() {
+    // Nothing in the preset speeds an object up across its way.
+    let at = |t: f64| vec2(0.8 * t, 0.15 * t * t);
+    let scene = one_object(WorldKind::Table, Shape::Disc { radius: 0.1 }, at);
+    let fit = fitted(&scene);
+    assert!(!fit.scenes[0].adequate);
+    let request = Request { interventions: vec![], frames: 80, rollouts: 8, seed: 0 };
+    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
+    let plain = trace(&fit.scenes[0].model, &imagined.best.times);
+    assert_eq!(plain.states[..60], imagined.best.states[..60], "the video itself stays as it was fitted");
+    let off = |t: &Trace| (t.states[79][0].unwrap().position - at(79.0 / 25.0)).norm();
+    assert!(off(&imagined.best) < 0.5 * off(&plain), "{} {}", off(&imagined.best), off(&plain));
+    assert_eq!(trace(&imagined.model, &imagined.best.times).states, imagined.best.states);
+}
+
+#[test]
+fn what_a_change_does_not_reach_moves_as_observed() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00022"));
+    let fit = fitted(&scene);
+    let run = |interventions| {
+        let request = Request { interventions, frames: scene.times.len(), rollouts: 2, seed: 0 };
+        imagine(&scene, &fit, 0, &request, &never).unwrap()
+    };
+    let factual = run(vec![]);
+    assert!(factual.unreached.is_empty());
+    let (mut kept, mut reached) = (0, 0);
+    for id in scene.objects.iter().map(|o| o.id) {
+        let imagined = run(vec![Intervention::Remove { id }]);
+        for other in imagined.best.ids.iter().filter(|other| **other != id) {
+            let path = |t: &Trace| {
+                let body = t.ids.iter().position(|i| i == other).unwrap();
+                t.states.iter().map(|row| row[body].map(|s| s.position)).collect::<Vec<_>>()
+            };
+            let (before, after) = (path(&factual.best), path(&imagined.best));
+            let far = before.iter().zip(&after).any(|(a, b)| (a.unwrap() - b.unwrap()).norm() > 1e-5);
+            let unreached = imagined.unreached.contains(other);
+            assert!(!(far && unreached), "{other} moves otherwise without {id}");
+            (kept, reached) = (kept + usize::from(unreached), reached + usize::from(far));
+        }
+    }
+    assert!(kept > 0 && reached > 0, "{kept} {reached}");
+}
+
+#[test]
+fn a_simulation_that_ends_early_says_so() {
+    let scene = one_object(WorldKind::Billiards, Shape::Ball { radius: 0.03 }, |_| vec2(0.0, 0.0));
+    let mut fit = fitted(&scene);
+    let model = &mut fit.scenes[0].model;
+    model.effects.retain(|e| e.name == "cushion");
+    for p in &mut model.effects[0].parameters {
+        p.values = vec![if p.name == "restitution" { 1.0 } else { 0.0 }];
+    }
+    model.walls[0].from = vec2(-0.1, -5.0);
+    model.walls[0].to = vec2(-0.1, 5.0);
+    model.walls[1].from = vec2(0.1, -5.0);
+    model.walls[1].to = vec2(0.1, 5.0);
+    let velocity = vec2(5000.0, 0.0);
+    let request = Request {
+        interventions: vec![Intervention::SetVelocity { id: 4, velocity }],
+        frames: 200,
+        rollouts: 0,
+        seed: 0,
+    };
+    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
+    let cut = imagined.cut_short.unwrap();
+    assert_eq!((cut.rollouts, cut.why), (1, Ending::EventLimit));
+    let frame = cut.frame.unwrap();
+    assert!(imagined.best.states[frame][0].is_none() && imagined.best.states[frame - 1][0].is_some());
+    assert!(cut.why.to_string().contains("fewer frames"));
 }

@@ -61,3 +61,40 @@ impl<T: Scalar> Run<'_, T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Anchor;
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// Coulomb friction slows a disc that does not spin by mu g.
+    #[test]
+    fn a_body_goes_on_from_its_anchor_and_one_at_rest_keeps_resting() {
+        let (disc, mu) = (Shape::Disc { radius: 0.1 }, 0.01);
+        let bodies = vec![
+            body(1, disc, vec2(0.0, 0.0), vec2(1.0, 0.0)),
+            body(2, disc, vec2(0.0, 2.0), vec2(0.0, 0.0)),
+        ];
+        let plain = model(bodies, &[("sliding_friction", &[mu])]);
+        let anchor = |id| Anchor {
+            id,
+            time: 1.0,
+            position: vec2(0.1, 0.0),
+            velocity: vec2(-0.5, 0.0),
+            yaw: 0.2,
+            spin: 0.0,
+        };
+        let mut anchored = plain.clone();
+        anchored.anchors = vec![anchor(1), anchor(2), anchor(9)];
+        let (before, after) = (trace(&plain, &seconds(35)), trace(&anchored, &seconds(35)));
+        assert_eq!(before.states[..=25], after.states[..=25]);
+        let (state, rest) = (after.states[35][0].expect("there"), after.states[35][1].expect("there"));
+        let (brake, later) = (9.81 * mu, 0.4);
+        let x = 1.0 - 0.5 * brake + 0.1 + (1.0 - brake - 0.5) * later - 0.5 * brake * later * later;
+        assert!((state.position.x - x).abs() < 1e-9 && (state.yaw - 0.2).abs() < 1e-9, "{state:?} {x}");
+        assert_eq!((rest.position, rest.velocity), (vec2(0.1, 2.0), vec2(0.0, 0.0)));
+    }
+}

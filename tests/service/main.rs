@@ -4,4 +4,5 @@ mod discover;
 mod flow;
 mod garbage;
 mod harness;
+mod setup;
 mod sharing;
