@@ -19,7 +19,7 @@ const FEWEST: usize = 4;
 const BELIEVED: f64 = 6.0;
 
 /// A line through the residuals (measured minus simulated) of one body near an instant.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Deviation {
     id: u32,
     /// The instant, and how long after the centre of the samples it is (s).
@@ -30,7 +30,7 @@ pub struct Deviation {
 }
 
 /// Value at the centre and slope, each with its standard deviation and the share of it that is believed.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Line<const N: usize> {
     value: [f64; N],
     slope: [f64; N],
