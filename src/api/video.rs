@@ -51,7 +51,12 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
                     vec2(0.0, 0.0)
                 }
             };
-            samples.push(Sample { frame: sample.frame as usize, position, yaw: sample.yaw });
+            samples.push(Sample {
+                frame: sample.frame as usize,
+                position,
+                yaw: sample.yaw,
+                covariance: None,
+            });
         }
         let (id, color, material, mass) = (object.id, object.color, object.material, object.mass);
         objects.push(Object { id, color, material, shape, mass });

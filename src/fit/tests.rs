@@ -50,7 +50,7 @@ fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
         for (track, state) in scene.tracks.iter_mut().zip(row) {
             let s = state.expect("all are there from the start");
             let position = s.position + vec2(noise(SIGMA), noise(SIGMA));
-            track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)) });
+            track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)), covariance: None });
         }
     }
     (scene, model)
@@ -224,7 +224,7 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     for (frame, row) in trace(&truth, &scene.times).states.iter().enumerate() {
         for (track, state) in scene.tracks.iter_mut().zip(row) {
             let position = state.expect("both are there").position + vec2(noise(), noise());
-            track.samples.push(Sample { frame, position, yaw: None });
+            track.samples.push(Sample { frame, position, yaw: None, covariance: None });
         }
     }
     (scene, truth)

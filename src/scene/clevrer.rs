@@ -203,7 +203,7 @@ impl Reader {
             },
         };
         let position = vec2(*location.first()?, *location.get(1)?);
-        Some(Sample { frame, position, yaw })
+        Some(Sample { frame, position, yaw, covariance: None })
     }
 
     fn camera(&mut self, root: &Map<String, Value>) -> Option<Camera> {

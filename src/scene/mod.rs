@@ -87,6 +87,37 @@ pub struct Sample {
     pub position: Vec2,
     /// Orientation about z (rad), if it was measured.
     pub yaw: Option<f64>,
+    /// How uncertain the position is; `None`: as uncertain as the video's positions are on average.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
+}
+
+/// Covariance of the error of a position (m^2): what it says of directions and of one sample against another counts;
+/// a fit scales all of a video by one factor, so that they agree with the scatter of its tracks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Covariance {
+    pub xx: f64,
+    pub xy: f64,
+    pub yy: f64,
+}
+
+impl Covariance {
+    /// The factor L with L L^T = covariance, lower triangular (m): its xx, yx and yy; `None` where there is none.
+    pub fn factor(&self) -> Option<[f64; 3]> {
+        let xx = self.xx.sqrt();
+        let yx = self.xy / xx;
+        let yy = (self.yy - yx * yx).sqrt();
+        (xx > 0.0 && yy > 0.0 && xx.is_finite() && yy.is_finite()).then_some([xx, yx, yy])
+    }
+
+    /// Mean variance of a coordinate (m^2).
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.xx + self.yy)
+    }
+
+    pub fn scaled(&self, factor: f64) -> Covariance {
+        Covariance { xx: factor * self.xx, xy: factor * self.xy, yy: factor * self.yy }
+    }
 }
 
 /// A pinhole camera: world (m) to pixel.

@@ -16,6 +16,8 @@ pub const SIZE_RANGE: [f64; 2] = [1e-6, 1e3];
 pub const MASS_RANGE: [f64; 2] = [1e-9, 1e9];
 /// Measurement noise (m).
 pub const NOISE_RANGE: [f64; 2] = [1e-9, 1e3];
+/// Largest correlation of the errors of x and y.
+const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 /// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
 const DEEP_OVERLAP: f64 = 0.5;
 /// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
@@ -268,6 +270,15 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
         if let Some(yaw) = sample.yaw {
             r.finite(|| path("yaw"), yaw, MAX_POSITION, "rad");
         }
+        if let Some(c) = &sample.covariance {
+            let variances = NOISE_RANGE.map(|sigma| sigma * sigma);
+            r.within(|| path("covariance.xx"), c.xx, variances, "m^2");
+            r.within(|| path("covariance.yy"), c.yy, variances, "m^2");
+            // A correlation of one leaves a direction without noise.
+            if !(c.xy.abs() < MAX_CORRELATION * (c.xx * c.yy).sqrt()) {
+                r.add(path("covariance.xy"), format!("is {}; it must be below sqrt(xx yy) in size", c.xy));
+            }
+        }
     }
 }
 
@@ -289,7 +300,7 @@ mod tests {
         };
         let track = |y: f64| Track {
             samples: (0..5)
-                .map(|f| Sample { frame: f, position: vec2(f as f64, y), yaw: Some(0.0) })
+                .map(|f| Sample { frame: f, position: vec2(f as f64, y), yaw: Some(0.0), covariance: None })
                 .collect(),
         };
         Scene {
@@ -369,7 +380,7 @@ mod tests {
         s.tracks[0].samples = (0..5)
             .cycle()
             .take(500)
-            .map(|_| Sample { frame: 9, position: vec2(0.0, 0.0), yaw: None })
+            .map(|_| Sample { frame: 9, position: vec2(0.0, 0.0), yaw: None, covariance: None })
             .collect();
         assert_eq!(paths(&s).len(), MAX_VIOLATIONS + 1);
     }
