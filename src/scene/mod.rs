@@ -1,9 +1,13 @@
 //! What was observed of one video: objects, their tracks, the camera and the table.
 
+mod calibrate;
+mod camera;
 mod clevrer;
 mod digest;
 mod validate;
 
+pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
+pub use camera::{Camera, CameraError, Intrinsics, LocateError, Pose, Rotation};
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
@@ -118,15 +122,6 @@ impl Covariance {
     pub fn scaled(&self, factor: f64) -> Covariance {
         Covariance { xx: factor * self.xx, xy: factor * self.xy, yy: factor * self.yy }
     }
-}
-
-/// A pinhole camera: world (m) to pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Camera {
-    /// Rows of the 3x4 projection matrix.
-    pub matrix: [[f64; 4]; 3],
-    /// Width and height in pixels.
-    pub image_size: [f64; 2],
 }
 
 /// Playing field with cushions (m).
@@ -249,20 +244,6 @@ impl Shape {
             Shape::Square { .. } => "cube",
             Shape::Rectangle { .. } => "box",
         }
-    }
-}
-
-impl Camera {
-    /// Pixel of a world point at height `z` (m); `None` behind the camera.
-    pub fn project(&self, position: Vec2, z: f64) -> Option<[f64; 2]> {
-        let [u, v, w] = self.matrix.map(|r| r[0] * position.x + r[1] * position.y + r[2] * z + r[3]);
-        (w > 1e-9).then(|| [u / w, v / w])
-    }
-
-    /// Whether the world point lies inside the image.
-    pub fn sees(&self, position: Vec2, z: f64) -> bool {
-        self.project(position, z)
-            .is_some_and(|[u, v]| u > 0.0 && u < self.image_size[0] && v > 0.0 && v < self.image_size[1])
     }
 }
 
