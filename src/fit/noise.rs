@@ -104,7 +104,8 @@ pub fn estimate(scene: &Scene) -> Noise {
         }
     }
     let seen = |d: &Vec<f64>| (d.len() >= ENOUGH).then_some(());
-    let believed = scene.noise_sigma.unwrap_or(FALLBACK);
+    let any_stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
+    let believed = scene.noise_sigma.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
     let position = seen(&positions).map_or(believed, |()| deviation(&mut positions)).max(SMALLEST);
     let any_yaw = scene
         .objects

@@ -4,11 +4,19 @@ use super::{Covariance, MAX_POSITION};
 use crate::num::{Vec2, vec2};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
 /// A pixel within this many deviations of the horizon is on it: where it lies on the ground is anyone's guess.
 const HORIZON: f64 = 3.0;
+/// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
+/// matrix maps the plane to a line or a point, up to round-off.
+const SINGULAR: f64 = 1e-9;
 /// Largest part by which the rows of a rotation matrix may fail to be orthonormal: matrices are typed with few digits.
 const ORTHONORMAL: f64 = 1e-3;
+
+/// Deviation of an image point's coordinates that is taken where nobody tells (px), and what it may be.
+pub const IMAGE_NOISE: f64 = 1.0;
+pub const IMAGE_NOISE_RANGE: RangeInclusive<f64> = 1e-4..=100.0;
 
 /// A pinhole camera: world (m) to pixel, u to the right and v down; the world is right-handed with z up.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,6 +61,13 @@ pub enum CameraError {
     NotFinite,
     #[error("turns by {angle:.1} rad, more than a whole turn: these look like degrees; give radians")]
     Degrees { angle: f64 },
+    #[error("is singular, so that it sees no plane; give the 3x4 projection matrix")]
+    Singular,
+    #[error(
+        "has every image point behind the camera: an axis is mirrored; u goes right, v down, and the world is right-handed \
+         with z up"
+    )]
+    Behind,
     #[error("is no rotation: its rows must be of length one and perpendicular")]
     NoRotation,
     #[error(
@@ -66,6 +81,7 @@ impl CameraError {
     pub fn field(&self) -> &'static str {
         match self {
             CameraError::Focal { .. } => "focal_length",
+            CameraError::Singular | CameraError::Behind => "matrix",
             _ => "rotation",
         }
     }
@@ -176,15 +192,33 @@ impl Camera {
     }
 
     /// The same camera with the sign of its matrix such that what it shows has a positive depth: a projection matrix is
-    /// known up to a factor. `None` if an axis is mirrored: then these pixels are behind it.
-    pub fn facing(&self, pixels: &[[f64; 2]], z: f64) -> Option<Camera> {
+    /// known up to a factor. If an axis is mirrored, these pixels of the plane at height `z` (m) are behind it.
+    pub fn facing(&self, pixels: &[[f64; 2]], z: f64) -> Result<Camera, CameraError> {
+        if self.is_singular() {
+            return Err(CameraError::Singular);
+        }
         let left = Matrix3::from_fn(|i, j| self.matrix[i][j]);
         let sign = left.determinant().signum();
         let camera = Camera { matrix: self.matrix.map(|row| row.map(|v| sign * v)), ..*self };
-        let Some(inverse) = camera.plane(z).try_inverse() else { return Some(camera) };
+        let Some(inverse) = camera.plane(z).try_inverse() else { return Ok(camera) };
         let ahead = |p: &&[f64; 2]| (inverse * Vector3::new(p[0], p[1], 1.0)).z > 0.0;
         let ahead = pixels.iter().filter(ahead).count();
-        (pixels.is_empty() || ahead > 0).then_some(camera)
+        if pixels.is_empty() || ahead > 0 { Ok(camera) } else { Err(CameraError::Behind) }
+    }
+
+    /// Whether a finite matrix has a rank below 3.
+    pub(super) fn is_singular(&self) -> bool {
+        let [a, b, c] = &self.matrix;
+        let minor = |i: usize, j: usize, k: usize| {
+            a[i] * (b[j] * c[k] - b[k] * c[j]) - a[j] * (b[i] * c[k] - b[k] * c[i])
+                + a[k] * (b[i] * c[j] - b[j] * c[i])
+        };
+        let largest = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
+            .map(|(i, j, k)| minor(i, j, k).abs())
+            .into_iter()
+            .fold(0.0, f64::max);
+        let length = |row: &[f64; 4]| row.iter().map(|v| v * v).sum::<f64>().sqrt();
+        largest <= SINGULAR * self.matrix.iter().map(length).product::<f64>()
     }
 
     /// Homography from the plane at height `z` to the image.
@@ -261,9 +295,11 @@ mod tests {
     fn a_camera_faces_what_it_shows_or_is_mirrored() {
         let flipped = Camera { matrix: CLEVRER_CAMERA.matrix.map(|r| r.map(|v| -v)), ..CLEVRER_CAMERA };
         let pixels = [[240.0, 200.0], [100.0, 150.0]];
-        assert_eq!(flipped.facing(&pixels, 0.2), Some(CLEVRER_CAMERA));
+        assert_eq!(flipped.facing(&pixels, 0.2), Ok(CLEVRER_CAMERA));
         let mut mirrored = CLEVRER_CAMERA;
         mirrored.matrix[0] = mirrored.matrix[0].map(|v| -v);
-        assert_eq!(mirrored.facing(&pixels, 0.2), None);
+        assert_eq!(mirrored.facing(&pixels, 0.2), Err(CameraError::Behind));
+        mirrored.matrix[0] = mirrored.matrix[1];
+        assert_eq!(mirrored.facing(&pixels, 0.2), Err(CameraError::Singular));
     }
 }

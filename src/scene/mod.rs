@@ -7,7 +7,9 @@ mod digest;
 mod validate;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
-pub use camera::{Camera, CameraError, Intrinsics, LocateError, Pose, Rotation};
+pub use camera::{
+    Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pose, Rotation,
+};
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};

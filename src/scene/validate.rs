@@ -1,6 +1,8 @@
 //! Checks a scene and reports everything that is wrong with it at once.
 
-use super::{MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation};
+use super::{
+    CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation,
+};
 
 /// Most violations in one report; the rest is counted.
 pub const MAX_VIOLATIONS: usize = 100;
@@ -20,9 +22,6 @@ pub const NOISE_RANGE: [f64; 2] = [1e-9, 1e3];
 const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 /// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
 const DEEP_OVERLAP: f64 = 0.5;
-/// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
-/// matrix maps the plane to a line or a point, up to round-off.
-const SINGULAR: f64 = 1e-9;
 
 /// Collects violations; keeps the first [`MAX_VIOLATIONS`] and counts the others.
 #[derive(Default)]
@@ -150,11 +149,8 @@ impl Scene {
                 }
             }
             let finite = camera.matrix.iter().flatten().all(|v| v.is_finite());
-            if finite && is_singular(&camera.matrix) {
-                r.add(
-                    "camera.matrix",
-                    "is singular, so that it sees no plane; give the 3x4 projection matrix",
-                );
+            if finite && camera.is_singular() {
+                r.add("camera.matrix", CameraError::Singular.to_string());
             }
             for (k, &v) in camera.image_size.iter().enumerate() {
                 r.within(|| format!("camera.image_size[{k}]"), v, [1.0, 1e6], "px");
@@ -193,21 +189,6 @@ impl Scene {
             }
         }
     }
-}
-
-/// Whether a finite projection matrix has a rank below 3.
-fn is_singular(matrix: &[[f64; 4]; 3]) -> bool {
-    let [a, b, c] = matrix;
-    let minor = |i: usize, j: usize, k: usize| {
-        a[i] * (b[j] * c[k] - b[k] * c[j]) - a[j] * (b[i] * c[k] - b[k] * c[i])
-            + a[k] * (b[i] * c[j] - b[j] * c[i])
-    };
-    let largest = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
-        .map(|(i, j, k)| minor(i, j, k).abs())
-        .into_iter()
-        .fold(0.0, f64::max);
-    let lengths: f64 = matrix.iter().map(|row| row.iter().map(|v| v * v).sum::<f64>().sqrt()).product();
-    largest <= SINGULAR * lengths
 }
 
 /// The first common frame in which the centres are closer than `limit` (m), and their distance.
