@@ -161,8 +161,13 @@ impl Camera {
     }
 
     /// The point at height `z` (m) that a pixel shows: `K^-1 [x z, y z, z, 1]` of Ding et al. (2021, supplement, eq. 1).
-    /// A pixel's coordinates have the deviation `sigma` (px), from which the covariance follows to first order.
-    pub fn locate(&self, pixel: [f64; 2], z: f64, sigma: f64) -> Result<(Vec2, Covariance), LocateError> {
+    /// A pixel's coordinates have the deviations `sigma` (px), from which the covariance follows to first order.
+    pub fn locate(
+        &self,
+        pixel: [f64; 2],
+        z: f64,
+        sigma: [f64; 2],
+    ) -> Result<(Vec2, Covariance), LocateError> {
         let [u, v] = pixel;
         let [width, height] = self.image_size;
         if !(u.is_finite() && v.is_finite()) {
@@ -174,8 +179,8 @@ impl Camera {
         let inverse = self.plane(z).try_inverse().ok_or(LocateError::EdgeOn { z })?;
         let ray = inverse * Vector3::new(u, v, 1.0);
         // The reciprocal of the depth: zero on the horizon, negative above it.
-        let slope = inverse[(2, 0)].hypot(inverse[(2, 1)]);
-        if ray.z <= HORIZON * sigma * slope || ray.z <= 1e-12 {
+        let spread = (sigma[0] * inverse[(2, 0)]).hypot(sigma[1] * inverse[(2, 1)]);
+        if ray.z <= HORIZON * spread || ray.z <= 1e-12 {
             return Err(LocateError::Horizon { u, v, z });
         }
         let (x, y) = (ray.x / ray.z, ray.y / ray.z);
@@ -183,7 +188,7 @@ impl Camera {
             return Err(LocateError::Horizon { u, v, z });
         }
         let by = |k: usize| {
-            let by = |row: usize, at: f64| sigma * (inverse[(row, k)] - at * inverse[(2, k)]) / ray.z;
+            let by = |row: usize, at: f64| sigma[k] * (inverse[(row, k)] - at * inverse[(2, k)]) / ray.z;
             (by(0, x), by(1, y))
         };
         let ((xu, yu), (xv, yv)) = (by(0), by(1));
@@ -242,14 +247,14 @@ mod tests {
             let camera = CLEVRER_CAMERA;
             let pixel = camera.project(vec2(x, y), z).unwrap();
             prop_assume!(camera.sees(vec2(x, y), z));
-            let (found, covariance) = camera.locate(pixel, z, 0.5).unwrap();
+            let (found, covariance) = camera.locate(pixel, z, [0.5; 2]).unwrap();
             prop_assert!((found - vec2(x, y)).norm() < 1e-9);
             let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
             for k in 0..2 {
                 let moved = |by: f64| {
                     let mut pixel = pixel;
                     pixel[k] += by;
-                    camera.locate(pixel, z, 0.0).unwrap().0
+                    camera.locate(pixel, z, [0.0; 2]).unwrap().0
                 };
                 let by = (moved(1e-4) - moved(-1e-4)).scaled(0.5 / 2e-4);
                 (xx, xy, yy) = (xx + by.x * by.x, xy + by.x * by.y, yy + by.y * by.y);
@@ -261,7 +266,7 @@ mod tests {
 
     #[test]
     fn what_is_not_below_the_horizon_is_refused() {
-        let horizon = |pixel| CLEVRER_CAMERA.locate(pixel, 0.2, 0.5);
+        let horizon = |pixel| CLEVRER_CAMERA.locate(pixel, 0.2, [0.5; 2]);
         // CLEVRER's camera looks down by 30 degrees: its horizon is at v = 160 - 525 tan 30 degrees, above the image.
         assert!(matches!(horizon([240.0, -143.2]), Err(LocateError::Horizon { .. })));
         assert!(matches!(horizon([240.0, -139.0]), Ok(_)));

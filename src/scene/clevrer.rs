@@ -272,7 +272,7 @@ impl Reader {
                 continue;
             };
             let Some(sample) = track.samples.get_mut(*sample) else { continue };
-            match camera.locate(*point, object.shape.centre_height(), sigma) {
+            match camera.locate(*point, object.shape.centre_height(), [sigma; 2]) {
                 Ok((position, covariance)) => {
                     (sample.position, sample.covariance) = (position, Some(covariance));
                 }

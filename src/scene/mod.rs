@@ -4,6 +4,9 @@ mod calibrate;
 mod camera;
 mod clevrer;
 mod digest;
+mod link;
+mod mask;
+mod silhouette;
 mod validate;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
@@ -12,6 +15,9 @@ pub use camera::{
 };
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
+pub use link::{Detection, LinkError, LinkOptions, LinkReport, Linked, MAX_DETECTIONS, Scores, link};
+pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};
+pub use silhouette::outline;
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
 use crate::num::Vec2;
