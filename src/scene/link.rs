@@ -27,6 +27,9 @@ const UNKNOWN_SPEED: f64 = 8.0;
 const GATE: f64 = 4.0;
 /// Cost of a new track: more than a body at the gate that looks right, less than one that looks wrong there.
 const NEW: f64 = 24.0;
+/// Costs of a velocity that changed a moment ago, and of a false detection in a track.
+const CHANGED: f64 = 2.0;
+const FALSE: f64 = 8.0;
 /// Share of detections whose attribute is wrong.
 const WRONG: f64 = 0.08;
 /// A track of fewer detections is none.
@@ -126,7 +129,8 @@ pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<Linked, L
         return Err(LinkError::Crowded { frame: *frame, given: list.len() });
     }
     let mut paths = follow(detections, &by_frame, &options);
-    paths.retain(|p| p.seen.len() >= FEWEST);
+    paths.iter_mut().for_each(|p| p.trim(detections, options.fps));
+    paths.retain(Path::is_object);
     // By first frame, then from left to right: independent of the order given.
     paths.sort_by(|a, b| {
         let key = |p: &Path| (p.seen[0].frame, p.seen[0].position.x, p.seen[0].position.y);
@@ -177,53 +181,75 @@ impl Path {
         }
     }
 
-    /// Place and velocity (m a frame) at the last frame it was seen in, from its last samples.
-    fn motion(&self) -> (Vec2, Vec2) {
-        let recent = &self.seen[self.seen.len().saturating_sub(RECENT)..];
-        let last = recent[recent.len() - 1];
-        let n = recent.len() as f64;
-        let time = |s: &Seen| s.frame as f64 - last.frame as f64;
-        let (t, p) = recent.iter().fold((0.0, Vec2::zero()), |(t, p), s| (t + time(s), p + s.position));
-        let (t, p) = (t / n, p.scaled(1.0 / n));
-        let spread: f64 = recent.iter().map(|s| (time(s) - t).powi(2)).sum();
-        if spread == 0.0 {
-            return (last.position, Vec2::zero());
+    /// Gives it a detection; where it fits much better without the last one, that was false and is taken out.
+    fn extend(&mut self, seen: Seen, detections: &[Detection], options: &LinkOptions) {
+        let detection = &detections[seen.detection];
+        if self.cost(&seen, detection, options).is_some_and(|(_, last_is_false)| last_is_false) {
+            self.remove_last(detections);
         }
-        let slope = recent.iter().map(|s| (s.position - p).scaled((time(s) - t) / spread));
-        (last.position, slope.fold(Vec2::zero(), |a, b| a + b))
+        self.add(seen, detection);
     }
 
-    /// Cost of giving it a detection; `None` if it cannot be its.
-    fn cost(&self, seen: &Seen, detection: &Detection, options: &LinkOptions) -> Option<f64> {
+    /// Takes out what stands alone before or after it: false detections that it met when its body was not there.
+    fn trim(&mut self, detections: &[Detection], fps: f64) {
+        for _ in 0..2 {
+            let apart = |k: &usize| {
+                let (a, b) = (self.seen[k - 1].frame, self.seen[*k].frame);
+                a.abs_diff(b) as f64 / fps > SHORT_GAP
+            };
+            let n = self.seen.len();
+            let end = (n.saturating_sub(FEWEST - 1).max(1)..n).find(apart).unwrap_or(n);
+            while self.seen.len() > end {
+                self.remove_last(detections);
+            }
+            self.seen.reverse();
+        }
+    }
+
+    /// Whether it has the detections of a body: false ones may lie near each other, but they hardly agree.
+    fn is_object(&self) -> bool {
+        let n = self.seen.len();
+        let steady = || self.seen.windows(2).all(|w| w[1].frame - w[0].frame <= 2);
+        let most = |votes: &Scores| votes.values().copied().fold(0.0, f64::max);
+        let agree = || self.votes.iter().all(|v| 2.0 * most(v) > v.values().sum::<f64>() || v.is_empty());
+        n >= 2 * FEWEST || (n >= FEWEST && steady() && agree())
+    }
+
+    fn remove_last(&mut self, detections: &[Detection]) {
+        let Some(detection) = self.seen.pop().map(|s| &detections[s.detection]) else { return };
+        for (votes, scores) in self.votes.iter_mut().zip(looks(detection)) {
+            for (word, score) in scores {
+                if let Some(vote) = votes.get_mut(word) {
+                    *vote -= score * detection.score;
+                }
+            }
+        }
+    }
+
+    /// Cost of giving it a detection, and whether its last one must have been false; `None` if it cannot be its.
+    fn cost(&self, seen: &Seen, detection: &Detection, options: &LinkOptions) -> Option<(f64, bool)> {
         let gap = seen.frame - self.seen.last()?.frame;
         let seconds = gap as f64 / options.fps;
-        let known = self.seen.len() >= FEWEST;
         let (agrees, misfit) = self.likeness(detection);
-        let longest = if !known {
-            SHORT_GAP
-        } else if agrees {
-            LONGEST_GAP
-        } else {
-            GAP
+        let longest = match (self.seen.len() >= FEWEST, agrees) {
+            (false, _) => SHORT_GAP,
+            (true, true) => LONGEST_GAP,
+            (true, false) => GAP,
         };
         if gap > 2 && seconds > longest {
             return None;
         }
-        let (place, velocity) = self.motion();
-        let off = seen.position - place - velocity.scaled(gap as f64);
-        let speed = if self.seen.len() < 2 { BLOW.hypot(UNKNOWN_SPEED) } else { BLOW };
-        let blow = (speed * options.size * seconds).powi(2);
-        let c = &seen.covariance;
-        // The measurement, and the extrapolation of a velocity from measurements.
-        let measured = if self.seen.len() < 2 { 2.0 } else { 2.0 + gap as f64 };
-        let total =
-            Covariance { xx: measured * c.xx + blow, xy: measured * c.xy, yy: measured * c.yy + blow };
-        let [xx, yx, yy] = total.factor()?;
-        let a = off.x / xx;
-        let b = (off.y - yx * a) / yy;
-        let distance = a * a + b * b;
-        (distance <= GATE * GATE)
-            .then_some(distance + misfit + 2.0 * (xx * yy / (options.size * options.size)).ln().max(0.0))
+        // Its motion may have changed a moment ago, its last detection may have been false, or all but its last.
+        let all = &self.seen[..];
+        let but_last = &all[..all.len() - 1];
+        let tried = [
+            (distance(all, RECENT, seen, options), false),
+            (distance(all, 3, seen, options).map(|d| d + CHANGED), false),
+            (distance(all, 1, seen, options).map(|d| d + FALSE), false),
+            (distance(but_last, RECENT, seen, options).map(|d| d + FALSE), true),
+        ];
+        let best = tried.into_iter().filter_map(|(d, last)| Some((d? + misfit, last)));
+        best.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Whether the detection's best words are those voted so far, and minus twice the logarithm of the likelihood.
@@ -241,6 +267,34 @@ impl Path {
         }
         (agrees, misfit)
     }
+}
+
+/// Squared distance, in deviations, of a detection from where these earlier ones lead, the last `window` of which tell the
+/// velocity; the larger the region in which it might be, the more it costs. `None` beyond the gate.
+fn distance(earlier: &[Seen], window: usize, seen: &Seen, options: &LinkOptions) -> Option<f64> {
+    let recent = &earlier[earlier.len().saturating_sub(window)..];
+    let last = recent.last()?;
+    let gap = (seen.frame - last.frame) as f64;
+    let n = recent.len() as f64;
+    let time = |s: &Seen| s.frame as f64 - last.frame as f64;
+    let (t, p) = recent.iter().fold((0.0, Vec2::zero()), |(t, p), s| (t + time(s), p + s.position));
+    let (t, p) = (t / n, p.scaled(1.0 / n));
+    let spread: f64 = recent.iter().map(|s| (time(s) - t).powi(2)).sum();
+    let slope = recent.iter().map(|s| (s.position - p).scaled((time(s) - t) / spread.max(1e-9)));
+    let velocity = slope.fold(Vec2::zero(), |a, b| a + b);
+    let off = seen.position - last.position - velocity.scaled(gap);
+    let speed = if recent.len() < 2 { BLOW.hypot(UNKNOWN_SPEED) } else { BLOW };
+    let blow = (speed * options.size * gap / options.fps).powi(2);
+    // The measurement, the one before, and the velocity that such measurements tell.
+    let measured = 2.0 + if recent.len() < 2 { 0.0 } else { gap * gap / spread };
+    let c = &seen.covariance;
+    let total = Covariance { xx: measured * c.xx + blow, xy: measured * c.xy, yy: measured * c.yy + blow };
+    let [xx, yx, yy] = total.factor()?;
+    let a = off.x / xx;
+    let b = (off.y - yx * a) / yy;
+    let squares = a * a + b * b;
+    let room = 2.0 * (xx * yy / (options.size * options.size)).ln().max(0.0);
+    (squares <= GATE * GATE).then_some(squares + room)
 }
 
 /// The word with most votes; of equal ones the first in the alphabet.
@@ -289,7 +343,7 @@ fn follow(
         });
         for (seen, path) in here.iter().zip(assign(&here, &kept, detections, options)) {
             match path {
-                Some(path) => kept[path].add(*seen, &detections[seen.detection]),
+                Some(path) => kept[path].extend(*seen, detections, options),
                 None => kept.push(Path::new(*seen, &detections[seen.detection])),
             }
         }
@@ -317,7 +371,7 @@ fn assign(
             let cost = path.cost(&here[row], &detections[here[row].detection], options);
             // A track that is not sure to be one gives way to one that is.
             let doubt = if path.seen.len() < FEWEST { 4.0 } else { 0.0 };
-            cost.map_or(NEVER, |c| (SCALE * (c + doubt)) as i64)
+            cost.map_or(NEVER, |(c, _)| (SCALE * (c + doubt)) as i64)
         }
         None if column - paths.len() == row => (SCALE * NEW) as i64,
         None => NEVER,
