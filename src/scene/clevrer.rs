@@ -80,13 +80,19 @@ impl Reader {
             setup: self.text(root, "setup", ""),
             world,
             fps,
-            times: (0..frames).map(|f| f as f64 / fps).collect(),
+            times: self.times(root, frames, fps),
             camera,
             table: self.table(root),
             noise_sigma: self.number(root, "noise_sigma", ""),
             objects,
             tracks,
         }
+    }
+
+    fn times(&mut self, root: &Map<String, Value>, frames: usize, fps: f64) -> Vec<f64> {
+        let value = root.get("times").filter(|v| !v.is_null());
+        let given = value.and_then(|v| self.numbers(Some(v), "times", &[frames]));
+        given.unwrap_or_else(|| (0..frames).map(|f| f as f64 / fps).collect())
     }
 
     fn world(&mut self, root: &Map<String, Value>) -> WorldKind {

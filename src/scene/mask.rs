@@ -97,6 +97,32 @@ impl BoundingBox {
         [0.5 * (self.left + self.right), 0.5 * (self.top + self.bottom)]
     }
 
+    /// What is wrong with it in an image of this width and height (px).
+    pub fn check(&self, [width, height]: [f64; 2]) -> Result<(), String> {
+        let [left, top, right, bottom] = self.edges();
+        if !self.edges().iter().all(|v| v.is_finite()) {
+            return Err("is not finite; give pixels".into());
+        }
+        if left >= right || top >= bottom {
+            return Err(format!(
+                "is {} x {} px; give left, top, and a width and height above 0",
+                right - left,
+                bottom - top
+            ));
+        }
+        // Detectors round: a box may stand out a little.
+        let out = |low: f64, high: f64, size: f64| {
+            low < -0.5 * size || high > 1.5 * size || low >= size || high <= 0.0
+        };
+        if out(left, right, width) || out(top, bottom, height) {
+            return Err(format!(
+                "from ({left}, {top}) to ({right}, {bottom}) lies outside the image of {width} x {height} px; give \
+                 pixels of this image"
+            ));
+        }
+        Ok(())
+    }
+
     /// Left, top, right, bottom.
     pub fn edges(&self) -> [f64; 4] {
         [self.left, self.top, self.right, self.bottom]

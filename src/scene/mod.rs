@@ -6,7 +6,13 @@ mod clevrer;
 mod digest;
 mod link;
 mod mask;
+mod observed;
+mod pairs;
+mod proposals;
 mod silhouette;
+#[cfg(test)]
+mod tests;
+mod tracker;
 mod validate;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
@@ -17,7 +23,11 @@ pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
 pub use link::{Detection, LinkError, LinkOptions, LinkReport, Linked, MAX_DETECTIONS, Scores, link};
 pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};
+pub use observed::observed;
+pub use pairs::parse_pairs;
+pub use proposals::{Proposals, parse_proposals};
 pub use silhouette::outline;
+pub use tracker::{is_tracker, parse_tracker};
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
 use crate::num::Vec2;
@@ -273,22 +283,4 @@ pub struct SceneError {
 fn list(violations: &[Violation]) -> String {
     let lines: Vec<String> = violations.iter().map(|v| format!("{}: {}", v.path, v.message)).collect();
     lines.join("\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn objects_are_named_by_what_they_have() {
-        let check = |color: &str, material: &str, expected: &str| {
-            let (color, material) = (color.into(), material.into());
-            let object =
-                Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
-            assert_eq!(object.words(), expected);
-        };
-        check("red", "metal", "red metal cube");
-        check("red", "", "red cube");
-        check("", "", "cube 3");
-    }
 }
