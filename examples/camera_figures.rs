@@ -437,24 +437,6 @@ fn link_all(worlds: &[World], masks: bool) {
                 && f.shape.word() == object.shape.word();
             (right, all, wrong) = (right + usize::from(same), all + 1, wrong + usize::from(!same));
         }
-        if std::env::var_os("EXPLAIN").is_some() {
-            for (o, tracks) in owner.iter().enumerate().filter(|(_, t)| t.windows(2).any(|w| w[0] != w[1])) {
-                println!("{} object {o} {:?}", world.scene.name, world.scene.objects[o].words());
-                let mut tracks = tracks.clone();
-                tracks.dedup();
-                for &t in &tracks {
-                    let s: Vec<(usize, Option<usize>)> =
-                        linked.members[t].iter().map(|&m| (found[m].0.frame, found[m].1)).collect();
-                    println!(
-                        "   track {t} {:?}: {:?} .. {:?} ({})",
-                        linked.objects[t].words(),
-                        &s[..s.len().min(4)],
-                        &s[s.len().saturating_sub(4)..],
-                        s.len()
-                    );
-                }
-            }
-        }
         switches += here;
         clean += usize::from(here == 0);
         if here + wrong > 0 {

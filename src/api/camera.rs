@@ -135,11 +135,12 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
     if !(SIZE_RANGE[0]..=SIZE_RANGE[1]).contains(&size) {
         r.add("object_size", format!("is {size}; must be from {:?} to {:?} m", SIZE_RANGE[0], SIZE_RANGE[1]));
     }
-    if request.detections.len() > MAX_DETECTIONS {
-        let given = request.detections.len();
-        r.add("detections", format!("has {given}; at most {MAX_DETECTIONS} are linked"));
-        r.finish(())?;
-        return Err(EngineError::invalid("detections", "has too many"));
+    let given = request.detections.len();
+    if given > MAX_DETECTIONS {
+        return Err(EngineError::invalid(
+            "detections",
+            format!("has {given}; at most {MAX_DETECTIONS} are linked"),
+        ));
     }
     let image_size = camera.map_or([f64::INFINITY; 2], |c| c.image_size);
     let mut detections = vec![];

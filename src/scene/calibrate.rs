@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Most pairs: more add nothing.
-pub const MAX_PAIRS: usize = 100_000;
+pub const MAX_PAIRS: usize = 20_000;
 /// Points of one plane need four pairs.
 const FEWEST: usize = 4;
 /// Random minimal sets that are tried: one of them is free of outliers, as good as surely, up to 40 % of those.

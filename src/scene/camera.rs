@@ -180,7 +180,7 @@ impl Camera {
         let ray = inverse * Vector3::new(u, v, 1.0);
         // The reciprocal of the depth: zero on the horizon, negative above it.
         let spread = (sigma[0] * inverse[(2, 0)]).hypot(sigma[1] * inverse[(2, 1)]);
-        if ray.z <= HORIZON * spread || ray.z <= 1e-12 {
+        if !(ray.z > HORIZON * spread && ray.z > 1e-12) {
             return Err(LocateError::Horizon { u, v, z });
         }
         let (x, y) = (ray.x / ray.z, ray.y / ray.z);
@@ -199,6 +199,9 @@ impl Camera {
     /// The same camera with the sign of its matrix such that what it shows has a positive depth: a projection matrix is
     /// known up to a factor. If an axis is mirrored, these pixels of the plane at height `z` (m) are behind it.
     pub fn facing(&self, pixels: &[[f64; 2]], z: f64) -> Result<Camera, CameraError> {
+        if self.matrix.iter().flatten().any(|v| !v.is_finite()) {
+            return Err(CameraError::NotFinite);
+        }
         if self.is_singular() {
             return Err(CameraError::Singular);
         }

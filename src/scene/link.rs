@@ -15,10 +15,10 @@ use pathfinding::prelude::kuhn_munkres_min;
 use std::collections::BTreeMap;
 
 /// Most detections of one video, and of one frame: an assignment's work grows with the third power.
-pub const MAX_DETECTIONS: usize = 1_000_000;
-pub const MAX_IN_FRAME: usize = 256;
+pub const MAX_DETECTIONS: usize = 200_000;
+pub const MAX_IN_FRAME: usize = 128;
 /// Most tracks that are followed at a time.
-const MAX_FOLLOWED: usize = 1024;
+const MAX_FOLLOWED: usize = 256;
 /// How much a blow changes a velocity (object sizes a second, one deviation): 1.6 m/s for CLEVRER's objects.
 const BLOW: f64 = 8.0;
 /// Speed of a body that was seen once (sizes a second, one deviation).
