@@ -147,7 +147,7 @@ fn check(pairs: &[PointPair], [width, height]: [f64; 2]) -> Result<(), Calibrate
     }
     for (index, pair) in pairs.iter().enumerate() {
         let fields = [("image", &pair.image[..]), ("world", &pair.world[..])];
-        if let Some((field, _)) = fields.iter().find(|f| f.1.iter().any(|v| !(v.abs() < 1e9))) {
+        if let Some((field, _)) = fields.iter().find(|f| f.1.iter().any(|v| !(-1e9..1e9).contains(v))) {
             return Err(CalibrateError::NotFinite { index, field });
         }
     }
@@ -180,7 +180,7 @@ impl Cloud {
         };
         let (_, in_image) = spread(&|p| Vector3::new(p.image[0], p.image[1], 0.0));
         let (centre, eigen) = spread(&|p| Vector3::from(p.world));
-        for (field, eigen) in [("image", &in_image), ("world", &eigen)] {
+        for (field, eigen) in [("world", &eigen), ("image", &in_image)] {
             let (_, [long, wide, _]) = extents(eigen);
             if wide <= LINE * long {
                 return Err(CalibrateError::OnALine { field });
@@ -457,10 +457,10 @@ fn refine(pairs: &[PointPair], start: Parameters, sigma: f64, size: [f64; 2]) ->
                 let value = |at, turn| off(at, turn, pair, size).map_or(r[c], |r| r[c]);
                 (value(a, ta) - value(b, tb)) / (2.0 * step * sigma)
             };
-            for c in 0..2 {
+            for (c, residual) in r.into_iter().enumerate() {
                 let j = Parameters::from_fn(|k, _| slope(k, c));
                 hessian += j * j.transpose();
-                gradient += j * (r[c] / sigma);
+                gradient += j * (residual / sigma);
             }
         }
         focal_sd = hessian.try_inverse().map_or(focal_sd, |inverse| inverse[(0, 0)].max(0.0).sqrt());

@@ -45,9 +45,8 @@ pub fn place(
         for axis in 0..2 {
             let (low, high) = (axis, axis + 2);
             let missing = (expected[high] - expected[low]) - (edges[high] - edges[low]);
-            let short = missing
-                > SHORT.0 * sigma.hypot(spread[low]).hypot(spread[high])
-                    + SHORT.1 * (expected[high] - expected[low]);
+            let unsure = SHORT.0 * sigma + 2.0 * spread[low].hypot(spread[high]);
+            let short = missing > unsure + SHORT.1 * (expected[high] - expected[low]);
             let hidden = |edge: usize| short && nearer.iter().any(|other| hides(other, seen, edge));
             let trusted = [low, high].map(|edge| inside[edge] && !hidden(edge));
             let off = |edge: usize| edges[edge] - expected[edge];
@@ -179,9 +178,9 @@ mod tests {
                 (place(&CLEVRER_CAMERA, &shape, b, nearer, 0.5).unwrap().0 - at).norm()
             };
             assert!(off(&whole, &[]) < 1e-4, "{shape:?}");
-            // The middle of the box alone would be off.
+            // The middle of the box alone would be off, but for a ball hardly.
             let (middle, _) = CLEVRER_CAMERA.locate(whole.centre(), 0.2, [0.5; 2]).unwrap();
-            assert!((middle - at).norm() > 0.002, "{shape:?}");
+            assert!(shape.is_ball() || (middle - at).norm() > 0.002, "{shape:?}");
             let half = BoundingBox { right: whole.centre()[0], ..whole };
             let nearer = BoundingBox { left: half.right - 1.0, right: half.right + 40.0, ..whole };
             assert!(off(&half, &[nearer]) < 1e-3, "{shape:?} hidden");

@@ -256,7 +256,8 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
             r.within(|| path("covariance.xx"), c.xx, variances, "m^2");
             r.within(|| path("covariance.yy"), c.yy, variances, "m^2");
             // A correlation of one leaves a direction without noise.
-            if !(c.xy.abs() < MAX_CORRELATION * (c.xx * c.yy).sqrt()) {
+            let correlation = c.xy / (c.xx * c.yy).sqrt();
+            if !(-MAX_CORRELATION..MAX_CORRELATION).contains(&correlation) {
                 r.add(path("covariance.xy"), format!("is {}; it must be below sqrt(xx yy) in size", c.xy));
             }
         }
