@@ -239,3 +239,17 @@ fn gaps(scene: &Scene) -> (u32, u32) {
     let steps = scene.tracks.iter().flat_map(|t| t.samples.windows(2)).map(|w| w[1].frame - w[0].frame - 1);
     steps.filter(|&s| s > 0).fold((0, 0), |(gaps, frames), s| (gaps + 1, frames + s as u32))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_known_by_their_content() {
+        assert!(matches!(kind(r#"{"motion_trajectory": []}"#), Kind::Annotation));
+        assert!(matches!(kind(r#"{"frames": []}"#), Kind::Proposals));
+        assert!(matches!(kind(r#"{"frames": "#), Kind::Annotation));
+        assert!(matches!(kind("mass A\nt\tx\ty\n0\t1\t2\n"), Kind::Tracker));
+        assert!(matches!(kind("[1, 2]"), Kind::Unknown));
+    }
+}
