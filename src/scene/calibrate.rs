@@ -111,7 +111,9 @@ pub fn calibrate(pairs: &[PointPair], image_size: [f64; 2]) -> Result<Calibratio
     let (intrinsics, pose) = parts(&found.at, image_size);
     let (rotation, translation) = (rotation(&found.at), Vector3::from(pose.translation));
     let position = -(rotation.inverse() * translation);
-    if (position - cloud.centre).dot(&cloud.normal) < 0.0 && cloud.thickness < FLAT {
+    // Of a wall nobody knows which side is seen; a table is seen from above.
+    let below = (position - cloud.centre).dot(&cloud.normal) < 0.0;
+    if below && cloud.normal.z > 0.5 && cloud.thickness < FLAT {
         return Err(CalibrateError::Mirrored);
     }
     let residuals: Vec<f64> = pairs.iter().map(|p| distance(&found.at, p, image_size)).collect();

@@ -20,7 +20,10 @@ pub const CLEVRER_CAMERA: Camera = Camera {
     image_size: IMAGE_SIZE,
 };
 
-/// Reads the text of an annotation file. Unknown keys are ignored; everything that is wrong is reported at once.
+/// Reads the text of an annotation file. Beside CLEVRER's keys it may have `fps`, `times` (s, one a frame), `world`, `setup`,
+/// `camera_matrix`, `image_size`, `image_noise_px`, `table`, `noise_sigma`, an object's `size` and `mass`, and a sample's
+/// `covariance` (xx, xy, yy in m^2); a sample with `image_center` (px) and no `location` is placed by the camera.
+/// Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
     let mut reader = Reader { report: Report::default(), strangers: BTreeSet::new(), bad_ids: false };
     // Some editors put a byte order mark in front.
