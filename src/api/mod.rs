@@ -1,5 +1,6 @@
 //! The gRPC edge: the generated messages, their conversion, the services and their server.
 
+mod camera;
 mod reply;
 mod request;
 mod server;

@@ -1,10 +1,11 @@
 //! The four services: each call is converted, handed to the engine, and converted back.
 
 use super::status::{error, status};
-use super::{reply, request, study, v1, video};
+use super::{camera, reply, request, study, v1, video};
 use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Update, Waiting};
+use crate::scene::calibrate;
 use futures_util::stream::{self, BoxStream, StreamExt};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tonic::{Request, Response, Status, Streaming};
 
@@ -24,9 +25,19 @@ pub struct Services(pub Arc<Engine>);
 impl v1::videos_server::Videos for Services {
     async fn create_video(&self, request: Request<v1::CreateVideoRequest>) -> Reply<v1::Video> {
         let given = request.into_inner();
-        let (id, scene) = self.0.create_video(move || video::scene(given.video)).await.map_err(status)?;
-        tracing::info!(video = id, request_id = given.request_id, "video created");
-        Ok(Response::new(video::video(&id, &scene, true)))
+        let request_id = given.request_id.clone();
+        let linking = Arc::new(OnceLock::new());
+        let told = linking.clone();
+        let make = move || {
+            let (scene, report) = video::created(given)?;
+            // Set once, as it runs once.
+            let _ = told.set(report);
+            Ok(scene)
+        };
+        let (id, scene) = self.0.create_video(make).await.map_err(status)?;
+        tracing::info!(video = id, request_id, "video created");
+        let linking = linking.get().and_then(|r| r.as_ref()).map(camera::linking);
+        Ok(Response::new(v1::Video { linking, ..video::video(&id, &scene, true) }))
     }
 
     async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> Reply<v1::Video> {
@@ -48,6 +59,16 @@ impl v1::videos_server::Videos for Services {
         let id = request::video_id("name", &request.into_inner().name).map_err(status)?;
         self.0.delete_video(&id).await.map_err(status)?;
         Ok(Response::new(()))
+    }
+
+    async fn calibrate_camera(
+        &self,
+        request: Request<v1::CalibrateCameraRequest>,
+    ) -> Reply<v1::CalibrateCameraResponse> {
+        let (pairs, size) = camera::pairs(request.into_inner());
+        let work = move || calibrate(&pairs, size).map_err(camera::uncalibrated);
+        let found = self.0.compute(work).await.map_err(status)?;
+        Ok(Response::new(camera::calibration(&found)))
     }
 }
 

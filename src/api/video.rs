@@ -1,13 +1,22 @@
 //! Videos: message to scene and back, with the paths of violations in terms of the message.
 
 use super::request::Report;
-use super::v1;
+use super::{camera, v1};
 use crate::engine::EngineError;
 use crate::num::vec2;
-use crate::scene::{Camera, MAX_FRAMES, Object, Sample, Scene, Table, Track, Violation, WorldKind};
+use crate::scene::{LinkReport, MAX_FRAMES, Object, Sample, Scene, Table, Track, Violation, WorldKind};
 
 /// Frame rate where none is given (1/s).
-const DEFAULT_FPS: f64 = 25.0;
+pub(super) const DEFAULT_FPS: f64 = 25.0;
+
+/// The scene of a request, and how its detections were linked, if it has any.
+pub fn created(request: v1::CreateVideoRequest) -> Result<(Scene, Option<LinkReport>), EngineError> {
+    if request.detections.is_empty() {
+        return Ok((scene(request.video)?, None));
+    }
+    let (video, report) = camera::linked(request)?;
+    Ok((scene(Some(video))?, Some(report)))
+}
 
 /// The scene of a message; everything that is wrong with it at once.
 pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
@@ -25,37 +34,40 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
             WorldKind::Clevrer
         }
     };
-    let camera = video.camera.and_then(|camera| {
-        let matrix: Option<[f64; 12]> = camera.matrix.as_slice().try_into().ok();
-        match matrix {
-            Some(m) => Some(Camera {
-                matrix: [0, 4, 8].map(|row| [0, 1, 2, 3].map(|column| m[row + column])),
-                image_size: [camera.image_width, camera.image_height],
-            }),
-            None => {
-                r.add("video.camera.matrix", format!("has {} numbers; give 12", camera.matrix.len()));
-                None
-            }
-        }
-    });
+    let has_camera = video.camera.is_some();
+    let mut camera = video.camera.and_then(|camera| camera::camera(&mut r, camera));
     let fps = if video.fps == 0.0 { DEFAULT_FPS } else { video.fps };
-    let (mut objects, mut tracks) = (Vec::new(), Vec::new());
+    let (mut objects, mut tracks, mut pixels) = (Vec::new(), Vec::new(), Vec::new());
     for (i, object) in video.objects.into_iter().enumerate() {
         let shape = r.shape(&format!("video.objects[{i}].shape"), object.shape);
         let mut samples = Vec::new();
         for (k, sample) in object.samples.into_iter().enumerate() {
             let position = match sample.place {
                 Some(v1::sample::Place::Position(p)) => vec2(p.x, p.y),
+                Some(v1::sample::Place::Image(p)) => {
+                    pixels.push(camera::Pixel { object: i, sample: k, point: [p.u, p.v] });
+                    vec2(0.0, 0.0)
+                }
                 None => {
                     r.add(format!("video.objects[{i}].samples[{k}].position"), "is missing");
                     vec2(0.0, 0.0)
                 }
             };
-            samples.push(Sample { frame: sample.frame as usize, position, yaw: sample.yaw });
+            samples.push(Sample {
+                frame: sample.frame as usize,
+                position,
+                yaw: sample.yaw,
+                covariance: sample.covariance.map(camera::covariance),
+            });
         }
         let (id, color, material, mass) = (object.id, object.color, object.material, object.mass);
         objects.push(Object { id, color, material, shape, mass });
         tracks.push(Track { samples });
+    }
+    let image_noise = camera::image_noise(&mut r, video.image_noise_px);
+    let unplaced = !pixels.is_empty() && has_camera && camera.is_none();
+    if !pixels.is_empty() && !unplaced {
+        camera = camera::place(&mut r, camera, image_noise, &pixels, &objects, &mut tracks);
     }
     let times = if video.times.is_empty() {
         let last = tracks.iter().flat_map(|t| &t.samples).map(|s| s.frame + 1).max().unwrap_or(0);
@@ -76,6 +88,10 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
         objects,
         tracks,
     };
+    // Where image points have no place, what validation says of positions is of no use.
+    if !pixels.is_empty() && !r.0.is_empty() {
+        return r.finish(scene);
+    }
     if let Err(error) = scene.validate() {
         r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
     }
@@ -132,14 +148,7 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         WorldKind::AirTable => v1::World::AirTable,
         WorldKind::Billiards => v1::World::Billiards,
     };
-    let objects = scene.objects.iter().zip(&scene.tracks).map(|(object, track)| v1::Object {
-        id: object.id,
-        color: object.color.clone(),
-        material: object.material.clone(),
-        shape: Some(shape(&object.shape)),
-        mass: object.mass,
-        samples: if whole { track.samples.iter().map(sample).collect() } else { vec![] },
-    });
+    let objects = scene.objects.iter().zip(&scene.tracks).map(|o| self::object(o, whole));
     v1::Video {
         name: format!("videos/{id}"),
         display_name: scene.name.clone(),
@@ -147,14 +156,24 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         world: world.into(),
         fps: scene.fps,
         times: if whole { scene.times.clone() } else { vec![] },
-        camera: scene.camera.map(|c| v1::Camera {
-            matrix: c.matrix.concat(),
-            image_width: c.image_size[0],
-            image_height: c.image_size[1],
-        }),
+        camera: scene.camera.as_ref().map(camera::camera_message),
         table: scene.table.map(|t| v1::Table { x_min: t.x[0], x_max: t.x[1], y_min: t.y[0], y_max: t.y[1] }),
         noise_sigma: scene.noise_sigma,
         objects: objects.collect(),
+        image_noise_px: 0.0,
+        linking: None,
+    }
+}
+
+/// The message of an object; without its samples in a list.
+pub(super) fn object((object, track): (&Object, &Track), whole: bool) -> v1::Object {
+    v1::Object {
+        id: object.id,
+        color: object.color.clone(),
+        material: object.material.clone(),
+        shape: Some(shape(&object.shape)),
+        mass: object.mass,
+        samples: if whole { track.samples.iter().map(sample).collect() } else { vec![] },
     }
 }
 
@@ -164,6 +183,7 @@ fn sample(sample: &Sample) -> v1::Sample {
         frame: sample.frame as u32,
         place: Some(v1::sample::Place::Position(position)),
         yaw: sample.yaw,
+        covariance: sample.covariance.map(camera::covariance_message),
     }
 }
 

@@ -8,7 +8,7 @@ use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
-    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice,
+    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice, Video,
     fit_model_response,
 };
 use crate::config::{Config, Flags};
@@ -120,9 +120,17 @@ impl Connection {
     /// Posts a scene; gives the name of its video.
     pub async fn post(&self, scene: &Scene) -> Result<String, Failure> {
         let request =
-            CreateVideoRequest { video: Some(api::video::video("", scene, true)), request_id: String::new() };
-        let mut client = VideosClient::new(self.channel.clone()).max_encoding_message_size(MAX_MESSAGE);
-        Ok(client.create_video(request).await?.into_inner().name)
+            CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() };
+        Ok(self.create(request).await?.name)
+    }
+
+    pub async fn create(&self, request: CreateVideoRequest) -> Result<Video, Failure> {
+        Ok(self.videos().create_video(request).await?.into_inner())
+    }
+
+    pub fn videos(&self) -> VideosClient<Channel> {
+        let client = VideosClient::new(self.channel.clone());
+        client.max_encoding_message_size(MAX_MESSAGE).max_decoding_message_size(MAX_MESSAGE)
     }
 
     /// Fits a model to a video that was posted, and hears of its progress.

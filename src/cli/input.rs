@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Name of a scene's file in its folder.
-const OBSERVED: &str = "observed.json";
+pub const OBSERVED: &str = "observed.json";
 /// Most bytes of a scene's file: all objects in all frames that are allowed take less.
 const MAX_FILE: u64 = 1 << 30;
 
@@ -75,6 +75,14 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
     regular(&file)?;
     let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
     parse(&name.unwrap_or("scene".into()), &text).map_err(|e| Failure::input(e.to_string()).at(&place))
+}
+
+/// The text of a file, and of no folder or pipe.
+pub fn text(path: &Path) -> Result<String, Failure> {
+    match regular(path)? {
+        true => std::fs::read_to_string(path).map_err(|e| unreadable(path, e)),
+        false => Err(unreadable(path, "is a folder")),
+    }
 }
 
 fn last(name: Option<&std::ffi::OsStr>) -> Option<String> {

@@ -1,6 +1,7 @@
 //! The command line: every command is a client of the service, in this process or remote.
 
 mod ask;
+mod calibrate;
 mod compare;
 mod connect;
 mod demo;
@@ -10,6 +11,7 @@ mod effects;
 mod error;
 mod fit;
 mod health;
+mod import;
 mod input;
 mod output;
 mod score;
@@ -60,6 +62,10 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Finds the missing effects of a set-up, adds them, and shows the error fall.
     Discover(discover::Args),
+    /// Estimates a camera from points known in the image and in the world.
+    Calibrate(calibrate::Args),
+    /// Turns files of others into scenes.
+    Import(import::Args),
     /// The catalogue of physical effects.
     Effects(effects::Args),
     /// Answers every question beside each scene, and tells how many answers are right.
@@ -97,6 +103,8 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Compare(args) => compare::run(&cli.target, args).await,
         Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
         Command::Discover(args) => discover::run(&cli.target, args).await,
+        Command::Calibrate(args) => calibrate::run(&cli.target, args).await,
+        Command::Import(args) => import::run(&cli.target, args).await,
         Command::Effects(args) => effects::run(&cli.target, args).await,
         Command::Score(args) => score::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,

@@ -95,6 +95,7 @@ fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
 }
 
 fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Path {
+    let noise = &noise.of_track(&scene.tracks[i]);
     let frames = scene.times.len();
     let own = &raw[i];
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();

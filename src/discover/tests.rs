@@ -74,7 +74,12 @@ fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Sc
             for (track, state) in scene.tracks.iter_mut().zip(row) {
                 let s = state.expect("all are there from the start");
                 let position = s.position + vec2(noise(SIGMA), noise(SIGMA));
-                track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)) });
+                track.samples.push(Sample {
+                    frame,
+                    position,
+                    yaw: Some(s.yaw + noise(0.01)),
+                    covariance: None,
+                });
             }
         }
         scenes.push(scene);

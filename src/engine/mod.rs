@@ -217,6 +217,17 @@ impl Engine {
         Ok((id, Arc::new(scene)))
     }
 
+    /// Runs a piece of work that nothing is stored of on the CPU pool.
+    pub async fn compute<T, F>(&self, work: F) -> Result<T, EngineError>
+    where
+        T: Send + 'static,
+        F: FnOnce() -> Result<T, EngineError> + Send + 'static,
+    {
+        let control =
+            Control { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) };
+        self.pool.run(control, move |_| work()).await
+    }
+
     pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {
         let key = self.key(id);
         if let Some(scene) = self.scenes.get(&key).await {

@@ -254,14 +254,11 @@ fn worst_chi_square(problem: &Problem, point: &[f64], frames: usize) -> f64 {
 fn scene_fit(problem: &Problem, index: usize, point: &[f64], frames: usize) -> SceneFit {
     let part = &problem.parts[index];
     let rollout = part.rollout(&problem.free, point, frames);
-    let (mut chi_square, mut count, mut squares, mut positions) = (0.0, 0usize, 0.0, 0usize);
-    part.each_residual(&rollout, frames, |(_, _, coordinate), r, _| {
+    let (squares, positions) = part.position_error(&rollout, frames);
+    let (mut chi_square, mut count) = (0.0, 0usize);
+    part.each_residual(&rollout, frames, |_, r, _| {
         chi_square += r * r;
         count += 1;
-        if coordinate < 2 {
-            squares += (r * part.noise.position).powi(2);
-            positions += 1;
-        }
     });
     let parameters = problem.free.iter().filter(|f| f.scene == Some(index) && f.sd > 1.0).count();
     let degrees_of_freedom = count.saturating_sub(parameters).max(1);

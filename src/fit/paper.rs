@@ -104,13 +104,7 @@ fn before_contact(scene: &Scene) -> Scene {
 /// The paper's loss of the worst scene (m^2).
 fn loss(problem: &Problem, point: &[f64], window: Window) -> f64 {
     let of = |part: &super::problem::Part| {
-        let mut squares = 0.0;
-        let rollout = part.rollout(&problem.free, point, window);
-        part.each_residual(&rollout, window, |(_, _, coordinate), r, _| {
-            if coordinate < 2 {
-                squares += (r * part.noise.position).powi(2);
-            }
-        });
+        let (squares, _) = part.position_error(&part.rollout(&problem.free, point, window), window);
         squares / (2 * part.scene.objects.len().max(1)) as f64
     };
     problem.parts.iter().map(of).fold(0.0, f64::max)

@@ -1,12 +1,10 @@
 //! The fit as a least-squares problem: free parameters, whitened residuals, their Jacobian.
 
-use super::noise::{Noise, wrapped};
+use super::noise::{Noise, Whitener, wrapped};
 use crate::effects::Scope;
 use crate::num::{Jet, LANES, Real, Stop};
-use crate::scene::Scene;
-use crate::world::{
-    BODY_VALUES, Ending, Event, Kinematics, Limits, MASS, Model, Owner, Rollout, SPINS, film,
-};
+use crate::scene::{Sample, Scene};
+use crate::world::{BODY_VALUES, Ending, Event, Limits, MASS, Model, Owner, Rollout, SPINS, film};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
@@ -252,7 +250,17 @@ fn rho(r: f64) -> f64 {
     if r.abs() <= HUBER { 0.5 * r * r } else { HUBER * (r.abs() - 0.5 * HUBER) }
 }
 
-/// One residual's identity: body, frame, and coordinate 0 = x, 1 = y, 2 = yaw.
+/// One sample of a body, and how its residuals are whitened.
+struct Measured<'a> {
+    body: usize,
+    sample: &'a Sample,
+    whitener: Whitener,
+    /// Value and deviation (rad), where it counts.
+    yaw: Option<(f64, f64)>,
+}
+
+/// One residual's identity: body, frame, and coordinate 0, 1 = position (x and y where their errors are independent),
+/// 2 = yaw.
 type Coordinate = (usize, usize, usize);
 
 impl Part<'_> {
@@ -279,27 +287,41 @@ impl Part<'_> {
         window: Window,
         mut f: impl FnMut(Coordinate, f64, usize),
     ) {
-        self.each_sample(window, |body, frame, coordinate, measured, sigma, row| {
-            let residual = match rollout.states.get(frame).and_then(|s| s[body].as_ref()) {
-                Some(k) => whitened(component(k, coordinate) - measured, coordinate, sigma),
-                None => 0.0,
-            };
-            f((body, frame, coordinate), residual, row);
+        self.each_sample(window, |m, row| {
+            let (body, frame) = (m.body, m.sample.frame);
+            let k = rollout.states.get(frame).and_then(|s| s[body].as_ref());
+            let off = k.map(|k| k.position - m.sample.position).unwrap_or_default();
+            let [x, y] = m.whitener.apply(off.x, off.y);
+            f((body, frame, 0), x, row);
+            f((body, frame, 1), y, row + 1);
+            if let Some((yaw, sigma)) = m.yaw {
+                f((body, frame, 2), k.map_or(0.0, |k| wrapped(k.yaw - yaw) / sigma), row + 2);
+            }
         });
     }
 
-    fn each_sample(&self, window: Window, mut f: impl FnMut(usize, usize, usize, f64, f64, usize)) {
+    /// Sum of squared position residuals (m^2), and how many coordinates were measured.
+    pub fn position_error(&self, rollout: &Rollout<f64>, window: Window) -> (f64, usize) {
+        let (mut squares, mut count) = (0.0, 0);
+        self.each_sample(window, |m, _| {
+            let k = rollout.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref());
+            squares += k.map_or(0.0, |k| (k.position - m.sample.position).norm_squared());
+            count += 2;
+        });
+        (squares, count)
+    }
+
+    /// Calls `f(measurement, first row)`: a position has two rows, a yaw that counts has a third.
+    fn each_sample(&self, window: Window, mut f: impl FnMut(Measured, usize)) {
         let mut row = 0;
+        let usual = self.noise.whitener(None);
         for (body, track) in self.scene.tracks.iter().enumerate() {
             let turns = !self.model.bodies[body].shape.is_ball();
-            for s in track.samples.iter().take_while(|s| s.frame < window) {
-                f(body, s.frame, 0, s.position.x, self.noise.position, row);
-                f(body, s.frame, 1, s.position.y, self.noise.position, row + 1);
-                row += 2;
-                if let (Some(yaw), Some(sigma), true) = (s.yaw, self.noise.yaw, turns) {
-                    f(body, s.frame, 2, yaw, sigma, row);
-                    row += 1;
-                }
+            for sample in track.samples.iter().take_while(|s| s.frame < window) {
+                let yaw = sample.yaw.zip(self.noise.yaw).filter(|_| turns);
+                let whitener = sample.covariance.map_or(usual, |c| self.noise.whitener(Some(c)));
+                f(Measured { body, sample, whitener, yaw }, row);
+                row += 2 + usize::from(yaw.is_some());
             }
         }
     }
@@ -325,11 +347,14 @@ impl Part<'_> {
             }
             let run = film(&self.model, &jets, self.times(window), &LIMITS);
             let count = LANES.min(width - first);
-            self.each_sample(window, |body, frame, coordinate, _, sigma, row| {
-                if let Some(k) = run.states.get(frame).and_then(|s| s[body].as_ref()) {
-                    let jet = component(k, coordinate);
-                    for (lane, d) in jet.d.iter().take(count).enumerate() {
-                        jacobian[row * width + first + lane] = d / sigma;
+            self.each_sample(window, |m, row| {
+                let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
+                for lane in 0..count {
+                    let at = row * width + first + lane;
+                    let [x, y] = m.whitener.apply(k.position.x.d[lane], k.position.y.d[lane]);
+                    (jacobian[at], jacobian[at + width]) = (x, y);
+                    if let Some((_, sigma)) = m.yaw {
+                        jacobian[at + 2 * width] = k.yaw.d[lane] / sigma;
                     }
                 }
             });
@@ -353,19 +378,21 @@ impl Part<'_> {
         let zero = || nalgebra::DVector::<f64>::zeros(factor.nrows());
         let mut blocks: Vec<((usize, usize, usize), f64, usize, nalgebra::DVector<f64>)> = vec![];
         let mut rows = linear.rows();
-        self.each_sample(self.scene.times.len(), |body, frame, coordinate, _, _, _| {
-            let Some((residual, j, columns)) = rows.next() else { return };
-            let key = (body, coordinate, frame / BLOCK);
-            // The coordinates of a sample come one after the other.
-            let known = blocks.iter().rposition(|b| b.0 == key).filter(|at| at + 3 >= blocks.len());
-            let at = known.unwrap_or_else(|| {
-                blocks.push((key, 0.0, 0, zero()));
-                blocks.len() - 1
-            });
-            let (_, sum, count, slope) = &mut blocks[at];
-            (*sum, *count) = (*sum + residual, *count + 1);
-            for &(k, lane) in columns {
-                slope[k] += j[lane];
+        self.each_sample(self.scene.times.len(), |m, _| {
+            for coordinate in 0..2 + usize::from(m.yaw.is_some()) {
+                let Some((residual, j, columns)) = rows.next() else { return };
+                let key = (m.body, coordinate, m.sample.frame / BLOCK);
+                // The coordinates of a sample come one after the other.
+                let known = blocks.iter().rposition(|b| b.0 == key).filter(|at| at + 3 >= blocks.len());
+                let at = known.unwrap_or_else(|| {
+                    blocks.push((key, 0.0, 0, zero()));
+                    blocks.len() - 1
+                });
+                let (_, sum, count, slope) = &mut blocks[at];
+                (*sum, *count) = (*sum + residual, *count + 1);
+                for &(k, lane) in columns {
+                    slope[k] += j[lane];
+                }
             }
         });
         let full = blocks.iter().filter(|b| 2 * b.2 > BLOCK);
@@ -490,16 +517,4 @@ struct Lane {
     /// The bodies it can reach; `None`: all.
     component: Option<usize>,
     number: usize,
-}
-
-fn component<T: Real>(k: &Kinematics<T>, coordinate: usize) -> T {
-    match coordinate {
-        0 => k.position.x,
-        1 => k.position.y,
-        _ => k.yaw,
-    }
-}
-
-fn whitened(difference: f64, coordinate: usize, sigma: f64) -> f64 {
-    if coordinate == 2 { wrapped(difference) / sigma } else { difference / sigma }
 }

@@ -26,6 +26,7 @@ pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
     let holds = DRY_FRICTION.iter().any(|name| model.effect(name).is_some_and(|e| e.on));
     for (body, track) in model.bodies.iter_mut().zip(&scene.tracks) {
         let Some(first) = track.samples.first() else { continue };
+        let noise = &noise.of_track(track);
         let state = &mut body.start.state;
         body.start.time = scene.time_of(first.frame);
         let begin = straight(scene, track, noise.position);

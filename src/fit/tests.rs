@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::num::{never, vec2};
-use crate::scene::{Object, Sample, Shape, Track, WorldKind};
+use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -50,7 +50,7 @@ fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
         for (track, state) in scene.tracks.iter_mut().zip(row) {
             let s = state.expect("all are there from the start");
             let position = s.position + vec2(noise(SIGMA), noise(SIGMA));
-            track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)) });
+            track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)), covariance: None });
         }
     }
     (scene, model)
@@ -224,7 +224,7 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     for (frame, row) in trace(&truth, &scene.times).states.iter().enumerate() {
         for (track, state) in scene.tracks.iter_mut().zip(row) {
             let position = state.expect("both are there").position + vec2(noise(), noise());
-            track.samples.push(Sample { frame, position, yaw: None });
+            track.samples.push(Sample { frame, position, yaw: None, covariance: None });
         }
     }
     (scene, truth)
@@ -275,4 +275,35 @@ fn a_track_that_leaves_the_simulation_says_by_how_much_and_noise_says_nothing() 
     assert!((other.position + drawn.position - state.position - anchor.position).norm() < 0.02, "{drawn:?}");
     assert_eq!(drawn, off.drawn(3, &other, &state));
     assert_ne!(drawn, off.drawn(4, &other, &state));
+}
+
+#[test]
+fn each_sample_weighs_by_its_own_covariance_whatever_their_scale() {
+    let (mut scene, truth) = film("a", 3, [1.0, 1.6, 0.7]);
+    let mut random = ChaCha8Rng::seed_from_u64(8);
+    // Every other sample is uncertain along one diagonal; what is stated is three times the true deviation.
+    let (own, along) = (SIGMA * SIGMA, 0.04 * 0.04 / 2.0);
+    let mut squares = 0.0;
+    for (k, sample) in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).enumerate() {
+        let z: f64 = StandardNormal.sample(&mut random);
+        let along = if k % 2 == 0 { along } else { 0.0 };
+        sample.position = sample.position + vec2(z, z).scaled(along.sqrt());
+        let true_one = Covariance { xx: own + along, xy: along, yy: own + along };
+        sample.covariance = Some(true_one.scaled(9.0));
+        squares += true_one.mean() / 300.0;
+    }
+    let error = |fit: &Fit| -> f64 {
+        let off = |(found, truth): (&crate::world::BodySpec, &crate::world::BodySpec)| {
+            (found.start.state.position - truth.start.state.position).norm()
+        };
+        fit.scenes[0].model.bodies.iter().zip(&truth.bodies).map(off).sum()
+    };
+    let weighed = fitted(std::slice::from_ref(&scene));
+    let found = &weighed.scenes[0];
+    assert!((0.8..1.25).contains(&found.reduced_chi_square), "{}", found.reduced_chi_square);
+    assert!((found.noise_sigma / squares.sqrt() - 1.0).abs() < 0.2, "{}", found.noise_sigma);
+    assert!((found.rmse / squares.sqrt() - 1.0).abs() < 0.2, "{}", found.rmse);
+    scene.tracks.iter_mut().flat_map(|t| &mut t.samples).for_each(|s| s.covariance = None);
+    let alike = fitted(std::slice::from_ref(&scene));
+    assert!(error(&weighed) < 0.5 * error(&alike), "{} {}", error(&weighed), error(&alike));
 }

@@ -22,7 +22,12 @@ fn scene() -> Scene {
     };
     let track = |i: usize| Track {
         samples: (i..20)
-            .map(|frame| Sample { frame, position: vec2(i as f64, 0.01 * frame as f64), yaw: None })
+            .map(|frame| Sample {
+                frame,
+                position: vec2(i as f64, 0.01 * frame as f64),
+                yaw: None,
+                covariance: None,
+            })
             .collect(),
     };
     Scene {

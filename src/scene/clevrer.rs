@@ -1,9 +1,10 @@
 //! Reads CLEVRER annotation files and our `observed.json`, which adds optional keys to them.
 
+use super::camera::{IMAGE_NOISE, IMAGE_NOISE_RANGE};
 use super::validate::Report;
 use super::{
-    Camera, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Table, Track,
-    WorldKind,
+    Camera, Covariance, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape,
+    Table, Track, WorldKind,
 };
 use crate::num::vec2;
 use serde_json::{Map, Value};
@@ -19,7 +20,10 @@ pub const CLEVRER_CAMERA: Camera = Camera {
     image_size: IMAGE_SIZE,
 };
 
-/// Reads the text of an annotation file. Unknown keys are ignored; everything that is wrong is reported at once.
+/// Reads the text of an annotation file. Beside CLEVRER's keys it may have `fps`, `times` (s, one a frame), `world`, `setup`,
+/// `camera_matrix`, `image_size`, `image_noise_px`, `table`, `noise_sigma`, an object's `size` and `mass`, and a sample's
+/// `covariance` (xx, xy, yy in m^2); a sample with `image_center` (px) and no `location` is placed by the camera.
+/// Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
     let mut reader = Reader { report: Report::default(), strangers: BTreeSet::new(), bad_ids: false };
     // Some editors put a byte order mark in front.
@@ -45,6 +49,14 @@ fn one(path: &str, message: &str) -> SceneError {
     SceneError { violations: vec![super::Violation { path: path.into(), message: message.into() }] }
 }
 
+/// A sample that has an image point only.
+struct Pixel {
+    object: usize,
+    sample: usize,
+    point: [f64; 2],
+    path: String,
+}
+
 struct Reader {
     report: Report,
     /// Ids in the trajectory that are no object's; each is reported once.
@@ -58,23 +70,32 @@ impl Reader {
         let world = self.world(root);
         let fps = self.number(root, "fps", "").unwrap_or(FPS);
         let (ids, objects) = self.objects(root);
-        let (frames, tracks) = self.tracks(root, &ids);
+        let (frames, mut tracks, pixels) = self.tracks(root, &ids);
         let mut camera = self.camera(root);
         if camera.is_none() && world == WorldKind::Clevrer && !root.contains_key("camera_matrix") {
             camera = Some(Camera { image_size: self.image_size(root), ..CLEVRER_CAMERA });
+        }
+        if !pixels.is_empty() {
+            camera = self.place(root, camera, &pixels, &objects, &mut tracks).or(camera);
         }
         Scene {
             name: name.to_string(),
             setup: self.text(root, "setup", ""),
             world,
             fps,
-            times: (0..frames).map(|f| f as f64 / fps).collect(),
+            times: self.times(root, frames, fps),
             camera,
             table: self.table(root),
             noise_sigma: self.number(root, "noise_sigma", ""),
             objects,
             tracks,
         }
+    }
+
+    fn times(&mut self, root: &Map<String, Value>, frames: usize, fps: f64) -> Vec<f64> {
+        let value = root.get("times").filter(|v| !v.is_null());
+        let given = value.and_then(|v| self.numbers(Some(v), "times", &[frames]));
+        given.unwrap_or_else(|| (0..frames).map(|f| f as f64 / fps).collect())
     }
 
     fn world(&mut self, root: &Map<String, Value>) -> WorldKind {
@@ -127,8 +148,10 @@ impl Reader {
         (objects.iter().map(|o| o.id).collect(), objects)
     }
 
-    /// Number of frames, and a track for each id. Frame indices are the file's `frame_id`.
-    fn tracks(&mut self, root: &Map<String, Value>, ids: &[u32]) -> (usize, Vec<Track>) {
+    /// Number of frames, a track for each id, and the samples that have an image point only. Frame indices are the
+    /// file's `frame_id`.
+    fn tracks(&mut self, root: &Map<String, Value>, ids: &[u32]) -> (usize, Vec<Track>, Vec<Pixel>) {
+        let mut pixels = vec![];
         let mut tracks = vec![Track::default(); ids.len()];
         let trajectory = self.list(root, "motion_trajectory", "");
         let says_seen = trajectory.iter().any(|frame| {
@@ -165,8 +188,8 @@ impl Reader {
                 let path = format!("{path}.objects[{j}]");
                 let Some(seen) = self.object(seen, &path) else { continue };
                 let Some(id) = self.required_id(seen, &path) else { continue };
-                let Some(track) = ids.iter().position(|known| *known == id).and_then(|i| tracks.get_mut(i))
-                else {
+                let object = ids.iter().position(|known| *known == id);
+                let Some((object, track)) = object.and_then(|i| Some((i, tracks.get_mut(i)?))) else {
                     if !self.bad_ids && self.strangers.insert(id) {
                         let message = format!("is {id}, which object_property lacks");
                         self.report.add(format!("{path}.object_id"), message);
@@ -174,11 +197,16 @@ impl Reader {
                     continue;
                 };
                 if let Some(sample) = self.sample(seen, &path, frame, says_seen) {
+                    if !seen.contains_key("location") {
+                        let Some(point) = self.pair(seen, "image_center", &path) else { continue };
+                        let path = join(&path, "image_center");
+                        pixels.push(Pixel { object, sample: track.samples.len(), point, path });
+                    }
                     track.samples.push(sample);
                 }
             }
         }
-        (frames, tracks)
+        (frames, tracks, pixels)
     }
 
     fn sample(&mut self, seen: &Map<String, Value>, path: &str, frame: usize, says: bool) -> Option<Sample> {
@@ -192,7 +220,19 @@ impl Reader {
                 return None;
             }
         }
-        let location = self.numbers(seen.get("location"), &format!("{path}.location"), &[2, 3])?;
+        // Without a location, the image point stands for it.
+        let imaged = !seen.contains_key("location") && seen.contains_key("image_center");
+        let location = match imaged {
+            true => vec![0.0, 0.0],
+            false => self.numbers(seen.get("location"), &format!("{path}.location"), &[2, 3])?,
+        };
+        let covariance = match seen.get("covariance").filter(|_| !imaged) {
+            None | Some(Value::Null) => None,
+            some => match self.numbers(some, &format!("{path}.covariance"), &[3])?[..] {
+                [xx, xy, yy] => Some(Covariance { xx, xy, yy }),
+                _ => None,
+            },
+        };
         let yaw = match seen.get("orientation") {
             None | Some(Value::Null) => None,
             some => match self.numbers(some, &format!("{path}.orientation"), &[3, 4])?[..] {
@@ -203,7 +243,52 @@ impl Reader {
             },
         };
         let position = vec2(*location.first()?, *location.get(1)?);
-        Some(Sample { frame, position, yaw })
+        Some(Sample { frame, position, yaw, covariance })
+    }
+
+    /// Puts the samples that have an image point only in their places; the camera as it faces them.
+    fn place(
+        &mut self,
+        root: &Map<String, Value>,
+        camera: Option<Camera>,
+        pixels: &[Pixel],
+        objects: &[Object],
+        tracks: &mut [Track],
+    ) -> Option<Camera> {
+        let sigma = self.number(root, "image_noise_px", "").unwrap_or(IMAGE_NOISE);
+        if !IMAGE_NOISE_RANGE.contains(&sigma) {
+            let (low, high) = (IMAGE_NOISE_RANGE.start(), IMAGE_NOISE_RANGE.end());
+            self.report.add("image_noise_px", format!("is {sigma}; it must be from {low} to {high} px"));
+            return None;
+        }
+        let Some(camera) = camera else {
+            if !root.contains_key("camera_matrix") {
+                let message = "is missing; image points need the camera's 3x4 projection matrix";
+                self.report.add("camera_matrix", message);
+            }
+            return None;
+        };
+        let points: Vec<[f64; 2]> = pixels.iter().map(|p| p.point).collect();
+        let camera = match camera.facing(&points, DEFAULT_SIZE) {
+            Ok(camera) => camera,
+            Err(error) => {
+                self.report.add("camera_matrix", error.to_string());
+                return None;
+            }
+        };
+        for Pixel { object, sample, point, path } in pixels {
+            let (Some(object), Some(track)) = (objects.get(*object), tracks.get_mut(*object)) else {
+                continue;
+            };
+            let Some(sample) = track.samples.get_mut(*sample) else { continue };
+            match camera.locate(*point, object.shape.centre_height(), [sigma; 2]) {
+                Ok((position, covariance)) => {
+                    (sample.position, sample.covariance) = (position, Some(covariance));
+                }
+                Err(error) => self.report.add(path, format!("frame {}: {error}", sample.frame)),
+            }
+        }
+        Some(camera)
     }
 
     fn camera(&mut self, root: &Map<String, Value>) -> Option<Camera> {

@@ -1,11 +1,33 @@
 //! What was observed of one video: objects, their tracks, the camera and the table.
 
+mod calibrate;
+mod camera;
 mod clevrer;
 mod digest;
+mod link;
+mod mask;
+mod observed;
+mod pairs;
+mod proposals;
+mod silhouette;
+#[cfg(test)]
+mod tests;
+mod tracker;
 mod validate;
 
+pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
+pub use camera::{
+    Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pose, Rotation,
+};
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use digest::canonical_digest;
+pub use link::{Detection, LinkError, LinkOptions, LinkReport, Linked, MAX_DETECTIONS, Scores, link};
+pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};
+pub use observed::observed;
+pub use pairs::parse_pairs;
+pub use proposals::{Proposals, parse_proposals};
+pub use silhouette::outline;
+pub use tracker::{is_tracker, parse_tracker};
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
 use crate::num::Vec2;
@@ -87,15 +109,37 @@ pub struct Sample {
     pub position: Vec2,
     /// Orientation about z (rad), if it was measured.
     pub yaw: Option<f64>,
+    /// How uncertain the position is; `None`: as uncertain as the video's positions are on average.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
 }
 
-/// A pinhole camera: world (m) to pixel.
+/// Covariance of the error of a position (m^2): what it says of directions and of one sample against another counts;
+/// a fit scales all of a video by one factor, so that they agree with the scatter of its tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Camera {
-    /// Rows of the 3x4 projection matrix.
-    pub matrix: [[f64; 4]; 3],
-    /// Width and height in pixels.
-    pub image_size: [f64; 2],
+pub struct Covariance {
+    pub xx: f64,
+    pub xy: f64,
+    pub yy: f64,
+}
+
+impl Covariance {
+    /// The factor L with L L^T = covariance, lower triangular (m): its xx, yx and yy; `None` where there is none.
+    pub fn factor(&self) -> Option<[f64; 3]> {
+        let xx = self.xx.sqrt();
+        let yx = self.xy / xx;
+        let yy = (self.yy - yx * yx).sqrt();
+        (xx > 0.0 && yy > 0.0 && xx.is_finite() && yy.is_finite()).then_some([xx, yx, yy])
+    }
+
+    /// Mean variance of a coordinate (m^2).
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.xx + self.yy)
+    }
+
+    pub fn scaled(&self, factor: f64) -> Covariance {
+        Covariance { xx: factor * self.xx, xy: factor * self.xy, yy: factor * self.yy }
+    }
 }
 
 /// Playing field with cushions (m).
@@ -221,20 +265,6 @@ impl Shape {
     }
 }
 
-impl Camera {
-    /// Pixel of a world point at height `z` (m); `None` behind the camera.
-    pub fn project(&self, position: Vec2, z: f64) -> Option<[f64; 2]> {
-        let [u, v, w] = self.matrix.map(|r| r[0] * position.x + r[1] * position.y + r[2] * z + r[3]);
-        (w > 1e-9).then(|| [u / w, v / w])
-    }
-
-    /// Whether the world point lies inside the image.
-    pub fn sees(&self, position: Vec2, z: f64) -> bool {
-        self.project(position, z)
-            .is_some_and(|[u, v]| u > 0.0 && u < self.image_size[0] && v > 0.0 && v < self.image_size[1])
-    }
-}
-
 /// One thing that is wrong with an input: where, and what.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
@@ -253,22 +283,4 @@ pub struct SceneError {
 fn list(violations: &[Violation]) -> String {
     let lines: Vec<String> = violations.iter().map(|v| format!("{}: {}", v.path, v.message)).collect();
     lines.join("\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn objects_are_named_by_what_they_have() {
-        let check = |color: &str, material: &str, expected: &str| {
-            let (color, material) = (color.into(), material.into());
-            let object =
-                Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
-            assert_eq!(object.words(), expected);
-        };
-        check("red", "metal", "red metal cube");
-        check("red", "", "red cube");
-        check("", "", "cube 3");
-    }
 }

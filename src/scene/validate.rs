@@ -1,6 +1,8 @@
 //! Checks a scene and reports everything that is wrong with it at once.
 
-use super::{MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation};
+use super::{
+    CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation,
+};
 
 /// Most violations in one report; the rest is counted.
 pub const MAX_VIOLATIONS: usize = 100;
@@ -16,11 +18,10 @@ pub const SIZE_RANGE: [f64; 2] = [1e-6, 1e3];
 pub const MASS_RANGE: [f64; 2] = [1e-9, 1e9];
 /// Measurement noise (m).
 pub const NOISE_RANGE: [f64; 2] = [1e-9, 1e3];
+/// Largest correlation of the errors of x and y.
+const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 /// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
 const DEEP_OVERLAP: f64 = 0.5;
-/// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
-/// matrix maps the plane to a line or a point, up to round-off.
-const SINGULAR: f64 = 1e-9;
 
 /// Collects violations; keeps the first [`MAX_VIOLATIONS`] and counts the others.
 #[derive(Default)]
@@ -148,11 +149,8 @@ impl Scene {
                 }
             }
             let finite = camera.matrix.iter().flatten().all(|v| v.is_finite());
-            if finite && is_singular(&camera.matrix) {
-                r.add(
-                    "camera.matrix",
-                    "is singular, so that it sees no plane; give the 3x4 projection matrix",
-                );
+            if finite && camera.is_singular() {
+                r.add("camera.matrix", CameraError::Singular.to_string());
             }
             for (k, &v) in camera.image_size.iter().enumerate() {
                 r.within(|| format!("camera.image_size[{k}]"), v, [1.0, 1e6], "px");
@@ -191,21 +189,6 @@ impl Scene {
             }
         }
     }
-}
-
-/// Whether a finite projection matrix has a rank below 3.
-fn is_singular(matrix: &[[f64; 4]; 3]) -> bool {
-    let [a, b, c] = matrix;
-    let minor = |i: usize, j: usize, k: usize| {
-        a[i] * (b[j] * c[k] - b[k] * c[j]) - a[j] * (b[i] * c[k] - b[k] * c[i])
-            + a[k] * (b[i] * c[j] - b[j] * c[i])
-    };
-    let largest = [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
-        .map(|(i, j, k)| minor(i, j, k).abs())
-        .into_iter()
-        .fold(0.0, f64::max);
-    let lengths: f64 = matrix.iter().map(|row| row.iter().map(|v| v * v).sum::<f64>().sqrt()).product();
-    largest <= SINGULAR * lengths
 }
 
 /// The first common frame in which the centres are closer than `limit` (m), and their distance.
@@ -268,6 +251,16 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
         if let Some(yaw) = sample.yaw {
             r.finite(|| path("yaw"), yaw, MAX_POSITION, "rad");
         }
+        if let Some(c) = &sample.covariance {
+            let variances = NOISE_RANGE.map(|sigma| sigma * sigma);
+            r.within(|| path("covariance.xx"), c.xx, variances, "m^2");
+            r.within(|| path("covariance.yy"), c.yy, variances, "m^2");
+            // A correlation of one leaves a direction without noise.
+            let correlation = c.xy / (c.xx * c.yy).sqrt();
+            if !(-MAX_CORRELATION..MAX_CORRELATION).contains(&correlation) {
+                r.add(path("covariance.xy"), format!("is {}; it must be below sqrt(xx yy) in size", c.xy));
+            }
+        }
     }
 }
 
@@ -289,7 +282,7 @@ mod tests {
         };
         let track = |y: f64| Track {
             samples: (0..5)
-                .map(|f| Sample { frame: f, position: vec2(f as f64, y), yaw: Some(0.0) })
+                .map(|f| Sample { frame: f, position: vec2(f as f64, y), yaw: Some(0.0), covariance: None })
                 .collect(),
         };
         Scene {
@@ -369,7 +362,7 @@ mod tests {
         s.tracks[0].samples = (0..5)
             .cycle()
             .take(500)
-            .map(|_| Sample { frame: 9, position: vec2(0.0, 0.0), yaw: None })
+            .map(|_| Sample { frame: 9, position: vec2(0.0, 0.0), yaw: None, covariance: None })
             .collect();
         assert_eq!(paths(&s).len(), MAX_VIOLATIONS + 1);
     }

@@ -69,11 +69,16 @@ const BREAKS: &[(&str, Break)] = &[
     }),
     ("a camera that sees a line", |v| {
         let matrix = [[1.0, 2.0, 3.0, 4.0], [2.0, 4.0, 6.0, 8.0], [0.0, 0.0, 0.0, 1.0]].concat();
-        v.camera = Some(v1::Camera { matrix, image_width: 9.0, image_height: 9.0 });
+        v.camera = Some(v1::Camera { matrix, image_width: 9.0, image_height: 9.0, ..Default::default() });
         one("video.camera.matrix")
     }),
     ("half a camera", |v| {
-        v.camera = Some(v1::Camera { matrix: vec![1.0; 6], image_width: 9.0, image_height: 9.0 });
+        v.camera = Some(v1::Camera {
+            matrix: vec![1.0; 6],
+            image_width: 9.0,
+            image_height: 9.0,
+            ..Default::default()
+        });
         one("video.camera.matrix")
     }),
     ("100,000 frames", |v| {

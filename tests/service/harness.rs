@@ -84,7 +84,7 @@ impl Running {
     }
 
     pub async fn create(&self, video: v1::Video) -> Result<String, Status> {
-        let request = v1::CreateVideoRequest { video: Some(video), request_id: String::new() };
+        let request = v1::CreateVideoRequest { video: Some(video), ..Default::default() };
         Ok(self.videos().create_video(request).await?.into_inner().name)
     }
 
@@ -133,7 +133,12 @@ pub fn video(name: &str, frames: u32) -> v1::Video {
 
 pub fn sample(frame: u32, x: f64, y: f64) -> v1::Sample {
     let position = v1::Vector { x, y };
-    v1::Sample { frame, place: Some(v1::sample::Place::Position(position)), yaw: Some(0.0) }
+    v1::Sample {
+        frame,
+        place: Some(v1::sample::Place::Position(position)),
+        yaw: Some(0.0),
+        ..Default::default()
+    }
 }
 
 /// A real scene of the fixtures, as a message.

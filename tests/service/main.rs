@@ -1,5 +1,6 @@
 //! The service over a real channel: what it does, keeps, shares, and refuses.
 
+mod camera;
 mod discover;
 mod flow;
 mod garbage;

@@ -1,0 +1,106 @@
+//! `calibrate`: estimates a camera from points whose place is known.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{input, output};
+use crate::api::v1::{CalibrateCameraRequest, CalibrateCameraResponse, PointPair};
+use crate::scene::parse_pairs;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// FILE is JSON: {"image_size": [w, h], "pairs": [{"image": [u, v], "world": [x, y, z]}]}, or {"image_size", "table": {"x": [lo, hi],
+/// "y": [lo, hi]}, "corners": [[u, v] x 4]} (corners in the order x lo y lo, x hi y lo, x hi y hi, x lo y hi), or a scene whose
+/// objects have both `location` and `image_center`. Several files are of one camera: their points are pooled.
+#[derive(clap::Args)]
+pub struct Args {
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Writes the result as JSON (`import --camera` reads it); `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let mut request = CalibrateCameraRequest::default();
+    // Which file each pair is from: errors count through all of them.
+    let mut counts = vec![];
+    for path in &args.files {
+        let path = if path.is_dir() { &path.join(input::OBSERVED) } else { path };
+        let place = path.display().to_string();
+        let (pairs, [width, height]) =
+            parse_pairs(&input::text(path)?).map_err(|e| Failure::input(e.to_string()).at(&place))?;
+        if !counts.is_empty() && [request.image_width, request.image_height] != [width, height] {
+            let message = format!(
+                "image_size is {width} x {height}; {} x {} in the files before: give files of one camera",
+                request.image_width, request.image_height
+            );
+            return Err(Failure::input(message).at(&place));
+        }
+        (request.image_width, request.image_height) = (width, height);
+        counts.push((place, pairs.len()));
+        let pair = |p: crate::scene::PointPair| {
+            let ([u, v], [x, y, z]) = (p.image, p.world);
+            PointPair { u, v, x, y, z }
+        };
+        request.pairs.extend(pairs.into_iter().map(pair));
+    }
+    let size = [request.image_width, request.image_height];
+    let given = request.pairs.len();
+    let connection = Connection::open(target).await?;
+    let found = connection.videos().calibrate_camera(request).await?.into_inner();
+    match args.json.as_deref() {
+        Some(file) => output::json(file, &to_json(&found, size))?,
+        None => output::print(&text(&found, given, &counts))?,
+    }
+    connection.close().await
+}
+
+fn text(found: &CalibrateCameraResponse, given: usize, counts: &[(String, usize)]) -> String {
+    let camera = found.camera.clone().unwrap_or_default();
+    let mut text = String::from("camera matrix (world in m to pixels)\n");
+    for row in camera.matrix.chunks(4) {
+        let cells: Vec<String> = row.iter().map(|v| format!("{v:12.5}")).collect();
+        text += &format!("  {}\n", cells.join(" "));
+    }
+    text += &format!(
+        "reprojection error {:.3} px a coordinate over {} of {given} points; {} left out as outliers\n",
+        found.reprojection_error,
+        given - found.outliers.len(),
+        found.outliers.len()
+    );
+    let mut first = 0;
+    for (place, count) in counts {
+        let own = found.outliers.iter().map(|&i| i as usize).filter(|i| (first..first + count).contains(i));
+        let own: Vec<String> = own.take(10).map(|i| (i - first).to_string()).collect();
+        if !own.is_empty() {
+            text += &format!("  {place}: pairs {}\n", own.join(", "));
+        }
+        first += count;
+    }
+    text += &format!("focal length {:.1} +- {:.1} px\n", found.focal_length, found.focal_length_sd);
+    if let [x, y, z] = found.position[..] {
+        text += &format!("camera at {x:.3}, {y:.3}, {z:.3} m\n");
+    }
+    if found.planar {
+        text += "all points lie in one plane: at other heights the camera is known less well\n";
+    }
+    text
+}
+
+fn to_json(found: &CalibrateCameraResponse, size: [f64; 2]) -> Value {
+    let matrix = found.camera.as_ref().map(|c| c.matrix.chunks(4).map(<[f64]>::to_vec).collect::<Vec<_>>());
+    json!({
+        "camera_matrix": matrix,
+        "image_size": size,
+        "reprojection_error_px": found.reprojection_error,
+        "outliers": found.outliers,
+        "planar": found.planar,
+        "focal_length_px": found.focal_length,
+        "focal_length_sd_px": found.focal_length_sd,
+        "position_m": found.position,
+    })
+}

@@ -1,0 +1,255 @@
+//! `import`: turns files of others into scene folders, and tells what it did.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{input, output};
+use crate::api;
+use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
+use crate::scene::{
+    CLEVRER_CAMERA, Proposals, Scene, Scores, is_tracker, observed, parse, parse_proposals, parse_tracker,
+};
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+
+/// Reads CLEVRER annotations (also with `image_center` in place of `location`), derender proposals (detections with masks or
+/// boxes), and the text that Tracker exports, each known by its content; writes DIR/NAME/observed.json.
+#[derive(clap::Args)]
+pub struct Args {
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Folder that the scene folders are written into.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    out: PathBuf,
+    /// Camera of detections: JSON of `calibrate`, or any with `camera_matrix` and `image_size` [default: CLEVRER's].
+    #[arg(long, value_name = "FILE")]
+    camera: Option<PathBuf>,
+    /// Radius or half side of the objects of detections and of Tracker's text (m).
+    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
+    size: f64,
+    /// Frame rate of detections (1/s).
+    #[arg(long, default_value_t = 25.0)]
+    fps: f64,
+    /// Deviation of an edge of a detection (px).
+    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
+    noise: f64,
+    /// Unit of the lengths in Tracker's text.
+    #[arg(long, value_enum, default_value = "m")]
+    unit: Unit,
+    /// Writes what was done as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Unit {
+    M,
+    Cm,
+    Mm,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let connection = Connection::open(target).await?;
+    let (mut told, mut failures, mut done) = (String::new(), vec![], Map::new());
+    for path in &args.files {
+        match one(&connection, &args, path).await {
+            Ok((name, text, json)) => {
+                told += &text;
+                done.insert(name, json);
+            }
+            Err(failure) => failures.push(failure.at(&path.display().to_string())),
+        }
+    }
+    match args.json.as_deref() {
+        Some(file) => output::json(file, &json!({ "scenes": done }))?,
+        None => output::print(&told)?,
+    }
+    connection.close().await?;
+    Failure::of(failures, args.files.len())
+}
+
+async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(String, String, Value), Failure> {
+    let text = input::text(path)?;
+    let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
+        true => path.parent().and_then(Path::file_name),
+        false => path.file_stem(),
+    };
+    let name = name.map_or("scene".into(), |n| n.to_string_lossy().into_owned());
+    let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
+    let mut named = vec![];
+    let (kind, request) = match kind(&text) {
+        Kind::Proposals => ("proposals", detections(args, &name, &parse_proposals(&text).map_err(bad)?)?),
+        Kind::Annotation => ("annotation", of_scene(&parse(&name, &text).map_err(bad)?)),
+        Kind::Tracker => {
+            let scale = match args.unit {
+                Unit::M => 1.0,
+                Unit::Cm => 1e-2,
+                Unit::Mm => 1e-3,
+            };
+            let (scene, names) = parse_tracker(&name, &text, scale, args.size).map_err(bad)?;
+            named = names;
+            ("tracker", of_scene(&scene))
+        }
+        Kind::Unknown => {
+            let message = "is neither a CLEVRER annotation (motion_trajectory), nor proposals (frames), nor Tracker's text (a header \
+                           with t, x and y)";
+            return Err(Failure::input(message));
+        }
+    };
+    let video = connection.create(request).await?;
+    let linking = video.linking;
+    let scene = api::video::scene(Some(video)).map_err(Failure::other)?;
+    let file = args.out.join(&name).join(input::OBSERVED);
+    if file.canonicalize().ok().is_some_and(|f| path.canonicalize().is_ok_and(|p| p == f)) {
+        return Err(Failure::input(format!(
+            "would be overwritten; give another folder than {}",
+            args.out.display()
+        )));
+    }
+    std::fs::create_dir_all(args.out.join(&name))
+        .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
+    output::file(&file, observed(&scene).to_string().as_bytes())?;
+    let (gaps, frames) = linking.map_or_else(|| gaps(&scene), |l| (l.gaps_bridged, l.frames_bridged));
+    let (given, dropped) = linking.map_or((None, None), |l| (Some(l.detections), Some(l.detections_dropped)));
+    let mut text = format!(
+        "{}: {kind}, {} frames, {} objects, {gaps} gaps bridged ({frames} frames)",
+        file.display(),
+        scene.times.len(),
+        scene.objects.len()
+    );
+    if let (Some(given), Some(dropped)) = (given, dropped) {
+        text += &format!(", {dropped} of {given} detections dropped");
+    }
+    for (k, (object, track)) in scene.objects.iter().zip(&scene.tracks).enumerate() {
+        let of = named.get(k).map_or(String::new(), |n| format!(" ({n})"));
+        let (first, last) = (track.samples.first(), track.samples.last());
+        text += &format!(
+            "\n  {} {}{of}: {} samples, frames {} to {}",
+            object.id,
+            object.words(),
+            track.samples.len(),
+            first.map_or(0, |s| s.frame),
+            last.map_or(0, |s| s.frame)
+        );
+    }
+    let json = json!({
+        "file": file.display().to_string(),
+        "kind": kind,
+        "frames": scene.times.len(),
+        "objects": scene.objects.len(),
+        "gaps_bridged": gaps,
+        "frames_bridged": frames,
+        "detections": given,
+        "detections_dropped": dropped,
+    });
+    Ok((name, text + "\n", json))
+}
+
+enum Kind {
+    Annotation,
+    Proposals,
+    Tracker,
+    Unknown,
+}
+
+fn kind(text: &str) -> Kind {
+    match serde_json::from_str::<Map<String, Value>>(text.trim_start_matches('\u{feff}')) {
+        Ok(root) if root.contains_key("motion_trajectory") => Kind::Annotation,
+        Ok(root) if root.contains_key("frames") => Kind::Proposals,
+        // Its own reader says what is wrong with the JSON.
+        Err(_) if text.trim_start().starts_with('{') => Kind::Annotation,
+        _ if is_tracker(text) => Kind::Tracker,
+        _ => Kind::Unknown,
+    }
+}
+
+fn of_scene(scene: &Scene) -> CreateVideoRequest {
+    CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() }
+}
+
+fn detections(args: &Args, name: &str, proposals: &Proposals) -> Result<CreateVideoRequest, Failure> {
+    let scores = |scores: &Scores| {
+        scores
+            .iter()
+            .filter(|s| *s.1 > 0.0)
+            .map(|(word, &score)| Score { word: word.clone(), score })
+            .collect()
+    };
+    let one = |d: &crate::scene::Detection| Detection {
+        frame: d.frame as u32,
+        region: Some(detection::Region::Box(Box {
+            left: d.bounds.left,
+            top: d.bounds.top,
+            width: d.bounds.right - d.bounds.left,
+            height: d.bounds.bottom - d.bounds.top,
+        })),
+        color: scores(&d.color),
+        material: scores(&d.material),
+        shape: scores(&d.shape),
+        score: d.score,
+    };
+    let camera = match &args.camera {
+        Some(path) => camera(path)?,
+        None => Camera {
+            matrix: CLEVRER_CAMERA.matrix.concat(),
+            image_width: proposals.image_size[0],
+            image_height: proposals.image_size[1],
+            ..Default::default()
+        },
+    };
+    let video = Video {
+        display_name: name.into(),
+        fps: args.fps,
+        camera: Some(camera),
+        image_noise_px: args.noise,
+        ..Default::default()
+    };
+    Ok(CreateVideoRequest {
+        video: Some(video),
+        detections: proposals.detections.iter().map(one).collect(),
+        object_size: args.size,
+        frame_count: proposals.frames as u32,
+        ..Default::default()
+    })
+}
+
+/// A camera of a JSON file.
+fn camera(path: &Path) -> Result<Camera, Failure> {
+    let wrong = |what: &str| Failure::input(format!("--camera {}: {what}", path.display()));
+    let root: Value = serde_json::from_str(&input::text(path)?).map_err(|e| wrong(&e.to_string()))?;
+    let numbers = |value: &Value| -> Vec<f64> {
+        value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
+    };
+    let rows = root["camera_matrix"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let matrix: Vec<f64> = rows.iter().take(3).flat_map(numbers).collect();
+    let [image_width, image_height] = numbers(&root["image_size"])[..] else {
+        return Err(wrong("image_size is missing; give [width, height] in pixels"));
+    };
+    if matrix.len() != 12 {
+        return Err(wrong("camera_matrix is not 3 rows of 4 numbers"));
+    }
+    Ok(Camera { matrix, image_width, image_height, ..Default::default() })
+}
+
+/// Gaps in the tracks, and the frames in them.
+fn gaps(scene: &Scene) -> (u32, u32) {
+    let steps = scene.tracks.iter().flat_map(|t| t.samples.windows(2)).map(|w| w[1].frame - w[0].frame - 1);
+    steps.filter(|&s| s > 0).fold((0, 0), |(gaps, frames), s| (gaps + 1, frames + s as u32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_known_by_their_content() {
+        assert!(matches!(kind(r#"{"motion_trajectory": []}"#), Kind::Annotation));
+        assert!(matches!(kind(r#"{"frames": []}"#), Kind::Proposals));
+        assert!(matches!(kind(r#"{"frames": "#), Kind::Annotation));
+        assert!(matches!(kind("mass A\nt\tx\ty\n0\t1\t2\n"), Kind::Tracker));
+        assert!(matches!(kind("[1, 2]"), Kind::Unknown));
+    }
+}
