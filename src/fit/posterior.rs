@@ -18,8 +18,6 @@ const SHRINK: f64 = 0.5;
 const SHRINKS: usize = 6;
 /// How often a draw is led back to the data before it is pulled in.
 const CORRECTIONS: usize = 3;
-/// The same with derivatives of its own, which cost more.
-const RELINEARISED: usize = 2;
 
 /// The data identify a parameter when they leave less than this share of the prior's deviation.
 const IDENTIFIED: f64 = 0.5;
@@ -161,20 +159,6 @@ fn draws(
         let bounded = |(k, f): (usize, &Free)| (from[k] + step[k]).clamp(f.min, f.max);
         problem.free.iter().enumerate().map(bounded).collect()
     };
-    // As far as the derivatives at `point` do not lead a draw back, its own do (randomise, then optimise).
-    let relinearised = |drawn: &mut Vec<f64>, wanted: &[Vec<f64>], aim: &[f64]| {
-        let own = problem.linearised(drawn, window);
-        let mut gradient = DVector::zeros(n);
-        for ((part, wanted), share) in own.iter().zip(wanted).zip(shares) {
-            let off: Vec<f64> = part.residuals.iter().zip(wanted).map(|(f, w)| share * (f - w)).collect();
-            part.pull_back(&off, &mut gradient);
-        }
-        for (k, f) in problem.free.iter().enumerate() {
-            gradient[k] += (drawn[k] - aim[k]) / (f.sd * f.sd);
-        }
-        let factor = covariance_factor(problem.weighed(drawn, &own, shares).hessian);
-        *drawn = moved(drawn, &-(&factor * factor.tr_mul(&gradient)));
-    };
     let draw = |_| {
         let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
         let shift: DVector<f64> = factor * z;
@@ -197,15 +181,6 @@ fn draws(
                     part.pull_back(&off, &mut gradient);
                 }
                 drawn = moved(&drawn, &-(factor * factor.tr_mul(&gradient)));
-            }
-            let aim = moved(point, &step);
-            drawn.clone_from(&aim);
-            for _ in (0..RELINEARISED).take_while(|_| share == 1.0) {
-                relinearised(&mut drawn, &wanted, &aim);
-                let Some(found) = problem.residuals(&drawn, window) else { break };
-                if problem.cost_of(&drawn, &found, shares) - cost <= worst * share * share {
-                    return drawn;
-                }
             }
             share *= SHRINK;
         }

@@ -101,7 +101,7 @@ async fn a_simulation_of_too_many_events_says_where_it_ends() {
         model: Some(v1::ModelChoice {
             choice: Some(v1::model_choice::Choice::ModelJson(edited.to_string())),
         }),
-        interventions: vec![v1::Intervention { kind: Some(kind) }],
+        interventions: vec![v1::Intervention { kind: Some(kind.clone()) }],
         frames,
         rollouts: Some(1),
         ..Default::default()
