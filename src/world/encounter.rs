@@ -1,9 +1,7 @@
-//! Encounters: which pairs meet when, and what their impulses do.
+//! Encounters: bodies brought to where they meet, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{
-    APPROACH, Path, Side, against_edge, effective_mass, facing, point_velocity, resolve, time_of_impact,
-};
+use super::impact::{APPROACH, Side, against_edge, effective_mass, facing, point_velocity, resolve};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::rigid::cling;
@@ -37,68 +35,6 @@ struct Before<T> {
 type Placed<'k, T> = (usize, &'k Kinematics<T>);
 
 impl<T: Scalar> Run<'_, T> {
-    /// Candidate pairs by sweep and prune along x, then their times of impact.
-    pub(super) fn find_impacts(&mut self) {
-        self.impacts.clear();
-        let bodies = &self.bodies;
-        self.order.sort_by(|&i, &j| bodies[i].path.low.x.total_cmp(&bodies[j].path.low.x).then(i.cmp(&j)));
-        let mut found = vec![];
-        for (x, &i) in self.order.iter().enumerate() {
-            for &j in &self.order[x + 1..] {
-                if self.bodies[j].path.low.x > self.bodies[i].path.high.x {
-                    break;
-                }
-                found.extend(self.impact_of(i.min(j), i.max(j)));
-            }
-            found.extend((0..self.walls.len()).filter_map(|w| self.impact_of(i, self.bodies.len() + w)));
-        }
-        self.impacts = found;
-    }
-
-    /// New times of impact for bodies whose motion has changed.
-    pub(super) fn refresh(&mut self, changed: &[usize]) {
-        let mut impacts = std::mem::take(&mut self.impacts);
-        impacts.retain(|(_, a, b)| !changed.contains(a) && !changed.contains(b));
-        for &i in changed {
-            for j in 0..self.bodies.len() + self.walls.len() {
-                if j != i && !(changed.contains(&j) && j < i) {
-                    impacts.extend(self.impact_of(i.min(j), i.max(j)));
-                }
-            }
-        }
-        self.impacts = impacts;
-    }
-
-    fn impact_of(&self, a: usize, b: usize) -> Option<(f64, usize, usize)> {
-        let body = &self.bodies[a];
-        let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
-        let engaged = self.touching.iter().any(|t| t.a == a && t.b == b)
-            || self.passing.contains(&(a, b))
-            || self.blows.iter().any(|blow| blow.a == a && blow.b == b)
-            || self.one_body(a, b);
-        if body.mode == Mode::Absent || engaged {
-            return None;
-        }
-        let other = match self.bodies.get(b) {
-            Some(o) if o.mode == Mode::Absent || (still(o.mode) && still(body.mode)) => return None,
-            Some(o) => o.path,
-            None if still(body.mode) => return None,
-            None => {
-                let wall = &self.walls[b - self.bodies.len()];
-                let still = wall.place.value();
-                Path::new(wall.shape, body.path.start, body.path.end, still, still)
-            }
-        };
-        if !body.path.overlaps(&other) {
-            return None;
-        }
-        let (from, to) = (body.path.start.max(other.start), body.path.end.min(other.end));
-        if from >= to {
-            return None;
-        }
-        time_of_impact(&body.path, &other, from, to).map(|t| (t, a, b))
-    }
-
     /// Moves the group of `i` to `time`.
     fn move_group(&mut self, i: usize, time: T) {
         let Moving { from, since, mode, change, .. } = self.bodies[i];
