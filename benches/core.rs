@@ -4,12 +4,14 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rapier2d::prelude as rapier;
 use std::hint::black_box;
-use vrdp::effects::effect;
+use vrdp::effects::{Scope, effect};
 use vrdp::fit::{Fit, FitOptions, fit};
 use vrdp::num::{Jet, LANES, Vec2, never};
 use vrdp::reason::{AskOptions, Question, ask};
 use vrdp::scene::{Scene, Shape, parse};
-use vrdp::world::{ActiveEffect, BodySpec, Limits, Model, Preset, Start, State, simulate, trace};
+use vrdp::world::{
+    ActiveEffect, BodySpec, Limits, Model, Parameter, Preset, Prior, Start, State, simulate, trace,
+};
 
 const SCENE: &str = include_str!("../tests/data/clevrer/scene_00000/observed.json");
 const LIMITS: Limits = Limits { events: 100_000 };
@@ -100,8 +102,12 @@ fn crowd(objects: u32) -> Model {
         ("contact_friction", 0.1),
     ];
     let active = |(name, value): (&str, f64)| {
-        let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &bodies);
-        active.parameters[0].values.fill(value);
+        let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &[]);
+        for (k, parameter) in active.parameters.iter_mut().enumerate() {
+            // One value for all: pairs of 600 objects would have a value each.
+            let prior = Prior { mean: if k == 0 { value } else { parameter.prior.mean }, sd: 0.0 };
+            *parameter = Parameter::new(&parameter.name.clone(), Scope::Setup, prior, &bodies);
+        }
         active
     };
     let effects = laws.map(active).into();
