@@ -111,7 +111,15 @@ fn crowd(objects: u32) -> Model {
         active
     };
     let effects = laws.map(active).into();
-    Model { preset: "crowd".into(), bodies, walls: vec![], effects, mass_sd: 0.5, spin_sd: 0.0 }
+    Model {
+        preset: "crowd".into(),
+        bodies,
+        walls: vec![],
+        effects,
+        anchors: vec![],
+        mass_sd: 0.5,
+        spin_sd: 0.0,
+    }
 }
 
 /// The same bodies until `end` (s) in steps of 4 ms; rapier knows no friction of the ground, so damping stands for it.
