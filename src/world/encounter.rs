@@ -1,9 +1,7 @@
-//! Encounters: which pairs meet when, and what their impulses do.
+//! Encounters: bodies brought to where they meet, and what their impulses do.
 
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{
-    APPROACH, Path, Side, against_edge, effective_mass, facing, point_velocity, resolve, time_of_impact,
-};
+use super::impact::{APPROACH, Side, against_edge, effective_mass, facing, point_velocity, resolve};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::rigid::cling;
@@ -25,103 +23,64 @@ pub(super) const CUT_IN_SPEED: f64 = 1e-4;
 /// Gap at which a kept contact's point takes part in blows (m).
 const CLOSED: f64 = 1e-5;
 
+/// A body before it moved to an impact.
+struct Before<T> {
+    body: usize,
+    from: Kinematics<T>,
+    since: T,
+    change: Option<Change>,
+}
+
 /// A body or wall and where it is.
 type Placed<'k, T> = (usize, &'k Kinematics<T>);
 
 impl<T: Scalar> Run<'_, T> {
-    /// Candidate pairs by sweep and prune along x, then their times of impact.
-    pub(super) fn find_impacts(&mut self) {
-        self.impacts.clear();
-        let bodies = &self.bodies;
-        self.order.sort_by(|&i, &j| bodies[i].path.low.x.total_cmp(&bodies[j].path.low.x).then(i.cmp(&j)));
-        let mut found = vec![];
-        for (x, &i) in self.order.iter().enumerate() {
-            for &j in &self.order[x + 1..] {
-                if self.bodies[j].path.low.x > self.bodies[i].path.high.x {
-                    break;
-                }
-                found.extend(self.impact_of(i.min(j), i.max(j)));
-            }
-            found.extend((0..self.walls.len()).filter_map(|w| self.impact_of(i, self.bodies.len() + w)));
-        }
-        self.impacts = found;
-    }
-
-    /// New times of impact for bodies whose motion has changed.
-    pub(super) fn refresh(&mut self, changed: &[usize]) {
-        let mut impacts = std::mem::take(&mut self.impacts);
-        impacts.retain(|(_, a, b)| !changed.contains(a) && !changed.contains(b));
-        for &i in changed {
-            for j in 0..self.bodies.len() + self.walls.len() {
-                if j != i && !(changed.contains(&j) && j < i) {
-                    impacts.extend(self.impact_of(i.min(j), i.max(j)));
-                }
-            }
-        }
-        self.impacts = impacts;
-    }
-
-    fn impact_of(&self, a: usize, b: usize) -> Option<(f64, usize, usize)> {
-        let body = &self.bodies[a];
-        let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
-        let engaged = self.touching.iter().any(|t| t.a == a && t.b == b)
-            || self.passing.contains(&(a, b))
-            || self.blows.iter().any(|blow| blow.a == a && blow.b == b)
-            || self.one_body(a, b);
-        if body.mode == Mode::Absent || engaged {
-            return None;
-        }
-        let other = match self.bodies.get(b) {
-            Some(o) if o.mode == Mode::Absent || (still(o.mode) && still(body.mode)) => return None,
-            Some(o) => o.path,
-            None if still(body.mode) => return None,
-            None => {
-                let wall = &self.walls[b - self.bodies.len()];
-                let still = wall.place.value();
-                Path::new(wall.shape, body.path.start, body.path.end, still, still)
-            }
-        };
-        if !body.path.overlaps(&other) {
-            return None;
-        }
-        let (from, to) = (body.path.start.max(other.start), body.path.end.min(other.end));
-        if from >= to {
-            return None;
-        }
-        time_of_impact(&body.path, &other, from, to).map(|t| (t, a, b))
-    }
-
-    /// Moves the group of `i` to `time`; without a value, `time` may carry derivatives only.
-    fn move_group(&mut self, i: usize, time: f64) {
-        if self.is_alone(i) {
-            let Moving { from, since, mode, change, .. } = self.bodies[i];
-            self.bodies[i].from = match self.plainly(i) {
+    /// Moves the group of `i` to `time`.
+    fn move_group(&mut self, i: usize, time: T) {
+        let Moving { from, since, mode, change, .. } = self.bodies[i];
+        let h = time - since;
+        if h.value() <= 0.0 && !h.is_constant() {
+            // Only the derivatives have a way to go.
+            self.shift_group(i, h);
+        } else if self.is_alone(i) {
+            self.bodies[i].from = match self.plainly(i).filter(|_| time.is_constant()) {
                 Some(laws) => {
-                    Kinematics::constant(&laws.moved(i, &from.value(), mode, since.value(), time, change))
+                    let (from, since) = (from.value(), since.value());
+                    Kinematics::constant(&laws.moved(i, &from, mode, since, time.value(), change))
                 }
-                None => self.laws.moved(i, &from, mode, since, T::constant(time), change),
+                None => self.laws.moved(i, &from, mode, since, time, change),
             };
-            self.bodies[i].since = T::constant(time);
-            self.bodies[i].change = None;
-            return;
-        }
-        let group = self.bodies[i].group.clone();
-        let since = self.bodies[i].since;
-        let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
-        let h = T::constant(time) - since;
-        if !group.iter().all(|&j| matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent)) && h.value() > 0.0
-        {
-            let midpoint =
-                group.iter().any(|&j| self.bodies[j].change.is_some_and(|c| c != Change::Continue));
-            let first = self.rates_at(&group, &start, since);
-            let end = self.integrate(&group, &start, &first, since, h, midpoint);
-            for (x, &j) in group.iter().enumerate() {
-                self.bodies[j].from = end[x];
+        } else if h.value() > 0.0 {
+            let group = self.bodies[i].group.clone();
+            let start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
+            if !group.iter().all(|&j| matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent)) {
+                let midpoint =
+                    group.iter().any(|&j| self.bodies[j].change.is_some_and(|c| c != Change::Continue));
+                let first = self.rates_at(&group, &start, since);
+                let end = self.integrate(&group, &start, &first, since, h, midpoint);
+                for (x, &j) in group.iter().enumerate() {
+                    self.bodies[j].from = end[x];
+                }
             }
         }
-        for &j in &group {
-            self.bodies[j].since = T::constant(time);
-            self.bodies[j].change = None;
+        for x in 0..self.bodies[i].group.len() {
+            let j = self.bodies[i].group[x];
+            (self.bodies[j].since, self.bodies[j].change) = (time, None);
+        }
+    }
+
+    /// Moves body `a`, and body `b` of another group, to `time`.
+    fn move_both(&mut self, a: usize, b: usize, time: T) {
+        self.move_group(a, time);
+        if b < self.bodies.len() && !self.bodies[a].group.contains(&b) {
+            self.move_group(b, time);
+        }
+    }
+
+    fn shift_both(&mut self, a: usize, b: usize, by: T) {
+        self.shift_group(a, by);
+        if b < self.bodies.len() && !self.bodies[a].group.contains(&b) {
+            self.shift_group(b, by);
         }
     }
 
@@ -130,7 +89,10 @@ impl<T: Scalar> Run<'_, T> {
         let group = self.bodies[i].group.clone();
         let k: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
         let time = self.bodies[i].since;
+        // The search for pressing forces begins the same with and without derivatives.
+        let touching = self.touching.clone();
         let rates = self.rates_at(&group, &k, time);
+        self.touching = touching;
         for (x, &j) in group.iter().enumerate() {
             if !matches!(self.bodies[j].mode, Mode::Rest | Mode::Absent) {
                 self.bodies[j].from = k[x].stepped(&k[x], &rates[x], by);
@@ -159,22 +121,14 @@ impl<T: Scalar> Run<'_, T> {
 
     pub(super) fn impact(&mut self, mut time: f64, a: usize, b: usize) {
         let solid = b < self.bodies.len();
-        let together = solid && self.bodies[a].group.contains(&b);
         let earliest =
             self.bodies[a].path.start.max(if solid { self.bodies[b].path.start } else { f64::MIN });
         // The path's cubic is off by the step's fourth power: one Newton step on the true motion.
-        let saved: Vec<(usize, Kinematics<T>, T, Option<Change>)> = self
-            .involved(a, b)
-            .iter()
-            .map(|&j| (j, self.bodies[j].from, self.bodies[j].since, self.bodies[j].change))
-            .collect();
+        let saved: Vec<Before<T>> = self.involved(a, b).iter().map(|&j| self.before(j)).collect();
         for attempt in 0..3 {
-            self.move_group(a, time);
-            if solid && !together {
-                self.move_group(b, time);
-            }
-            let (near, rate) = self.facing_now(a, b);
-            let (gap, rate) = (near.gap.value(), rate.value());
+            self.move_both(a, b, T::constant(time));
+            let (near, _) = self.facing_now(a, b);
+            let (gap, rate) = (near.gap.value(), self.opening(a, b, &near).value());
             let better = time - gap / rate;
             if attempt == 2
                 || gap.abs() < 1e-11
@@ -184,26 +138,15 @@ impl<T: Scalar> Run<'_, T> {
             {
                 break;
             }
-            for (j, from, since, change) in &saved {
-                let body = &mut self.bodies[*j];
-                (body.from, body.since, body.change) = (*from, *since, *change);
-            }
+            self.restore(&saved);
             time = better;
         }
-        for (j, from, since, _) in &saved {
-            let Moving { from: to, since: until, .. } = self.bodies[*j];
-            self.note(*j, from, *since, &to, until);
-        }
         if T::DIFFERENTIATES {
-            // The time of impact moves with the parameters: implicit function theorem on gap = 0.
-            let (near, rate) = self.facing_now(a, b);
-            if rate.value() < -1e-6 {
-                let shift = -(near.gap.infinitesimal() / rate).infinitesimal();
-                self.shift_group(a, shift);
-                if solid && !together {
-                    self.shift_group(b, shift);
-                }
-            }
+            self.differentiate_time(time, a, b, &saved);
+        }
+        for &Before { body, from, since, .. } in &saved {
+            let Moving { from: to, since: until, .. } = self.bodies[body];
+            self.note(body, &from, since, &to, until);
         }
         let (near, _) = self.facing_now(a, b);
         if let Some(delay) = self.delay(a, b, &near) {
@@ -211,30 +154,53 @@ impl<T: Scalar> Run<'_, T> {
                 self.blows.push(Blow { time: self.bodies[a].since + delay, a, b });
                 return self.go_on(a, b);
             }
-            self.shift_group(a, delay);
-            if solid && !together {
-                self.shift_group(b, delay);
-            }
+            self.shift_both(a, b, delay);
         }
         self.strike(time, a, b);
+    }
+
+    /// The time of impact moves with the parameters: implicit function theorem on gap = 0. Where the bodies touch
+    /// as soon as their ways begin, it is the time at which these do.
+    fn differentiate_time(&mut self, time: f64, a: usize, b: usize, saved: &[Before<T>]) {
+        let later = |run: &Self| {
+            let (near, _) = run.facing_now(a, b);
+            let rate = run.opening(a, b, &near);
+            if rate.value() < -1e-6 { -(near.gap.infinitesimal() / rate).infinitesimal() } else { T::zero() }
+        };
+        let begun = saved.iter().find(|s| s.since.value() == time).map(|s| s.since);
+        let at = begun.unwrap_or_else(|| later(self) + time);
+        if at.is_constant() {
+            return;
+        }
+        self.restore(saved);
+        self.move_both(a, b, at);
+        if begun.is_none() {
+            // The gap opens at the rate of the velocities only as far as the integrator is exact.
+            let rest = later(self);
+            self.shift_both(a, b, rest);
+        }
+    }
+
+    fn before(&self, body: usize) -> Before<T> {
+        let Moving { from, since, change, .. } = self.bodies[body];
+        Before { body, from, since, change }
+    }
+
+    fn restore(&mut self, saved: &[Before<T>]) {
+        for &Before { body, from, since, change } in saved {
+            let body = &mut self.bodies[body];
+            (body.from, body.since, body.change) = (from, since, change);
+        }
     }
 
     /// A soft contact gives its blow.
     pub(super) fn blow(&mut self, which: usize) {
         let Blow { time, a, b } = self.blows.swap_remove(which);
-        let together = self.bodies[a].group.contains(&b);
-        for i in [Some(a), (b < self.bodies.len() && !together).then_some(b)].into_iter().flatten() {
-            let before: Vec<_> = self.bodies[i]
-                .group
-                .iter()
-                .map(|&j| (j, self.bodies[j].from, self.bodies[j].since))
-                .collect();
-            self.move_group(i, time.value());
-            for (j, from, since) in before {
-                let Moving { from: to, since: until, .. } = self.bodies[j];
-                self.note(j, &from, since, &to, until);
-            }
-            self.shift_group(i, time.infinitesimal());
+        let saved: Vec<Before<T>> = self.involved(a, b).iter().map(|&j| self.before(j)).collect();
+        self.move_both(a, b, time);
+        for Before { body, from, since, .. } in saved {
+            let Moving { from: to, since: until, .. } = self.bodies[body];
+            self.note(body, &from, since, &to, until);
         }
         let (near, _) = self.facing_now(a, b);
         if self.approach_at(a, b, &near).value() <= 0.0 {
@@ -359,6 +325,12 @@ impl<T: Scalar> Run<'_, T> {
     fn approach_at(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
         let velocity = |i: usize, point| point_velocity(&self.kinematics(i), point);
         near.normal.dot(velocity(a, near.on_a) - velocity(b, near.on_b))
+    }
+
+    /// Rate of the gap itself (m/s): of the corner that is lowest, where a box faces a box.
+    fn opening(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
+        let velocity = |i: usize| point_velocity(&self.kinematics(i), near.lowest);
+        near.normal.dot(velocity(b) - velocity(a))
     }
 
     fn involved(&self, a: usize, b: usize) -> Vec<usize> {

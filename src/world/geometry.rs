@@ -33,6 +33,8 @@ pub(super) struct Proximity<T> {
     /// The points that touch first, on a and on b.
     pub on_a: Vec2<T>,
     pub on_b: Vec2<T>,
+    /// The point whose distance from the face the gap is; of two boxes the lower corner, wherever they touch.
+    pub lowest: Vec2<T>,
     pub feature: Feature,
 }
 
@@ -87,7 +89,7 @@ fn swapped<T: Real>(p: Proximity<T>) -> Proximity<T> {
         Feature::FaceOfA => Feature::FaceOfB,
         Feature::FaceOfB => Feature::FaceOfA,
     };
-    Proximity { gap: p.gap, normal: -p.normal, on_a: p.on_b, on_b: p.on_a, feature }
+    Proximity { normal: -p.normal, on_a: p.on_b, on_b: p.on_a, feature, ..p }
 }
 
 fn circles<T: Real>(a: Vec2<T>, ra: f64, b: Vec2<T>, rb: f64) -> Proximity<T> {
@@ -97,7 +99,7 @@ fn circles<T: Real>(a: Vec2<T>, ra: f64, b: Vec2<T>, rb: f64) -> Proximity<T> {
     }
     let gap = (b - a).norm() - (ra + rb);
     let (on_a, on_b) = (a + normal.scaled(ra), b - normal.scaled(rb));
-    Proximity { gap, normal, on_a, on_b, feature: Feature::Points }
+    Proximity { gap, normal, on_a, on_b, lowest: on_b, feature: Feature::Points }
 }
 
 /// Box a and circle b: over a side or over a corner (VRDP supplement, fig. 1).
@@ -117,11 +119,13 @@ fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64
         let sign = 1f64.copysign(y);
         (a.turn.perp().scaled(sign), local.y * sign - half[1], vec2(local.x, T::constant(half[1] * sign)))
     };
+    let on_b = centre - axis.scaled(radius);
     Proximity {
         gap: distance - radius,
         normal: axis,
         on_a: a.position + foot.rotated(a.turn),
-        on_b: centre - axis.scaled(radius),
+        on_b,
+        lowest: on_b,
         feature: Feature::FaceOfA,
     }
 }
@@ -181,7 +185,8 @@ struct FacingEdge<T> {
     /// Place along the face and height over it of either end (m).
     sides: [T; 2],
     heights: [T; 2],
-    /// Height of the lower end before clipping.
+    /// The lower end before clipping, and its height.
+    lowest: Vec2<T>,
     gap: T,
 }
 
@@ -219,15 +224,17 @@ fn facing_edge<T: Real>(
         (side, heights[0] + (heights[1] - heights[0]) * ((side - sides[0]) / span))
     };
     let ((s0, h0), (s1, h1)) = (clip(0), clip(1));
-    let gap = heights[0].min(heights[1]);
+    let lower = if heights[1].value() < heights[0].value() { 1 } else { 0 };
+    let (gap, lowest) = (heights[lower], a.position + ends[lower]);
     let middle = a.position + normal.scaled(ha[axis]);
-    FacingEdge { normal, tangent, middle, sides: [s0, s1], heights: [h0, h1], gap }
+    FacingEdge { normal, tangent, middle, sides: [s0, s1], heights: [h0, h1], lowest, gap }
 }
 
 impl<T: Real> FacingEdge<T> {
     /// The contact at one end.
     fn point(&self, k: usize) -> Proximity<T> {
-        self.at(self.sides[k], self.heights[k])
+        let p = self.at(self.sides[k], self.heights[k]);
+        Proximity { lowest: p.on_b, ..p }
     }
 
     /// One contact for both ends, weighted by how nearly they touch.
@@ -240,7 +247,7 @@ impl<T: Real> FacingEdge<T> {
     fn at(&self, side: T, gap: T) -> Proximity<T> {
         let on_a = self.middle + self.tangent * side;
         let on_b = on_a + self.normal * gap;
-        Proximity { gap, normal: self.normal, on_a, on_b, feature: Feature::FaceOfA }
+        Proximity { gap, normal: self.normal, on_a, on_b, lowest: self.lowest, feature: Feature::FaceOfA }
     }
 }
 

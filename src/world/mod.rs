@@ -1,5 +1,6 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
 
+mod agenda;
 mod anchor;
 mod encounter;
 mod field;
@@ -7,6 +8,7 @@ mod film;
 mod flight;
 mod footprint;
 mod geometry;
+mod grid;
 mod impact;
 mod intervene;
 mod model;

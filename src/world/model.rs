@@ -306,7 +306,14 @@ impl Parameter {
 
     /// Index of the value that applies to body `a` (touching `b`, or the same body where there is none).
     pub fn index(&self, a: &BodySpec, b: &BodySpec) -> Option<usize> {
-        self.labels.binary_search(&self.label(a, b)).ok()
+        // Contacts ask for this often: no label is put together on the heap.
+        let find = |label: &str| self.labels.binary_search_by(|l| l.as_str().cmp(label)).ok();
+        match self.scope {
+            Scope::Setup => find(""),
+            Scope::Material => find(&a.material),
+            Scope::Shape => find(a.shape.word()),
+            _ => find(&self.label(a, b)),
+        }
     }
 
     fn label(&self, a: &BodySpec, b: &BodySpec) -> String {

@@ -1,7 +1,9 @@
 //! Simulation: steps between known times, cut at every impact, stop and start of rolling.
 
+use super::agenda::{Agenda, Next};
 use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
 use super::flight::{APPROACH_SHARE, Flight, SHORTEST_APPROACH, SHORTEST_STRETCH};
+use super::grid::Grid;
 use super::impact::Path;
 use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
 use super::motion::{Change, Kinematics, Laws, Mode, REST_SPEED, Rates};
@@ -140,12 +142,12 @@ pub(super) struct Run<'m, T: Scalar> {
     /// Bodies inside an obstacle that lets them through.
     pub passing: Vec<(usize, usize)>,
     pub blows: Vec<Blow<T>>,
-    pub impacts: Vec<(f64, usize, usize)>,
+    pub agenda: Agenda,
+    pub grid: Grid,
     /// The laws without derivatives, for bodies that carry none.
     pub plain: Option<Laws<f64>>,
     pub times: &'m [f64],
     pub states: Vec<Vec<Option<Kinematics<T>>>>,
-    pub order: Vec<usize>,
     pub step_end: f64,
     pub events: Vec<Event>,
     pub budget: usize,
@@ -194,8 +196,8 @@ impl<'m, T: Scalar> Run<'m, T> {
             clusters: vec![],
             passing: vec![],
             blows: vec![],
-            impacts: vec![],
-            order: (0..model.bodies.len()).collect(),
+            agenda: Agenda::default(),
+            grid: Grid::default(),
             step_end: 0.0,
             events: vec![],
             budget: limits.events,
@@ -256,9 +258,10 @@ impl<'m, T: Scalar> Run<'m, T> {
     pub(super) fn note_stop(&mut self, i: usize, time: f64) {
         let objects = vec![self.model.bodies[i].id];
         let position = self.bodies[i].from.position.value();
-        let earlier = self.events.iter().rposition(|e| e.kind == EventKind::Stop && e.objects == objects);
-        if let Some(at) = earlier.filter(|&at| time - self.events[at].time < SAME_CONTACT) {
-            self.events.remove(at);
+        let recent = self.events.iter().rev().take_while(|e| time - e.time < SAME_CONTACT);
+        let same = |e: &Event| e.kind == EventKind::Stop && e.objects == objects;
+        if let Some(back) = recent.map(same).position(|same| same) {
+            self.events.remove(self.events.len() - 1 - back);
         }
         let kind = EventKind::Stop;
         self.events.push(Event { kind, time, objects, position, normal: None, impulse: None, wall: None });
@@ -291,8 +294,8 @@ impl<'m, T: Scalar> Run<'m, T> {
                 self.predict(i);
             }
         }
-        self.find_impacts();
-        while let Some(next) = self.next_event() {
+        self.plan();
+        while let Some((time, next)) = self.next_event() {
             if self.budget == 0 {
                 self.ending = Ending::EventLimit;
                 return;
@@ -303,7 +306,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             }
             match next {
                 Next::Change(i) => self.change(i),
-                Next::Impact(time, a, b) => self.impact(time, a, b),
+                Next::Impact(a, b) => self.impact(time, a, b),
                 Next::Blow(which) => self.blow(which),
             }
         }
@@ -480,27 +483,6 @@ impl<'m, T: Scalar> Run<'m, T> {
         }
     }
 
-    fn next_event(&self) -> Option<Next> {
-        let mut best: Option<(f64, Next)> = None;
-        let mut offer = |time: f64, next: Next| {
-            if best.as_ref().is_none_or(|(t, _)| time < *t) {
-                best = Some((time, next));
-            }
-        };
-        for (i, body) in self.bodies.iter().enumerate() {
-            if body.change.is_some() {
-                offer(body.until.value(), Next::Change(i));
-            }
-        }
-        for &(time, a, b) in &self.impacts {
-            offer(time, Next::Impact(time, a, b));
-        }
-        for (which, blow) in self.blows.iter().enumerate().filter(|(_, b)| b.time.value() <= self.step_end) {
-            offer(blow.time.value(), Next::Blow(which));
-        }
-        best.map(|(_, next)| next)
-    }
-
     /// Friction stops a body, lets a ball roll, or ends its spin.
     fn change(&mut self, i: usize) {
         let group = self.bodies[i].group.clone();
@@ -539,11 +521,4 @@ impl<'m, T: Scalar> Run<'m, T> {
         self.predict_all(&group);
         self.refresh(&group);
     }
-}
-
-enum Next {
-    Change(usize),
-    Impact(f64, usize, usize),
-    /// Index among the blows.
-    Blow(usize),
 }
