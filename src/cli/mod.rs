@@ -11,7 +11,9 @@ mod error;
 mod fit;
 mod health;
 mod input;
+mod ladder;
 mod output;
+mod revise;
 mod score;
 mod serve;
 mod simulate;
@@ -60,6 +62,8 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Finds the missing effects of a set-up, adds them, and shows the error fall.
     Discover(discover::Args),
+    /// Puts an effect or a law of your own into a set-up's model, or takes one out; keeps the history.
+    Revise(revise::Args),
     /// The catalogue of physical effects.
     Effects(effects::Args),
     /// Answers every question beside each scene, and tells how many answers are right.
@@ -97,6 +101,7 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Compare(args) => compare::run(&cli.target, args).await,
         Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
         Command::Discover(args) => discover::run(&cli.target, args).await,
+        Command::Revise(args) => revise::run(&cli.target, args).await,
         Command::Effects(args) => effects::run(&cli.target, args).await,
         Command::Score(args) => score::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,

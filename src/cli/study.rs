@@ -17,7 +17,7 @@ pub async fn request(
     for scene in scenes {
         videos.push(connection.post(scene).await.map_err(|e| e.at(&scene.name))?);
     }
-    Ok(StudyRequest { videos, start })
+    Ok(StudyRequest { videos, start, models: vec![] })
 }
 
 /// A bar of 100 steps.

@@ -1,10 +1,12 @@
 //! What was observed of one video: objects, their tracks, the camera and the table.
 
 mod clevrer;
+mod csv;
 mod digest;
 mod validate;
 
 pub use clevrer::{CLEVRER_CAMERA, parse};
+pub use csv::parse_csv;
 pub use digest::canonical_digest;
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
