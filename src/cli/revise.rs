@@ -228,7 +228,8 @@ fn way<'r>(known: &'r [Revision], to: &'r Revision) -> Vec<&'r Revision> {
     way
 }
 
-fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
+/// The change as a person reads it: verdict, parameters, and the errors from the first revision on.
+pub fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
     let Some(after) = &found.after else { return String::new() };
     let way = match way(known, after) {
         alone if alone.len() < 2 => found.before.iter().chain([after]).collect(),

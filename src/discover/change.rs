@@ -208,13 +208,14 @@ pub fn change(
 }
 
 /// Models with the change made, before they are fitted.
-struct Proposal {
-    models: Vec<Model>,
+pub struct Proposal {
+    pub models: Vec<Model>,
     /// Name of the effect that is new.
-    added: Option<String>,
+    pub added: Option<String>,
 }
 
-fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Result<Proposal, FitError> {
+/// Puts the change where the lens that sees it finds it.
+pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Result<Proposal, FitError> {
     let mut models = models.to_vec();
     match change {
         Change::Remove(name) => {
