@@ -15,7 +15,7 @@ const FPS: f64 = 25.0;
 const SAME_TIME: f64 = 1e-3;
 
 /// What a column holds, and the names that it goes by.
-const COLUMNS: [(Column, &[&str]); 11] = [
+const COLUMNS: [(Column, &[&str]); 12] = [
     (Column::Id, &["id", "object_id", "object", "track"]),
     (Column::Time, &["t", "time"]),
     (Column::Frame, &["frame"]),
@@ -27,6 +27,7 @@ const COLUMNS: [(Column, &[&str]); 11] = [
     (Column::Size, &["size", "radius"]),
     (Column::Mass, &["mass"]),
     (Column::Material, &["material"]),
+    (Column::Color, &["color", "colour"]),
 ];
 /// Units by the size of what they measure in SI.
 const LENGTHS: [(&str, f64); 3] = [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)];
@@ -47,12 +48,13 @@ enum Column {
     Size,
     Mass,
     Material,
+    Color,
 }
 
 /// Reads the text of a CSV file of tracks.
 ///
 /// A header names the columns: `id`, `t` or `frame`, `x`, `y`, and where they are known `yaw`, `visible` (0 or 1),
-/// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`. A unit stands behind a name, as in
+/// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`, `color`. A unit stands behind a name, as in
 /// `x [mm]` or `x_mm`: m, cm, mm, px; s, ms; rad, deg; kg, g. Lines `# key: value` before it tell what holds for all:
 /// `fps`, `unit` (of lengths), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`, `world`,
 /// `setup`. Columns part by commas, semicolons or tabs. Everything that is wrong is told at once, with line and column.
@@ -142,6 +144,7 @@ struct Row {
     shape: Option<Shape>,
     mass: Option<f64>,
     material: Option<String>,
+    color: Option<String>,
 }
 
 /// Whether `when` counts seconds, and the rows.
@@ -308,8 +311,9 @@ impl Cells<'_> {
             }
         };
         let mass = self.number(Column::Mass);
-        let material = self.text(Column::Material).map(str::to_ascii_lowercase);
-        Some(Row { line: self.line, id: id?, when: when?, seen, shape, mass, material })
+        let [material, color] =
+            [Column::Material, Column::Color].map(|c| self.text(c).map(str::to_ascii_lowercase));
+        Some(Row { line: self.line, id: id?, when: when?, seen, shape, mass, material, color })
     }
 
     fn text(&self, column: Column) -> Option<&str> {
@@ -387,6 +391,7 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         object.shape = row.shape.unwrap_or(object.shape);
         object.mass = row.mass.or(object.mass);
         object.material = row.material.unwrap_or(std::mem::take(&mut object.material));
+        object.color = row.color.unwrap_or(std::mem::take(&mut object.color));
         let Some((x, y, yaw)) = row.seen else { continue };
         let frame = match timed {
             true => times.partition_point(|t| *t <= row.when).saturating_sub(1),
@@ -418,102 +423,4 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    #[test]
-    fn tracks_are_read_in_their_units() {
-        let text = "# A puck and a ball.\n# fps: 50\n# world: air_table\n# size: 0.03\n\
-                    id;t [ms];x_mm;y (cm);yaw [deg];visible;shape;mass_g\n\
-                    7;0;1000;-20;90;1;disc;250\n9;0;0;0;;1;ball;\n7;20;1010;-20;180;1;disc;250\n9;20;;;;1;ball;\n\
-                    9;40;5;1;;0;ball;\n7;40;1020;-20;270;yes;disc;250\n9;60;30;1;;1;ball;\n";
-        let scene = parse_csv("lab", text).expect("it is right");
-        assert_eq!((scene.name.as_str(), scene.world, scene.fps), ("lab", WorldKind::AirTable, 50.0));
-        assert_eq!(scene.times, [0.0, 0.02, 0.04, 0.06]);
-        let shapes: Vec<_> = scene.objects.iter().map(|o| (o.id, o.shape, o.mass)).collect();
-        assert_eq!(
-            shapes,
-            [(7, Shape::Disc { radius: 0.03 }, Some(0.25)), (9, Shape::Ball { radius: 0.03 }, None)]
-        );
-        let frames: Vec<Vec<usize>> =
-            scene.tracks.iter().map(|t| t.samples.iter().map(|s| s.frame).collect()).collect();
-        assert_eq!(frames, [vec![0, 1, 2], vec![0, 3]]);
-        let first = scene.tracks[0].samples[1];
-        assert_eq!((first.position, first.yaw), (vec2(1.01, -0.2), Some(PI)));
-    }
-
-    #[test]
-    fn frames_count_at_the_rate_and_pixels_need_a_scale() {
-        let rows = "frame,id,x,y\n0,1,100,100\n2,1,120,100\n3,1,130,100\n";
-        let scaled =
-            parse_csv("s", &format!("# unit: px\n# scale: 0.001 m/px\n{rows}")).expect("it is right");
-        assert_eq!(scaled.times, [0.0, 0.04, 0.08, 0.12]);
-        assert_eq!(scaled.tracks[0].samples[1].position, vec2(0.12, 0.1));
-        let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
-        assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
-    }
-
-    #[test]
-    fn everything_wrong_is_told_with_its_place() {
-        let check = |text: &str, expected: &[&str]| {
-            let found = parse_csv("s", text).expect_err(text).to_string();
-            let lines: Vec<&str> = found.lines().collect();
-            assert_eq!(lines.len(), expected.len(), "{found}");
-            for (line, start) in lines.iter().zip(expected) {
-                assert!(line.starts_with(start), "{line} / {start}");
-            }
-        };
-        check(
-            "id,t,x,y,shape\n1,0,0,zero,disc\n1.5,0.1,0,0,disc\n1,0.2,,1,disc\n1,0.3,0,0,egg\n1,0.4,0\n1,,1,1,disc\n",
-            &[
-                "line 2, column 4 (y): is \"zero\"; give a number",
-                "line 2, column 4 (y): is empty, but x is not",
-                "line 3, column 1 (id): is 1.5; give a whole number",
-                "line 4, column 3 (x): is empty, but y is not",
-                "line 5, column 5 (shape): is \"egg\"; it must be disc, ball or cube",
-                "line 6: has 3 columns; the header has 5",
-                "line 7, column 2 (t): is empty; say when it was",
-            ],
-        );
-        check(
-            "id,x,y\n1,2,3\n",
-            &["header: has neither a column t nor", "line 2: is empty", "(file): has no row"],
-        );
-        check(
-            "a,b\n",
-            &[
-                "header: has no column id",
-                "header: has no column x",
-                "header: has no column y",
-                "header: has neither",
-                "(file): has no row",
-            ],
-        );
-        check(
-            "id,t,x [ft],y\n1,0,0,0\n1,1,0,0\n",
-            &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
-        );
-        check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
-        check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
-        check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
-        check(
-            "",
-            &[
-                "header: has no column id",
-                "header: has no column x",
-                "header: has no column y",
-                "header: has neither",
-                "(file): has no row",
-            ],
-        );
-    }
-
-    proptest! {
-        #[test]
-        fn no_text_panics(text in "(id,t,x,y\n)?[0-9a-z,;#:. \"\n-]{0,80}", any in ".{0,60}") {
-            let _ = parse_csv("s", &text);
-            let _ = parse_csv("s", &any);
-        }
-    }
-}
+mod tests;
