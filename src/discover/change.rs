@@ -20,6 +20,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub const FORMULA: &str = "formula";
 /// Longest name of a user's law (bytes).
 const LONGEST_NAME: usize = 64;
+/// Names that an error shows.
+const SHOWN: usize = 3;
 /// Evidence (nats) from which a change is better, or worse.
 const CERTAIN: f64 = 10.0;
 /// Errors on what was not fitted that differ by less than this share are the same.
@@ -41,7 +43,7 @@ pub enum Change {
 /// Why a change cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ChangeError {
-    #[error("there is no effect {name:?}; there are {}", known(.name))]
+    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` have all", alike(.name))]
     Unknown { name: String },
     #[error("{name} is in the model already; remove it first")]
     There { name: String },
@@ -55,10 +57,11 @@ pub enum ChangeError {
     Formula(#[from] FormulaError),
 }
 
-/// Names that are like the one that nobody knows come first.
-fn known(name: &str) -> String {
+/// Names that are like one that nobody knows.
+fn alike(name: &str) -> String {
     let mut names: Vec<&str> = EFFECTS.iter().map(|e| e.spec.name).collect();
     names.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
+    names.truncate(SHOWN);
     names.join(", ")
 }
 
