@@ -136,7 +136,8 @@ impl Report {
     }
 }
 
-fn is_id(id: &str) -> bool {
+/// Whether it has the form of an id.
+pub fn is_id(id: &str) -> bool {
     (1..=64).contains(&id.len()) && id.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }
 

@@ -120,8 +120,8 @@ impl v1::models_server::Models for Services {
         request: Request<v1::DiagnoseModelRequest>,
     ) -> Reply<Self::DiagnoseModelStream> {
         use v1::diagnose_model_response::Event;
-        let (videos, start) = study::request(request.into_inner().study).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, Inquiry::Diagnose).await.map_err(status)?;
+        let (videos, start, inquiry) = study::diagnose(request.into_inner()).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiagnoseModelResponse { event: Some(event) };
         let done = move |found: &Study| study::diagnosis(found).map(|d| event(Event::Diagnosis(d)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
@@ -138,6 +138,31 @@ impl v1::models_server::Models for Services {
         let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
         let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
+        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+    }
+
+    type AddEffectStream = Items<v1::AddEffectResponse>;
+
+    async fn add_effect(&self, request: Request<v1::AddEffectRequest>) -> Reply<Self::AddEffectStream> {
+        use v1::add_effect_response::Event;
+        let (videos, start, inquiry) = study::addition(request.into_inner()).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let event = |event| v1::AddEffectResponse { event: Some(event) };
+        let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
+        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+    }
+
+    type RemoveEffectStream = Items<v1::RemoveEffectResponse>;
+
+    async fn remove_effect(
+        &self,
+        request: Request<v1::RemoveEffectRequest>,
+    ) -> Reply<Self::RemoveEffectStream> {
+        use v1::remove_effect_response::Event;
+        let (videos, start, inquiry) = study::removal(request.into_inner()).map_err(status)?;
+        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let event = |event| v1::RemoveEffectResponse { event: Some(event) };
+        let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
     }
 

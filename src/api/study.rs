@@ -1,30 +1,127 @@
 //! Studies: requests to domain values, findings to replies.
 
 use super::reply::model_name;
-use super::request::Report;
+use super::request::{Report, is_id};
 use super::v1;
-use crate::discover::{Comparison, Diagnosis, Ranked, SceneComparison, Value, Verdict};
-use crate::effects::effect;
-use crate::engine::{Choice, Discovered, EngineError, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
+use crate::discover::{
+    Change, Comparison, Diagnosis, FORMULA, Found, Ranked, Reported, SceneComparison, Value, Verdict, Worth,
+    check_name,
+};
+use crate::effects::formula::{Formula, FormulaError, FormulaParameter, MOST_PARAMETERS};
+use crate::engine::{
+    Choice, ChoiceKind, Discovered, EngineError, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Step, Study,
+};
 use crate::num::Vec2;
 
 /// Effects that a discovery adds at most where nothing is said.
 const DEFAULT_EFFECTS: usize = 2;
 
-/// Ids of the videos and the model that their fits start from.
+/// Most laws of one's own that a diagnosis ranks.
+const MAX_CANDIDATES: usize = 20;
+
+/// Ids of the videos and the models that the study begins with.
 pub fn request(study: Option<v1::StudyRequest>) -> Result<(Vec<String>, Choice), EngineError> {
-    let study = study.unwrap_or_default();
     let mut report = Report::default();
+    let asked = subject(&mut report, study);
+    report.finish(asked)
+}
+
+fn subject(report: &mut Report, study: Option<v1::StudyRequest>) -> (Vec<String>, Choice) {
+    let study = study.unwrap_or_default();
     let named = study.videos.iter().take(MAX_STUDY_VIDEOS + 1).enumerate();
-    let videos = named.map(|(i, name)| report.id(&format!("study.videos[{i}]"), name, "videos")).collect();
-    let choice = report.choice("study.start", study.start, "");
-    report.finish((videos, choice))
+    let videos: Vec<String> =
+        named.map(|(i, name)| report.id(&format!("study.videos[{i}]"), name, "videos")).collect();
+    // A fitted model is of one video; of several, `models` has one each.
+    let only = if let [video] = &videos[..] { video.as_str() } else { "" };
+    let choice = report.choice("study.start", study.start.clone(), only);
+    if study.models.is_empty() {
+        return (videos, choice);
+    }
+    if study.start.is_some() {
+        report.add("study.models", "are given beside a start; give one of the two");
+    }
+    let model = |(i, (name, video)): (usize, (&String, &String))| {
+        let id = name.strip_prefix(&format!("videos/{video}/models/")).filter(|id| is_id(id));
+        if id.is_none() {
+            let message = format!("is {name:?}; must be videos/{video}/models/{{id}}");
+            report.add(format!("study.models[{i}]"), message);
+        }
+        id.unwrap_or_default().to_string()
+    };
+    let mut ids: Vec<String> = study.models.iter().zip(&videos).enumerate().map(model).collect();
+    // As many as were given, for the engine to count.
+    ids.resize(study.models.len().min(MAX_STUDY_VIDEOS + 1), String::new());
+    (videos, Choice { path: "study.models", kind: ChoiceKind::Together(ids) })
 }
 
 pub fn discovery(given: v1::DiscoverEffectsRequest) -> Result<(Vec<String>, Choice, Inquiry), EngineError> {
     let (videos, choice) = request(given.study)?;
     let max_effects = given.max_effects.map_or(DEFAULT_EFFECTS, |n| n as usize);
     Ok((videos, choice, Inquiry::Discover { max_effects, frames: given.frames.map(|n| n as usize) }))
+}
+
+pub fn diagnose(given: v1::DiagnoseModelRequest) -> Result<(Vec<String>, Choice, Inquiry), EngineError> {
+    let mut report = Report::default();
+    let (videos, choice) = subject(&mut report, given.study);
+    if given.candidates.len() > MAX_CANDIDATES {
+        report.add("candidates", format!("are {}; at most {MAX_CANDIDATES}", given.candidates.len()));
+    }
+    let candidates = given.candidates.into_iter().take(MAX_CANDIDATES).enumerate();
+    let laws: Vec<(String, Formula)> =
+        candidates.map(|(i, f)| formula(&mut report, &format!("candidates[{i}]"), f)).collect();
+    for (i, (name, _)) in laws.iter().enumerate() {
+        if laws.iter().take(i).any(|law| law.0 == *name) {
+            report.add(format!("candidates[{i}].name"), format!("is {name}, another candidate's"));
+        }
+    }
+    report.finish((videos, choice, Inquiry::Diagnose(laws)))
+}
+
+pub fn addition(given: v1::AddEffectRequest) -> Result<(Vec<String>, Choice, Inquiry), EngineError> {
+    use v1::add_effect_request::Addition;
+    let mut report = Report::default();
+    let (videos, choice) = subject(&mut report, given.study);
+    let change = match given.addition {
+        Some(Addition::Effect(name)) => Change::Add(name),
+        Some(Addition::Formula(law)) => {
+            let (name, law) = formula(&mut report, "formula", law);
+            Change::Write(name, law)
+        }
+        None => {
+            report.add("addition", "is missing; give effect or formula");
+            Change::Add(String::new())
+        }
+    };
+    report.finish((videos, choice, Inquiry::Change(change)))
+}
+
+pub fn removal(given: v1::RemoveEffectRequest) -> Result<(Vec<String>, Choice, Inquiry), EngineError> {
+    let (videos, choice) = request(given.study)?;
+    Ok((videos, choice, Inquiry::Change(Change::Remove(given.effect))))
+}
+
+/// A user's law with its name; what is wrong with it is told at `path`.
+fn formula(report: &mut Report, path: &str, given: v1::Formula) -> (String, Formula) {
+    let name = if given.name.is_empty() { FORMULA.to_string() } else { given.name };
+    if let Err(error) = check_name(&name) {
+        report.add(format!("{path}.name"), error.to_string());
+    }
+    let own = |p: v1::FormulaParameter| {
+        let unit = if p.unit.is_empty() { "1".to_string() } else { p.unit };
+        FormulaParameter::new(p.name, unit, p.start, p.min, p.max)
+    };
+    let parameters = given.parameters.into_iter().take(MOST_PARAMETERS + 1).map(own).collect();
+    match Formula::new(&given.text, parameters) {
+        Ok(law) => (name, law),
+        Err(error) => {
+            let field = match error {
+                FormulaError::Parameter { .. } | FormulaError::Count { .. } => "parameters",
+                FormulaError::Text { .. } | FormulaError::TooLong { .. } => "text",
+            };
+            report.add(format!("{path}.{field}"), error.to_string());
+            (name, Formula { text: String::new(), parameters: vec![] })
+        }
+    }
 }
 
 fn video_name(id: &str) -> String {
@@ -110,45 +207,7 @@ fn ranking(r: &Ranked) -> v1::RankedEffect {
 
 pub fn discovered(study: &Study) -> Option<v1::Discovery> {
     let Findings::Discovery(found) = &study.findings else { return None };
-    let Discovered { discovery, models, courses } = found.as_ref();
-    let parameter = |of: &str, p: &crate::discover::Reported| {
-        let numbers = |v: &Value| match v {
-            Value::Number(v) => vec![*v],
-            Value::Vector(v) => v.to_vec(),
-            Value::Word(_) => vec![],
-        };
-        let word = match &p.value {
-            Value::Word(word) => word.clone(),
-            _ => String::new(),
-        };
-        v1::FoundParameter {
-            name: p.name.clone(),
-            unit: unit(of, &p.name),
-            value: numbers(&p.value),
-            low: numbers(&p.low),
-            high: numbers(&p.high),
-            word,
-        }
-    };
-    let effect = |f: &crate::discover::Found| v1::FoundEffect {
-        kind: f.kind.clone(),
-        effect: f.effect.clone(),
-        parameters: f.parameters.iter().map(|p| parameter(&f.effect, p)).collect(),
-    };
-    let revision = |(k, r): (usize, &crate::discover::Revision)| v1::Revision {
-        revision: k as u32,
-        effect: r.effect.clone().unwrap_or_default(),
-        rmse: r.rmse,
-        held_out_rmse: r.held_out_rmse,
-        left_out_rmse: r.left_out_rmse,
-        reduced_chi_square: r.reduced_chi_square,
-        models: study
-            .videos
-            .iter()
-            .zip(models.get(k).into_iter().flatten())
-            .map(|(v, m)| model_name(v, m))
-            .collect(),
-    };
+    let Discovered { discovery, steps, courses } = found.as_ref();
     let verdict = match discovery.verdict {
         Verdict::EffectFound => v1::Verdict::EffectFound,
         Verdict::Ambiguous => v1::Verdict::Ambiguous,
@@ -159,7 +218,7 @@ pub fn discovered(study: &Study) -> Option<v1::Discovery> {
     Some(v1::Discovery {
         verdict: verdict.into(),
         reason: discovery.reason.clone(),
-        effects: discovery.effects.iter().map(effect).collect(),
+        effects: discovery.effects.iter().map(found_effect).collect(),
         ranked: discovery.ranked.iter().map(ranking).collect(),
         ambiguous: discovery
             .ambiguous
@@ -187,16 +246,65 @@ pub fn discovered(study: &Study) -> Option<v1::Discovery> {
             })
             .collect(),
         noise_sigma: discovery.noise_sigma,
-        revisions: discovery.revisions.iter().enumerate().map(revision).collect(),
+        revisions: steps.iter().map(revision).collect(),
         courses: study.videos.iter().zip(courses).map(|(video, c)| course(video, c)).collect(),
     })
 }
 
-/// Unit of a parameter as reports name it; empty where a report turns it into another quantity.
-fn unit(of: &str, name: &str) -> String {
-    let params = effect(of).map_or(&[][..], |e| e.spec.params);
-    let named = |p: &&crate::effects::ParamSpec| p.name == name || p.name.strip_suffix("_x") == Some(name);
-    params.iter().find(named).map_or("", |p| p.unit).to_string()
+pub fn revised(study: &Study) -> Option<v1::RevisedModels> {
+    let Findings::Changed(steps) = &study.findings else { return None };
+    let [before, after] = steps.as_ref();
+    Some(v1::RevisedModels { before: Some(revision(before)), after: Some(revision(after)) })
+}
+
+pub fn revision(step: &Step) -> v1::Revision {
+    let names = |ids: &[String]| step.videos.iter().zip(ids).map(|(v, m)| model_name(v, m)).collect();
+    let worth = match step.weight.map(|w| w.worth) {
+        Some(Worth::Better) => v1::Worth::Better,
+        Some(Worth::NoDifference) => v1::Worth::NoDifference,
+        Some(Worth::Worse) => v1::Worth::Worse,
+        None => v1::Worth::Unspecified,
+    };
+    v1::Revision {
+        revision: step.number,
+        effect: step.added.as_ref().map(|f| f.effect.clone()).unwrap_or_default(),
+        rmse: step.rmse,
+        held_out_rmse: step.unseen.held_out_rmse,
+        left_out_rmse: step.unseen.left_out_rmse,
+        reduced_chi_square: step.reduced_chi_square,
+        models: names(&step.models),
+        parents: names(&step.parents),
+        removed: step.removed.clone().unwrap_or_default(),
+        added: step.added.as_ref().map(found_effect),
+        noise_sigma: step.noise_sigma,
+        log_evidence: step.weight.map_or(0.0, |w| w.log_evidence),
+        worth: worth.into(),
+    }
+}
+
+fn found_effect(f: &Found) -> v1::FoundEffect {
+    let parameters = f.parameters.iter().map(parameter).collect();
+    v1::FoundEffect { kind: f.kind.clone(), effect: f.effect.clone(), parameters }
+}
+
+fn parameter(p: &Reported) -> v1::FoundParameter {
+    let numbers = |v: &Value| match v {
+        Value::Number(v) => vec![*v],
+        Value::Vector(v) => v.to_vec(),
+        Value::Word(_) => vec![],
+    };
+    let word = match &p.value {
+        Value::Word(word) => word.clone(),
+        _ => String::new(),
+    };
+    v1::FoundParameter {
+        name: p.name.clone(),
+        unit: p.unit.clone(),
+        value: numbers(&p.value),
+        low: numbers(&p.low),
+        high: numbers(&p.high),
+        word,
+    }
 }
 
 fn course(video: &str, c: &crate::engine::Course) -> v1::Course {

@@ -2,8 +2,11 @@
 
 use super::connect::Connection;
 use super::error::Failure;
-use super::{Target, ask, discover, fit, output, simulate, study};
-use crate::api::v1::{AskResponse, DiscoverEffectsRequest, FitMethod, SimulateRequest};
+use super::{Target, ask, discover, fit, ladder, output, revise, simulate, study};
+use crate::api::v1::add_effect_request::Addition;
+use crate::api::v1::{
+    AskResponse, DiscoverEffectsRequest, FitMethod, Formula, Revision, SimulateRequest, StudyRequest,
+};
 use crate::scene::parse;
 use std::path::{Path, PathBuf};
 
@@ -24,9 +27,12 @@ const SET_UP: [&str; 4] = [
     include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_03/observed.json"),
 ];
 
+/// What hides there, as a user may write it: Coriolis acceleration in a frame that turns.
+const TURNING_TABLE: &str = "let w [rad/s] = 0 from -5 to 5; ax = 2*w*vy; ay = -2*w*vx";
+
 #[derive(clap::Args)]
 pub struct Args {
-    /// Where the traces go.
+    /// Where the traces and the drawing go.
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     out: PathBuf,
 }
@@ -69,14 +75,28 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     for (k, text) in SET_UP.iter().enumerate() {
         scenes.push(parse(&format!("set_up_{k}"), text).map_err(Failure::other)?);
     }
-    let study = Some(study::request(&connection, &scenes, None).await?);
-    let request = DiscoverEffectsRequest { study, ..Default::default() };
+    let study = study::request(&connection, &scenes, None).await?;
+    let videos = study.videos.clone();
+    let request = DiscoverEffectsRequest { study: Some(study), ..Default::default() };
     let found = discover::search(&connection, request).await?;
     output::print(&format!(
         "5  Discover: four videos of another set-up, in which something hides\n\n{}\n{}\n",
         discover::text(&found),
         discover::curve(&found)
     ))?;
+    let first = found.revisions.first().map(|r| r.models.clone()).unwrap_or_default();
+    let law = Formula { name: "turning_table".into(), text: TURNING_TABLE.into(), parameters: vec![] };
+    let study = StudyRequest { videos, start: None, models: first };
+    let revised = revise::add(&connection, study, Addition::Formula(law)).await?;
+    output::print(&format!(
+        "6  Add: the same law as you would write it yourself, {TURNING_TABLE}\n\n{}\n",
+        revise::text(&revised, &found.revisions, false)
+    ))?;
+    let drawing = args.out.join("revisions.svg");
+    let drawn: Vec<&Revision> = found.revisions.iter().chain(&revised.after).collect();
+    let title = "Error of each revision of the model";
+    output::file(&drawing, ladder::svg(title, &drawn, found.noise_sigma).as_bytes())?;
+    output::print(&format!("Drawing: {}\n", drawing.display()))?;
     let traces: String = traces.iter().map(|path| format!("  {}\n", path.display())).collect();
     output::print(&format!("Traces (open them in Foxglove or Rerun):\n{traces}"))?;
     connection.close().await

@@ -19,6 +19,10 @@ pub struct Args {
     /// Preset or model file [default: what suits the scenes' world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
+    /// A law of your own that is ranked too: a text such as `let k = 0.1; ax = -k * vx; ay = -k * vy`, or a file with it
+    /// (see `vrdp revise --help`).
+    #[arg(long, value_name = "TEXT|FILE")]
+    formula: Vec<String>,
     /// Writes the result as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -33,7 +37,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let study = Some(study::request(&connection, &scenes, start).await?);
     let bar = study::bar("diagnoses");
-    let request = DiagnoseModelRequest { study };
+    let mut candidates = vec![];
+    for (k, given) in args.formula.iter().enumerate() {
+        let name = given.contains('=').then(|| format!("formula_{}", k + 1));
+        candidates.push(input::formula(given, name.as_deref())?);
+    }
+    let request = DiagnoseModelRequest { study, candidates };
     let mut stream = connection.models().diagnose_model(request).await?.into_inner();
     let mut found = None;
     while let Some(message) = stream.message().await? {

@@ -3,7 +3,7 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output, study};
+use super::{input, ladder, output, study};
 use crate::api::v1::{
     Course, CourseObject, DiscoverEffectsRequest, Discovery, FoundParameter, RankedEffect, Verdict,
     discover_effects_response::Event,
@@ -69,28 +69,9 @@ pub async fn search(connection: &Connection, request: DiscoverEffectsRequest) ->
     found.ok_or_else(|| Failure::other("the service ended the search without a result"))
 }
 
-/// The error of each revision drawn as a bar, and the noise as a mark.
+/// The error of each revision drawn, and the noise.
 pub fn curve(found: &Discovery) -> String {
-    let most = found.revisions.iter().map(|r| r.rmse).fold(found.noise_sigma, f64::max);
-    let cells = |v: f64| (40.0 * v / most).round().max(1.0) as usize;
-    let floor = cells(found.noise_sigma);
-    let bar = |r: &crate::api::v1::Revision| {
-        let name = if r.effect.is_empty() { "as it began".into() } else { format!("+ {}", r.effect) };
-        let drawn: String = (1..=40)
-            .map(|c| {
-                if c == floor {
-                    '|'
-                } else if c <= cells(r.rmse) {
-                    '█'
-                } else {
-                    ' '
-                }
-            })
-            .collect();
-        format!("  {name:<24} {drawn} {:.2} mm\n", 1e3 * r.rmse)
-    };
-    let rows: String = found.revisions.iter().map(bar).collect();
-    format!("{rows}  {:<24} {:>floor$}  noise\n", "", "|")
+    ladder::text(&found.revisions.iter().collect::<Vec<_>>(), found.noise_sigma)
 }
 
 /// The discovery as a person reads it.
@@ -118,7 +99,7 @@ pub fn text(found: &Discovery) -> String {
         .revisions
         .iter()
         .map(|r| {
-            let name = if r.effect.is_empty() { "as it began".into() } else { format!("+ {}", r.effect) };
+            let name = ladder::change(r);
             let chi = format!("{:.2}", r.reduced_chi_square);
             vec![name, mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi]
         })
@@ -128,7 +109,8 @@ pub fn text(found: &Discovery) -> String {
     text + &study::ranking(&found.ranked, SHOWN)
 }
 
-fn parameter(p: &FoundParameter) -> String {
+/// A parameter with its interval as a person reads it.
+pub fn parameter(p: &FoundParameter) -> String {
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
     match p.value.len() {
         0 => format!("{} {}", p.name, p.word),
@@ -149,11 +131,7 @@ fn verdict(found: &Discovery) -> &'static str {
 }
 
 fn to_json(found: &Discovery, names: &[String]) -> Value {
-    let effect = |e: &crate::api::v1::FoundEffect| {
-        let parameters: Map<String, Value> =
-            e.parameters.iter().map(|p| (p.name.clone(), quantity(p))).collect();
-        json!({ "kind": e.kind, "parameters": parameters })
-    };
+    let effect = |e: &crate::api::v1::FoundEffect| json!({ "kind": e.kind, "parameters": parameters(e) });
     let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
     let revision = |r: &crate::api::v1::Revision| {
         let effect = if r.effect.is_empty() { Value::Null } else { json!(r.effect) };
@@ -182,6 +160,10 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
         "revisions": found.revisions.iter().map(revision).collect::<Vec<_>>(),
         "scenes": scenes,
     })
+}
+
+pub fn parameters(e: &crate::api::v1::FoundEffect) -> Value {
+    e.parameters.iter().map(|p| (p.name.clone(), quantity(p))).collect()
 }
 
 fn quantity(p: &FoundParameter) -> Value {

@@ -1,8 +1,8 @@
 //! Reads what a command is given: scenes, models, and `ID=VALUE` pairs.
 
 use super::error::Failure;
-use crate::api::v1::{ModelChoice, model_choice};
-use crate::scene::{Scene, parse};
+use crate::api::v1::{Formula, ModelChoice, model_choice};
+use crate::scene::{Scene, parse, parse_csv};
 use crate::world::Preset;
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -13,7 +13,7 @@ pub const OBSERVED: &str = "observed.json";
 /// Most bytes of a scene's file: all objects in all frames that are allowed take less.
 const MAX_FILE: u64 = 1 << 30;
 
-/// The scenes that the paths stand for: files, folders with an observed.json, folders of such folders.
+/// The scenes that the paths stand for: files, folders with an observed.json, folders of such folders or of CSV files.
 /// A scene that cannot be read is for the caller to tell when the others are done.
 pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure> {
     let mut files = Vec::new();
@@ -23,10 +23,11 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure>
             continue;
         }
         let entries = std::fs::read_dir(path).map_err(|e| unreadable(path, e))?;
-        let mut folders: Vec<PathBuf> =
-            entries.flatten().map(|e| e.path()).filter(|p| p.join(OBSERVED).is_file()).collect();
+        let one = |p: &PathBuf| p.join(OBSERVED).is_file() || (is_csv(p) && p.is_file());
+        let mut folders: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(one).collect();
         if folders.is_empty() {
-            let message = format!("{}: no {OBSERVED} here or one folder below", path.display());
+            let message =
+                format!("{}: no {OBSERVED} here or one folder below, and no CSV file", path.display());
             return Err(Failure::input(message));
         }
         folders.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
@@ -74,7 +75,13 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
     let place = file.display().to_string();
     regular(&file)?;
     let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
-    parse(&name.unwrap_or("scene".into()), &text).map_err(|e| Failure::input(e.to_string()).at(&place))
+    let name = name.unwrap_or("scene".into());
+    let read = if is_csv(&file) { parse_csv(&name, &text) } else { parse(&name, &text) };
+    read.map_err(|e| Failure::input(e.to_string()).at(&place))
+}
+
+fn is_csv(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
 }
 
 /// The text of a file, and of no folder or pipe.
@@ -112,11 +119,29 @@ fn natural(a: &str, b: &str) -> Ordering {
     }
 }
 
-/// `--model`: the name of a preset, or a model file.
+/// A law: a text that has a `=`, or the file that holds it; named after the file where no name is given.
+pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
+    let path = Path::new(given);
+    let (text, stem) = if given.contains('=') {
+        (given.to_string(), None)
+    } else {
+        regular(path)?;
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            Failure::input(format!("{given}: {e}; give a formula such as \"ax = 0.1\", or its file"))
+        })?;
+        (text, last(path.file_stem()))
+    };
+    let name = name.map(str::to_string).or(stem).unwrap_or_default();
+    Ok(Formula { name, text, parameters: vec![] })
+}
+
+/// `--model`: the name of a preset, a model that the service keeps, or a model file.
 pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
     let Some(choice) = choice else { return Ok(None) };
     let kind = if Preset::named(choice).is_some() {
         model_choice::Choice::Preset(choice.into())
+    } else if choice.starts_with("videos/") {
+        model_choice::Choice::Model(choice.into())
     } else {
         let read = match Path::new(choice).metadata() {
             Ok(found) if !found.is_file() => Err(std::io::Error::other("it is no file")),

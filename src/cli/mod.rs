@@ -13,7 +13,9 @@ mod fit;
 mod health;
 mod import;
 mod input;
+mod ladder;
 mod output;
+mod revise;
 mod score;
 mod serve;
 mod simulate;
@@ -66,6 +68,8 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Turns files of others into scenes.
     Import(import::Args),
+    /// Puts an effect or a law of your own into a set-up's model, or takes one out; keeps the history.
+    Revise(revise::Args),
     /// The catalogue of physical effects.
     Effects(effects::Args),
     /// Answers every question beside each scene, and tells how many answers are right.
@@ -105,6 +109,7 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Discover(args) => discover::run(&cli.target, args).await,
         Command::Calibrate(args) => calibrate::run(&cli.target, args).await,
         Command::Import(args) => import::run(&cli.target, args).await,
+        Command::Revise(args) => revise::run(&cli.target, args).await,
         Command::Effects(args) => effects::run(&cli.target, args).await,
         Command::Score(args) => score::run(&cli.target, args).await,
         Command::Health => health::run(&cli.target).await,

@@ -17,7 +17,7 @@ pub async fn request(
     for scene in scenes {
         videos.push(connection.post(scene).await.map_err(|e| e.at(&scene.name))?);
     }
-    Ok(StudyRequest { videos, start })
+    Ok(StudyRequest { videos, start, models: vec![] })
 }
 
 /// A bar of 100 steps.
@@ -37,7 +37,9 @@ pub fn ranking(ranked: &[RankedEffect], most: usize) -> String {
         return String::new();
     }
     let row = |r: &RankedEffect| {
-        vec![r.kind.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)]
+        // The kind of a user's law says nothing.
+        let name = if r.kind == crate::discover::FORMULA { &r.effect } else { &r.kind };
+        vec![name.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)]
     };
     let rows: Vec<Vec<String>> = ranked.iter().take(most).map(row).collect();
     format!("\n{}", output::table(&["candidate", "log evidence", "held out mm"], &rows))

@@ -155,7 +155,8 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
     part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
     for active in &mut part.effects {
         let entry = effect(&active.name);
-        let between = entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
+        let between =
+            active.formula.is_some() || entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
         for p in &mut active.parameters {
             let mut own = Parameter::new(&p.name, p.scope, p.prior, &part.bodies);
             for (label, (value, mean)) in own.labels.iter().zip(own.values.iter_mut().zip(&mut own.means)) {

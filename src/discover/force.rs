@@ -381,9 +381,10 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
         let mut at = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
             let entry = effect(&active.name);
-            let acts = active.on && entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
+            let forces = |e: &EffectEntry| e.uses(Hook::Force) || e.uses(Hook::Pair);
+            let acts = active.on && (active.formula.is_some() || entry.is_some_and(forces));
             for (k, parameter) in active.parameters.iter().enumerate() {
-                let bounds = entry.and_then(|e| e.spec.params.get(k));
+                let bounds = active.bounds(k);
                 for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                     if acts && parameter.prior.sd > 0.0 {
                         let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
@@ -394,8 +395,8 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
                             None => free.push(Free {
                                 name,
                                 slots: vec![(scene, at)],
-                                min: bounds.map_or(f64::NEG_INFINITY, |b| b.min),
-                                max: bounds.map_or(f64::INFINITY, |b| b.max),
+                                min: bounds.map_or(f64::NEG_INFINITY, |b| b.1),
+                                max: bounds.map_or(f64::INFINITY, |b| b.2),
                                 mean: *mean,
                                 sd: parameter.prior.sd,
                                 step: (STEP_SHARE * parameter.prior.sd).min(STEP),

@@ -52,7 +52,7 @@ pub struct ResidualLaw {
     pub cost: f64,
 }
 
-/// The sparse law beside the models' own, as `ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
+/// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
 /// does not roll) of at most `most` terms; `None` where no term proves itself.
 pub fn residual_law(
     lens: &Lens,
@@ -100,11 +100,13 @@ fn select(
         return None;
     }
     let side = |text: fn(&Term) -> &'static str| {
-        let parts = chosen.iter().zip(&best.1).filter(|(k, _)| !text(&TERMS[**k]).is_empty());
-        let sum: Vec<String> = parts.map(|(k, a)| format!("{a:.4}*({})", text(&TERMS[*k]))).collect();
+        let parts = chosen.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
+        let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, text(&TERMS[*k]))).collect();
         let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
         if force { format!("({sum})/m") } else { sum }
     };
-    let text = format!("ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
+    let amplitudes: String =
+        best.1.iter().enumerate().map(|(i, a)| format!("let c{} = {a:.4e}; ", i + 1)).collect();
+    let text = format!("{amplitudes}ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
     Some(ResidualLaw { text, terms: chosen.len(), cost: unexplained - best.0 })
 }

@@ -1,5 +1,6 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
+use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
 use super::experiment::tell_apart;
@@ -10,7 +11,8 @@ use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{FreeMotion, PROOF, search, search_on};
-use crate::effects::{EffectEntry, effect};
+use crate::effects::formula::Formula;
+use crate::effects::{EffectEntry, Region, effect};
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -98,23 +100,32 @@ pub struct Diagnosis {
     pub jumps: Vec<(usize, Jump)>,
 }
 
-/// Diagnoses the models of a fit.
+/// Diagnoses the models of a fit; laws that users write are candidates too, by their names.
 pub fn diagnose(
     scenes: &[Scene],
     fit: &Fit,
+    formulas: &[(String, Formula)],
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Diagnosis, FitError> {
     let comparison = compare(scenes, fit, &options.fit, stop)?;
     let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
     let lens = Lens::new(scenes);
-    let motion = search(&lens, &with_nuisance(&models), stop)?;
+    let begun = with_nuisance(&models);
+    let motion = search(&lens, &begun, stop)?;
     let films = contacts(&lens, &motion.models);
     let (of_contacts, _) = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    let mut ranked = ranked(&motion, &of_contacts, &[], pooled_noise(&lens));
+    if !formulas.is_empty() {
+        let least = motion.ranked.iter().map(|(_, c)| c.chi_square).fold(f64::INFINITY, f64::min);
+        let unit = (least / motion.degrees_of_freedom).clamp(1.0, f64::MAX);
+        ranked.extend(rank_formulas(&lens, &begun, &fit_forces(&lens, &begun), formulas, unit));
+        ranked.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    }
     Ok(Diagnosis {
         comparison,
         free_motion: motion.base.chi_square / motion.degrees_of_freedom,
-        ranked: ranked(&motion, &of_contacts, &[], pooled_noise(&lens)),
+        ranked,
         jumps: films.jumps,
     })
 }
@@ -155,7 +166,7 @@ fn by_trajectories(
 }
 
 /// The models, and the other reading of the same scenes where the preset has one.
-fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
+pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
     let mut all = vec![models.to_vec()];
     let balls = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball());
     let rival = |m: &Model| Preset::named(&m.preset).and_then(|p| p.rival).and_then(Preset::named);
@@ -265,14 +276,20 @@ fn sticking(
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
     let Some(entry) = effect(STICKING) else { return Ok(None) };
-    let mut models = with_contact(models, entry, &[1.0, 0.0], &region(lens.scenes));
-    for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == STICKING) {
-        active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
-    }
+    let models = stuck(models, entry, &region(lens.scenes));
     let revision = revise(lens, &models, Some(STICKING), options, stop)?;
     let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
         && revision.held_out_rmse < base.held_out_rmse;
     Ok(proven.then_some(revision))
+}
+
+/// The models in which objects stick for good, which is no parameter.
+pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Model> {
+    let mut models = with_contact(models, entry, &[1.0, 0.0], region);
+    for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == entry.spec.name) {
+        active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
+    }
+    models
 }
 
 /// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.

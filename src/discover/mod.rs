@@ -1,5 +1,6 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
+mod change;
 mod compare;
 mod contact;
 mod experiment;
@@ -14,6 +15,9 @@ mod search;
 #[cfg(test)]
 mod tests;
 
+pub use change::{
+    Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,
+};
 pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
 pub use force::{Lens, fit_forces, flats, free_parameters};

@@ -6,7 +6,7 @@ use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
 
 /// Deviations of a 95 % interval of a normal law.
-const NINETY_FIVE: f64 = 1.96;
+pub const NINETY_FIVE: f64 = 1.96;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
@@ -60,6 +60,8 @@ pub struct Found {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Reported {
     pub name: String,
+    /// Empty where a report turns the parameter into another quantity.
+    pub unit: String,
     pub value: Value,
     pub low: Value,
     pub high: Value,
@@ -144,7 +146,10 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
                 (word.clone(), word.clone(), word)
             }
         };
-        Reported { name: name.to_string(), value, low, high }
+        let params = entry.spec.params.iter();
+        let own = params.filter(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
+        let unit = own.map(|p| p.unit).next().unwrap_or_default().to_string();
+        Reported { name: name.to_string(), unit, value, low, high }
     };
     at.iter().enumerate().map(one).collect()
 }

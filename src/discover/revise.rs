@@ -75,7 +75,15 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let (fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    let (mut fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    // What led the search is no belief of the model: the next revision begins with those of this one.
+    for (fitted, asked) in fit_all.scenes.iter_mut().zip(models) {
+        for (active, own) in fitted.model.effects.iter_mut().zip(&asked.effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                (p.means, p.prior) = (q.means.clone(), q.prior);
+            }
+        }
+    }
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;

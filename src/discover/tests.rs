@@ -1,7 +1,9 @@
 //! Discovery on simulated videos whose missing law is known, listed or not.
 
+use super::change::propose;
 use super::*;
 use crate::effects::effect;
+use crate::effects::formula::Formula;
 use crate::fit::{FitOptions, fit};
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
@@ -168,6 +170,40 @@ fn a_law_that_no_library_lists_is_given_as_a_formula() {
     let (free, fitted) = fit_forces(&lens, &base);
     let formula = residual_law(&lens, &base, &free, &fitted, 2).expect("something is missing").text;
     assert!(formula.contains("(vx)") && formula.contains("(vy)") && !formula.contains("/m"), "{formula}");
+    // It is added as it is printed.
+    let asked = Change::Write("found".into(), Formula::new(&formula, vec![]).expect("it is one"));
+    let base = models(&scenes);
+    assert_eq!(asked.check(&base), Ok(()));
+    let options = DiscoverOptions::default().fit;
+    let made = change(&scenes, &Origin::Start(&base), &asked, &options, &never).expect("it runs");
+    let before = made.before.expect("nobody fitted it before");
+    assert_eq!(made.weight.worth, Worth::Better, "{:?}", made.weight);
+    assert!(made.after.held_out_rmse < 0.5 * before.held_out_rmse && made.after.rmse < 1.2 * SIGMA);
+    let added = made.added.expect("it was added");
+    let Value::Number(c) = added.parameters[0].value else { panic!("c1 is a number") };
+    assert_eq!((added.effect.as_str(), added.parameters[0].name.as_str()), ("found", "c1"));
+    assert!((c + 0.25).abs() < 0.02, "{c}");
+}
+
+#[test]
+fn every_effect_of_the_library_can_be_asked_for() {
+    let scenes = film(&launches(), None);
+    let (base, lens) = (models(&scenes), Lens::new(&scenes));
+    for entry in crate::effects::EFFECTS.iter().filter(|e| base[0].effect(e.spec.name).is_none()) {
+        let asked = Change::Add(entry.spec.name.into());
+        assert_eq!(asked.check(&base), Ok(()));
+        let made = propose(&lens, &base, &asked, &never).expect("it runs");
+        assert_eq!(made.added.as_deref(), Some(entry.spec.name));
+        assert!(made.models.iter().all(|m| m.effects.len() == base[0].effects.len() + 1));
+        let back = Change::Remove(entry.spec.name.into());
+        assert_eq!(
+            propose(&lens, &made.models, &back, &never).expect("it runs").models[0].effects.len(),
+            base[0].effects.len()
+        );
+    }
+    let kind = Change::Add("attractor".into());
+    let made = propose(&lens, &base, &kind, &never).expect("it runs");
+    assert!(made.added.is_some_and(|name| name.starts_with("attractor_")));
 }
 
 #[test]

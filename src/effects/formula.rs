@@ -14,16 +14,21 @@ pub const DEEPEST: usize = 64;
 pub const MOST_PARAMETERS: usize = 16;
 /// Largest acceleration that counts as one (m/s^2, rad/s^2): beyond, the formula has run away.
 const LARGEST: f64 = 1e6;
+/// Bounds of a parameter that is given none, in units of its start or of 1, whichever is larger.
+pub const BOUND: f64 = 1e3;
 
 /// A law as its user writes it: `ax = -k * vx * speed; ay = -k * vy * speed`.
 ///
 /// Left of `=` stand `ax`, `ay` (m/s^2), `fx`, `fy` (N) or `torque` (N m); right of it numbers, `pi`, parameters, the
 /// variables x y (m), vx vy speed (m/s), yaw (rad), spin (rad/s), t (s), m (kg), r (m, of the circle around the shape),
-/// `+ - * / ^`, and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or `;` part the formulas.
+/// `+ - * / ^`, and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or `;` part the formulas,
+/// and what follows a `#` on its line is a comment. A text
+/// may declare its parameters itself, before it uses them: `let k [1/m] = 0.1 from 0 to 5` (unit, start and bounds may
+/// be left out).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Formula {
     pub text: String,
-    /// The first is the amplitude: the law should be absent where it is zero.
+    /// Without any, the numbers in the text stay as they are.
     pub parameters: Vec<FormulaParameter>,
 }
 
@@ -43,7 +48,7 @@ pub enum FormulaError {
     Text { line: usize, column: usize, problem: Problem },
     #[error("parameter {name}: {problem}")]
     Parameter { name: String, problem: &'static str },
-    #[error("there are {count} parameters; give 1 to {MOST_PARAMETERS}, the amplitude first")]
+    #[error("there are {count} parameters; at most {MOST_PARAMETERS} are allowed")]
     Count { count: usize },
     #[error("the formula has {bytes} bytes; {LONGEST} is the most")]
     TooLong { bytes: usize },
@@ -61,6 +66,8 @@ pub enum Problem {
     Arguments { name: &'static str, wanted: usize, found: usize },
     #[error("{name} is given twice")]
     Twice { name: &'static str },
+    #[error("parameter {name}: {problem}")]
+    Parameter { name: String, problem: &'static str },
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,31 +111,41 @@ pub struct Program {
 }
 
 impl Formula {
-    /// Reads the text and checks the parameters.
-    pub fn read(&self) -> Result<Program, FormulaError> {
-        let count = self.parameters.len();
-        if count == 0 || count > MOST_PARAMETERS {
-            return Err(FormulaError::Count { count });
+    /// The law of a text with these parameters and those that the text declares.
+    pub fn new(text: &str, given: Vec<FormulaParameter>) -> Result<Formula, FormulaError> {
+        let mut formula = Formula { text: text.to_string(), parameters: given };
+        let (_, declared) = formula.parse()?;
+        if let Some(p) = declared.iter().find(|p| formula.parameters.iter().any(|q| q.name == p.name)) {
+            let problem = "is declared in the text and beside it; declare it once";
+            return Err(FormulaError::Parameter { name: p.name.clone(), problem });
         }
+        formula.parameters.extend(declared);
+        formula.check_count()?;
+        Ok(formula)
+    }
+
+    /// Reads the text and checks the parameters, which are all given.
+    pub fn read(&self) -> Result<Program, FormulaError> {
+        let (program, declared) = self.parse()?;
+        match declared.into_iter().find(|p| self.parameters.iter().all(|q| q.name != p.name)) {
+            Some(p) => Err(FormulaError::Parameter { name: p.name, problem: "is not among the parameters" }),
+            None => Ok(program),
+        }
+    }
+
+    fn check_count(&self) -> Result<(), FormulaError> {
+        match self.parameters.len() {
+            0..=MOST_PARAMETERS => Ok(()),
+            count => Err(FormulaError::Count { count }),
+        }
+    }
+
+    /// The program, and the parameters that the text declares.
+    fn parse(&self) -> Result<(Program, Vec<FormulaParameter>), FormulaError> {
+        self.check_count()?;
         for (i, p) in self.parameters.iter().enumerate() {
-            let problem = |problem| Err(FormulaError::Parameter { name: p.name.clone(), problem });
-            let name = p.name.as_str();
-            let mut letters = name.chars();
-            let word = letters.next().is_some_and(|c| c.is_ascii_alphabetic())
-                && letters.all(|c| c.is_ascii_alphanumeric() || c == '_');
-            if !word {
-                return problem("must be a word of letters, digits and _");
-            }
-            let taken = VARIABLES.contains(&name)
-                || TARGETS.contains(&name)
-                || name == "pi"
-                || FUNCTIONS.iter().any(|f| f.0 == name);
-            if taken || self.parameters[..i].iter().any(|q| q.name == name) {
-                return problem("is a name that is taken; choose another");
-            }
-            let finite = [p.default, p.min, p.max].iter().all(|v| v.is_finite());
-            if !finite || p.min >= p.max || !(p.min..=p.max).contains(&p.default) {
-                return problem("bounds must be finite, min below max, the default between");
+            if let Some(problem) = p.problem(&self.parameters[..i]) {
+                return Err(FormulaError::Parameter { name: p.name.clone(), problem });
             }
         }
         if self.text.len() > LONGEST {
@@ -140,6 +157,37 @@ impl Formula {
             let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
             FormulaError::Text { line, column, problem }
         })
+    }
+}
+
+impl FormulaParameter {
+    /// With what is not given: bounds of [`BOUND`], a start of 0 or the bound next to it.
+    pub fn new(name: String, unit: String, start: Option<f64>, min: Option<f64>, max: Option<f64>) -> Self {
+        let bound = BOUND * start.map_or(1.0, |v| v.abs().max(1.0));
+        let (min, max) = (min.unwrap_or(-bound), max.unwrap_or(bound));
+        FormulaParameter { name, unit, default: start.unwrap_or(f64::max(0.0, min).min(max)), min, max }
+    }
+
+    /// What is wrong with it beside the others.
+    pub(super) fn problem(&self, others: &[FormulaParameter]) -> Option<&'static str> {
+        let name = self.name.as_str();
+        let mut letters = name.chars();
+        let word = letters.next().is_some_and(|c| c.is_ascii_alphabetic())
+            && letters.all(|c| c.is_ascii_alphanumeric() || c == '_');
+        let taken = VARIABLES.contains(&name)
+            || TARGETS.contains(&name)
+            || ["pi", "let", "from", "to"].contains(&name)
+            || FUNCTIONS.iter().any(|f| f.0 == name);
+        let finite = [self.default, self.min, self.max].iter().all(|v| v.is_finite());
+        if !word {
+            Some("must be a word of letters, digits and _")
+        } else if taken || others.iter().any(|q| q.name == name) {
+            Some("is a name that is taken; choose another")
+        } else if !finite || self.min >= self.max || !(self.min..=self.max).contains(&self.default) {
+            Some("bounds must be finite, min below max, the default between")
+        } else {
+            None
+        }
     }
 }
 
@@ -312,6 +360,40 @@ mod tests {
         for (name, ok) in [("drag", true), ("speed", false), ("n", false), ("2k", false), ("", false)] {
             assert_eq!(named(name).is_ok(), ok, "{name}");
         }
+    }
+
+    #[test]
+    fn a_text_may_declare_its_parameters() {
+        let declared = |text: &str| Formula::new(text, vec![]).map_err(|e| e.to_string());
+        let law =
+            declared("let c [1/m] = 0.5 from 0 to 5; let n\nax = -c * vx * speed^n").expect("it is right");
+        let own: Vec<_> = law
+            .parameters
+            .iter()
+            .map(|p| (p.name.as_str(), p.unit.as_str(), p.default, p.min, p.max))
+            .collect();
+        assert_eq!(own, [("c", "1/m", 0.5, 0.0, 5.0), ("n", "1", 0.0, -BOUND, BOUND)]);
+        assert_eq!(Formula::new(&law.text, law.parameters.clone()).ok(), None, "each is declared once");
+        let beside = Formula { text: "ax = -c * vx * speed^n".into(), ..law.clone() };
+        assert_eq!(law.read().map(|p| p.steps), beside.read().map(|p| p.steps));
+        let starts = |text: &str| declared(text).map(|l| l.parameters[0].default);
+        assert_eq!(starts("let k from 2 to 3; ax = k"), Ok(2.0));
+        assert_eq!(starts("let k = -1.5e-1; ax = k"), Ok(-0.15));
+        assert!(declared("# a note; ay = 1\n let g = 2 # another\n ax = g + # and so on\n 1").is_ok());
+        assert!(declared("ax = 0.3").is_ok_and(|l| l.parameters.is_empty()));
+        let check = |text: &str, expected: &str| {
+            let found = declared(text).expect_err(text);
+            assert!(found.starts_with(expected), "{text}: {found}");
+        };
+        check("let speed; ax = 1", "line 1, column 5: parameter speed: is a name that is taken");
+        check("ax = 1; let k; let k", "line 1, column 20: parameter k: is a name that is taken");
+        check("let k = 3 from 0 to 1; ax = k", "line 1, column 5: parameter k: bounds must be finite");
+        check("let k [1/m; ax = k", "line 1, column 8: expected ']', found the end");
+        check("let = 3", "line 1, column 5: expected a name, found '='");
+        check("let k = z", "line 1, column 9: expected a number, found 'z'");
+        check("let k from 1; ax = k", "line 1, column 13: expected 'to', found ';'");
+        check("ax = k; let k", "line 1, column 6: \"k\" is no name here");
+        check("let k", "line 1, column 6: \"the end\" is no left side; known: ax ay fx fy torque let");
     }
 
     #[test]

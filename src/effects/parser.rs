@@ -6,7 +6,9 @@ pub(super) struct Parser<'a> {
     text: &'a str,
     /// Byte that comes next.
     at: usize,
-    parameters: &'a [FormulaParameter],
+    /// Given, then those that the text declares and that were not given.
+    parameters: Vec<FormulaParameter>,
+    declared: Vec<FormulaParameter>,
 }
 
 /// Where (byte) and what.
@@ -14,22 +16,28 @@ pub(super) type Fault = (usize, Problem);
 
 impl<'a> Parser<'a> {
     pub fn new(text: &'a str, parameters: &'a [FormulaParameter]) -> Self {
-        Parser { text, at: 0, parameters }
+        Parser { text, at: 0, parameters: parameters.to_vec(), declared: vec![] }
     }
 
-    pub fn program(mut self) -> Result<Program, Fault> {
+    /// The program, and the parameters that the text declares.
+    pub fn program(mut self) -> Result<(Program, Vec<FormulaParameter>), Fault> {
         let mut program = Program::default();
         loop {
             while self.peek_line().is_some_and(|c| c == ';' || c == '\n') {
                 self.at += 1;
             }
             if self.peek_line().is_none() && program != Program::default() {
-                return Ok(program);
+                return Ok((program, self.declared));
             }
             self.skip();
             let (at, name) = (self.at, self.word());
+            if name == "let" {
+                self.declaration()?;
+                self.end()?;
+                continue;
+            }
             let target = TARGETS.iter().position(|t| *t == name).ok_or_else(|| {
-                let known = TARGETS.join(" ");
+                let known = TARGETS.join(" ") + " let";
                 (at, Problem::Unknown { found: self.seen(at, name), wanted: "left side", known })
             })?;
             if !program.steps[target].is_empty() {
@@ -39,10 +47,76 @@ impl<'a> Parser<'a> {
             let mut steps = vec![];
             self.expression(0, 0, &mut steps)?;
             program.steps[target] = steps;
-            if !matches!(self.peek_line(), None | Some(';' | '\n')) {
-                return Err(self.unexpected("an operator, ';' or the end"));
-            }
+            self.end()?;
         }
+    }
+
+    fn end(&mut self) -> Result<(), Fault> {
+        match self.peek_line() {
+            None | Some(';' | '\n') => Ok(()),
+            _ => Err(self.unexpected("an operator, ';' or the end")),
+        }
+    }
+
+    /// `k [1/m] = 0.1 from 0 to 5`, what follows the name being optional.
+    fn declaration(&mut self) -> Result<(), Fault> {
+        self.peek_line();
+        let (at, name) = (self.at, self.word().to_string());
+        if name.is_empty() {
+            return Err(self.unexpected("a name"));
+        }
+        let mut unit = "1".to_string();
+        if self.peek_line() == Some('[') {
+            self.at += 1;
+            let rest = &self.text[self.at..];
+            let end = rest.find([']', '\n', ';']).filter(|end| rest[*end..].starts_with(']'));
+            let Some(end) = end else {
+                let found = "the end".into();
+                return Err((self.at, Problem::Unexpected { wanted: "']'", found }));
+            };
+            unit = rest[..end].trim().to_string();
+            self.at += end + 1;
+        }
+        let mut start = None;
+        if self.peek_line() == Some('=') {
+            self.at += 1;
+            start = Some(self.signed()?);
+        }
+        let (mut min, mut max) = (None, None);
+        if self.keyword("from") {
+            min = Some(self.signed()?);
+            if !self.keyword("to") {
+                return Err(self.unexpected("'to'"));
+            }
+            max = Some(self.signed()?);
+        }
+        let parameter = FormulaParameter::new(name, unit, start, min, max);
+        if let Some(problem) = parameter.problem(&self.declared) {
+            return Err((at, Problem::Parameter { name: parameter.name, problem }));
+        }
+        if self.parameters.iter().all(|p| p.name != parameter.name) {
+            self.parameters.push(parameter.clone());
+        }
+        self.declared.push(parameter);
+        Ok(())
+    }
+
+    fn keyword(&mut self, wanted: &str) -> bool {
+        self.peek_line();
+        let at = self.at;
+        let found = self.word() == wanted;
+        if !found {
+            self.at = at;
+        }
+        found
+    }
+
+    fn signed(&mut self) -> Result<f64, Fault> {
+        let minus = self.peek_line() == Some('-');
+        self.at += usize::from(minus);
+        self.peek_line();
+        let value = self.number()?;
+        Ok(if minus { -value } else { value })
     }
 
     /// Operators that bind at least as strongly as `least`.
@@ -174,13 +248,19 @@ impl<'a> Parser<'a> {
         self.text[self.at..].chars().next()
     }
 
-    /// What comes next after blanks, ends of lines being no blanks.
+    /// What comes next after blanks and a comment, ends of lines being no blanks.
     fn peek_line(&mut self) -> Option<char> {
         self.at += self.text[self.at..].bytes().take_while(|b| matches!(b, b' ' | b'\t' | b'\r')).count();
+        if self.peek() == Some('#') {
+            let rest = &self.text[self.at..];
+            self.at += rest.find('\n').unwrap_or(rest.len());
+        }
         self.peek()
     }
 
     fn skip(&mut self) {
-        self.at += self.text[self.at..].bytes().take_while(u8::is_ascii_whitespace).count();
+        while self.peek_line() == Some('\n') {
+            self.at += 1;
+        }
     }
 }

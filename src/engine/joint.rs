@@ -99,7 +99,7 @@ impl Engine {
         self.fits_run.fetch_add(1, Ordering::Relaxed);
         let job = move |stop: Stop| fit(&scenes, &models, &options, stop).map_err(EngineError::from);
         let joint = self.pool.run(control, job).await?;
-        let one = |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k) };
+        let one = |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), step: None };
         let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
         for (fit, key) in fits.iter().zip(&keys) {
             self.put_of_video(Kind::Fits, &fit.video, key, fit).await?;

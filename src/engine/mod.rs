@@ -4,6 +4,7 @@ mod check;
 mod joint;
 mod memo;
 mod pool;
+mod revision;
 mod start;
 mod study;
 mod trace;
@@ -12,6 +13,7 @@ pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
 pub use memo::{Update, Waiting};
 pub use pool::Control;
+pub use revision::Step;
 pub use start::{Choice, ChoiceKind};
 pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
 pub use trace::TraceRecord;
@@ -118,6 +120,9 @@ pub struct StoredFit {
     pub revision: u32,
     /// Of one scene, the video.
     pub fit: Fit,
+    /// How it came about, where it is a revision.
+    #[serde(default)]
+    pub step: Option<Step>,
 }
 
 /// A simulation with its published trace.
@@ -288,7 +293,7 @@ impl Engine {
             fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(EngineError::from)
         };
         let fit = self.pool.run(control, job).await?;
-        let stored = StoredFit { video, id, revision: 0, fit };
+        let stored = StoredFit { video, id, revision: 0, fit, step: None };
         self.put_of_video(Kind::Fits, &stored.video, &key, &stored).await?;
         Ok(stored)
     }

@@ -25,6 +25,8 @@ pub enum ChoiceKind {
     File(String),
     /// Id of a model that was fitted.
     Fitted(String),
+    /// Ids of models that were fitted together, one a video.
+    Together(Vec<String>),
 }
 
 impl Choice {
@@ -48,7 +50,7 @@ impl Choice {
                 found.model(&model, scene);
                 if found.list.is_empty() { Ok(model) } else { Err(EngineError::Invalid(found.list)) }
             }
-            ChoiceKind::Fitted(_) => {
+            ChoiceKind::Fitted(_) | ChoiceKind::Together(_) => {
                 Err(EngineError::invalid(self.path, "is fitted already; name a preset or give a model file"))
             }
         }

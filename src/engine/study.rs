@@ -1,12 +1,16 @@
-//! Studies of a set-up's videos: compare, diagnose, discover. Each is made once and kept; the revisions that a
-//! discovery makes become models of the videos, to be simulated and asked like any other.
+//! Studies of a set-up's videos: compare, diagnose, discover, change. Each is made once and kept; the revisions that it
+//! makes become models of the videos, to be simulated, asked and revised like any other.
 
 use super::check;
 use super::memo::Waiting;
 use super::pool::Control;
-use super::{Choice, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit};
-use crate::discover::{Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover};
-use crate::fit::{FitOptions, fit};
+use super::revision::{self, Step};
+use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit};
+use crate::discover::{
+    Change, Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover,
+};
+use crate::effects::formula::Formula;
+use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::Kind;
@@ -21,10 +25,12 @@ pub const MAX_STUDY_VIDEOS: usize = 32;
 pub const MAX_EFFECTS: usize = 8;
 
 /// What is asked of the videos.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Inquiry {
     Compare,
-    Diagnose,
+    /// With laws that users write, by name, as further candidates.
+    Diagnose(Vec<(String, Formula)>),
+    Change(Change),
     Discover {
         max_effects: usize,
         /// Frames of the courses; `None`: those of each video and [`DEFAULT_FUTURE_FRAMES`] more.
@@ -44,13 +50,15 @@ pub enum Findings {
     Comparison(Comparison),
     Diagnosis(Diagnosis),
     Discovery(Box<Discovered>),
+    /// The revision that was asked for, and the one that it came from.
+    Changed(Box<[Step; 2]>),
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Discovered {
     pub discovery: Discovery,
-    /// Ids of the models of each revision, one a video.
-    pub models: Vec<Vec<String>>,
+    /// One a revision.
+    pub steps: Vec<Step>,
     /// One a video.
     pub courses: Vec<Course>,
 }
@@ -74,35 +82,70 @@ impl Engine {
         inquiry: Inquiry,
     ) -> Result<Waiting<Study>, EngineError> {
         let key = self.key("");
-        check_request(videos, inquiry)?;
+        check_request(videos, &inquiry)?;
+        let parents = self.parents(videos, start).await?;
         let (mut scenes, mut models) = (vec![], vec![]);
-        for video in videos {
+        for (k, video) in videos.iter().enumerate() {
             let scene = self.video(video).await?;
-            let model = start.unfitted(&scene)?;
+            let fitted = parents.get(k).and_then(|p| p.fit.scenes.first()).map(|s| s.model.clone());
+            models.push(match fitted {
+                Some(model) => model,
+                None => start.unfitted(&scene)?,
+            });
             if let Inquiry::Discover { frames: Some(frames), .. } = inquiry {
                 check::size(&scene, frames, 0)?;
             }
             scenes.push(Scene::clone(&scene));
-            models.push(model);
         }
-        let id = canonical_digest("study", &(videos, &models, inquiry, env!("CARGO_PKG_VERSION")));
-        let (engine, videos) = (self.clone(), videos.to_vec());
+        if let Inquiry::Change(change) = &inquiry {
+            change.check(&models).map_err(|error| revision::refused(change, &error))?;
+        }
+        let names: Vec<&str> = parents.iter().map(|p| p.id.as_str()).collect();
+        let id = canonical_digest("study", &(videos, &names, &models, &inquiry, env!("CARGO_PKG_VERSION")));
+        let subject = Subject { videos: videos.to_vec(), scenes, models, parents };
+        let engine = self.clone();
         let work = {
             let id = id.clone();
-            move |control| async move { engine.run_study(id, videos, scenes, models, inquiry, control).await }
+            move |control| async move { engine.run_study(id, subject, inquiry, control).await }
         };
         Ok(self.studies.join(format!("{key}{id}"), self.deadline(), work).await)
+    }
+
+    /// The fits that a study begins with, one a video; none where it begins anew.
+    async fn parents(&self, videos: &[String], start: &Choice) -> Result<Vec<StoredFit>, EngineError> {
+        let ids = match &start.kind {
+            ChoiceKind::Fitted(id) => std::slice::from_ref(id),
+            ChoiceKind::Together(ids) => ids,
+            _ => return Ok(vec![]),
+        };
+        if ids.len() != videos.len() {
+            let message =
+                format!("are {}; give one for each of the {} videos, in order", ids.len(), videos.len());
+            return Err(EngineError::invalid(start.path, message));
+        }
+        let mut parents = vec![];
+        for (video, id) in videos.iter().zip(ids) {
+            parents.push(self.model(video, id).await?);
+        }
+        let effects = |p: &StoredFit| -> Vec<String> {
+            p.fit.scenes.iter().flat_map(|s| &s.model.effects).map(|e| e.name.clone()).collect()
+        };
+        match parents.iter().all(|p| parents.first().is_some_and(|first| effects(first) == effects(p))) {
+            true => Ok(parents),
+            false => {
+                Err(EngineError::invalid(start.path, "have different effects; name those of one revision"))
+            }
+        }
     }
 
     async fn run_study(
         &self,
         id: String,
-        videos: Vec<String>,
-        scenes: Vec<Scene>,
-        models: Vec<Model>,
+        subject: Subject,
         inquiry: Inquiry,
         control: Control,
     ) -> Result<Study, EngineError> {
+        let videos = subject.videos.clone();
         let Some(first) = videos.first().cloned() else {
             return Err(EngineError::invalid("study.videos", "is empty; give at least one"));
         };
@@ -110,10 +153,7 @@ impl Engine {
         if let Some(found) = self.store.get(Kind::Studies, &key).await? {
             return Ok(found);
         }
-        let job = {
-            let videos = videos.clone();
-            move |stop: Stop| Ok(findings(&id, &videos, &scenes, &models, inquiry, stop)?)
-        };
+        let job = move |stop: Stop| Ok(findings(&subject, &inquiry, stop)?);
         let (findings, revisions) = self.pool.run(control, job).await?;
         for fit in revisions {
             let key = format!("{}/{}", fit.video, fit.id);
@@ -125,7 +165,24 @@ impl Engine {
     }
 }
 
-fn check_request(videos: &[String], inquiry: Inquiry) -> Result<(), EngineError> {
+/// What a study is about, one of each a video; no parents where it begins anew.
+pub(super) struct Subject {
+    pub videos: Vec<String>,
+    pub scenes: Vec<Scene>,
+    pub models: Vec<Model>,
+    pub parents: Vec<StoredFit>,
+}
+
+impl Subject {
+    /// The fits that the study begins with as one, or a new one.
+    fn fit(&self, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+        let Some(first) = self.parents.first() else { return fit(&self.scenes, &self.models, options, stop) };
+        let scenes = self.parents.iter().flat_map(|p| p.fit.scenes.iter().cloned()).collect();
+        Ok(Fit { scenes, ..first.fit.clone() })
+    }
+}
+
+fn check_request(videos: &[String], inquiry: &Inquiry) -> Result<(), EngineError> {
     let mut wrong = vec![];
     let mut add = |path: &str, message: String| wrong.push(Violation { path: path.into(), message });
     if videos.is_empty() || videos.len() > MAX_STUDY_VIDEOS {
@@ -135,7 +192,7 @@ fn check_request(videos: &[String], inquiry: Inquiry) -> Result<(), EngineError>
         add("study.videos", "name one video twice; name each once".into());
     }
     if let Inquiry::Discover { max_effects, .. } = inquiry
-        && !(1..=MAX_EFFECTS).contains(&max_effects)
+        && !(1..=MAX_EFFECTS).contains(max_effects)
     {
         add("max_effects", format!("is {max_effects}; must be 1 to {MAX_EFFECTS}"));
     }
@@ -144,36 +201,30 @@ fn check_request(videos: &[String], inquiry: Inquiry) -> Result<(), EngineError>
 
 /// The work itself, and the fits of the revisions it made.
 fn findings(
-    id: &str,
-    videos: &[String],
-    scenes: &[Scene],
-    models: &[Model],
-    inquiry: Inquiry,
+    subject: &Subject,
+    inquiry: &Inquiry,
     stop: Stop,
-) -> Result<(Findings, Vec<StoredFit>), crate::fit::FitError> {
+) -> Result<(Findings, Vec<StoredFit>), FitError> {
     let options = FitOptions::default();
-    let base = || fit(scenes, models, &options, stop);
+    let scenes = &subject.scenes;
     match inquiry {
-        Inquiry::Compare => Ok((Findings::Comparison(compare(scenes, &base()?, &options, stop)?), vec![])),
-        Inquiry::Diagnose => {
-            let diagnosis = diagnose(scenes, &base()?, &DiscoverOptions::default(), stop)?;
+        Inquiry::Compare => {
+            let fit = subject.fit(&options, stop)?;
+            Ok((Findings::Comparison(compare(scenes, &fit, &options, stop)?), vec![]))
+        }
+        Inquiry::Diagnose(formulas) => {
+            let fit = subject.fit(&options, stop)?;
+            let diagnosis = diagnose(scenes, &fit, formulas, &DiscoverOptions::default(), stop)?;
             Ok((Findings::Diagnosis(diagnosis), vec![]))
         }
+        Inquiry::Change(change) => {
+            let (steps, fits) = revision::changed(subject, change, stop)?;
+            Ok((Findings::Changed(Box::new(steps)), fits))
+        }
         Inquiry::Discover { max_effects, frames } => {
-            let options = DiscoverOptions { max_effects, ..DiscoverOptions::default() };
-            let discovery = discover(scenes, models, &options, stop)?;
-            let mut fits = vec![];
-            let mut revision = |(number, revision): (usize, &crate::discover::Revision)| -> Vec<String> {
-                let one = |(k, video): (usize, &String)| {
-                    let id = canonical_digest("revision", &(id, video, number));
-                    let fit = revision.fit.of_scene(k);
-                    let (video, revision) = (video.clone(), number as u32);
-                    fits.push(StoredFit { video, id: id.clone(), revision, fit });
-                    id
-                };
-                videos.iter().enumerate().map(one).collect()
-            };
-            let models = discovery.revisions.iter().enumerate().map(&mut revision).collect();
+            let options = DiscoverOptions { max_effects: *max_effects, ..DiscoverOptions::default() };
+            let discovery = discover(scenes, &subject.models, &options, stop)?;
+            let (steps, fits) = revision::discovered(subject, &discovery);
             let ends = discovery.revisions.first().zip(discovery.revisions.last());
             let course = |(k, scene): (usize, &Scene)| {
                 let (first, last) = ends?;
@@ -182,7 +233,7 @@ fn findings(
                 Some(Course { before: of(&first.fit.scenes[k].model), after: of(&last.fit.scenes[k].model) })
             };
             let courses = scenes.iter().enumerate().filter_map(course).collect();
-            Ok((Findings::Discovery(Box::new(Discovered { discovery, models, courses })), fits))
+            Ok((Findings::Discovery(Box::new(Discovered { discovery, steps, courses })), fits))
         }
     }
 }

@@ -3,6 +3,7 @@
 mod calibrate;
 mod camera;
 mod clevrer;
+mod csv;
 mod digest;
 mod link;
 mod mask;
@@ -20,6 +21,7 @@ pub use camera::{
     Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pose, Rotation,
 };
 pub use clevrer::{CLEVRER_CAMERA, parse};
+pub use csv::parse_csv;
 pub use digest::canonical_digest;
 pub use link::{Detection, LinkError, LinkOptions, LinkReport, Linked, MAX_DETECTIONS, Scores, link};
 pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};

@@ -5,7 +5,7 @@ use std::path::Path;
 use vrdp::api::v1;
 
 /// Posts the scenes of a group (Bullet scenes of one set-up).
-async fn post(service: &Running, group: &str) -> Vec<String> {
+pub async fn post(service: &Running, group: &str) -> Vec<String> {
     let mut videos = vec![];
     for k in 0..4 {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/effects").join(group);
@@ -17,7 +17,7 @@ async fn post(service: &Running, group: &str) -> Vec<String> {
 }
 
 fn request(videos: &[String]) -> v1::DiscoverEffectsRequest {
-    let study = v1::StudyRequest { videos: videos.to_vec(), start: None };
+    let study = v1::StudyRequest { videos: videos.to_vec(), ..Default::default() };
     v1::DiscoverEffectsRequest { study: Some(study), ..Default::default() }
 }
 
@@ -80,7 +80,7 @@ async fn nothing_is_found_where_nothing_hides() {
     assert!(!found.smallest.is_empty(), "it says what it would have seen");
 
     use v1::compare_models_response::Event;
-    let study = v1::StudyRequest { videos: videos[..1].to_vec(), start: None };
+    let study = v1::StudyRequest { videos: videos[..1].to_vec(), ..Default::default() };
     let asked = v1::CompareModelsRequest { study: Some(study) };
     let mut stream = service.models().compare_models(asked).await.unwrap().into_inner();
     let mut last = None;

@@ -5,5 +5,6 @@ mod discover;
 mod flow;
 mod garbage;
 mod harness;
+mod revise;
 mod setup;
 mod sharing;

@@ -1,0 +1,306 @@
+//! `revise`: puts an effect into the models of a set-up or takes one out, and shows what that is worth; the history.
+
+use super::Target;
+use super::connect::Connection;
+use super::error::Failure;
+use super::{discover, input, ladder, output, study};
+use crate::api::v1::add_effect_request::Addition;
+use crate::api::v1::{
+    AddEffectRequest, ListModelsRequest, RemoveEffectRequest, RevisedModels, Revision, StudyRequest, Worth,
+    add_effect_response, remove_effect_response,
+};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Digits of a revision's id that people are shown.
+const DIGITS: usize = 8;
+
+const HELP: &str = "\
+A formula is a text, or the name of a file that holds it:
+
+  # Drag that grows with the square of the speed.
+  let k [1/m] = 0.1 from 0 to 5
+  ax = -k * vx * speed
+  ay = -k * vy * speed
+
+Left of = stand ax ay (m/s^2), fx fy (N) or torque (N m); right of it numbers, pi, parameters, the variables x y (m),
+vx vy speed (m/s), yaw (rad), spin (rad/s), t (s), m (kg), r (m, of the circle around the shape), the operators
++ - * / ^ and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or ; part the formulas. `let` declares
+a number that the fit finds: unit, start and bounds may be left out.
+
+Revisions are kept in the --data-dir, or at the --server. Without --on the one that nothing was built on is revised; to
+go back, name an older one with --on and build on that.";
+
+#[derive(clap::Args)]
+#[command(after_help = HELP)]
+#[command(group(clap::ArgGroup::new("what").required(true).args(["add", "add_formula", "remove", "list"])))]
+pub struct Args {
+    /// Scenes of one set-up: files, folders, or folders of scene folders.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Adds an effect of the catalogue (`vrdp effects`), or the best form of a kind.
+    #[arg(long, value_name = "KIND")]
+    add: Option<String>,
+    /// Adds a law of your own: see below.
+    #[arg(long, value_name = "TEXT|FILE")]
+    add_formula: Option<String>,
+    /// Name of the law that --add-formula adds [default: the file's, or `formula`].
+    #[arg(long, value_name = "NAME", requires = "add_formula")]
+    name: Option<String>,
+    /// Takes an effect out.
+    #[arg(long, value_name = "EFFECT")]
+    remove: Option<String>,
+    /// Shows all revisions of these scenes.
+    #[arg(long)]
+    list: bool,
+    /// The revision to build on: the first digits of its id.
+    #[arg(long, value_name = "ID", conflicts_with_all = ["list", "model"])]
+    on: Option<String>,
+    /// Begins a history of its own with a preset or a model file.
+    #[arg(long, value_name = "NAME|FILE", conflicts_with = "list")]
+    model: Option<String>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let kept = target.server.is_some() || target.data_dir.is_some();
+    if !kept && (args.list || args.on.is_some()) {
+        let message = "nothing is kept without a --data-dir or a --server; name where the revisions are";
+        return Err(Failure::input(message));
+    }
+    let formula = args.add_formula.as_deref().map(|given| input::formula(given, args.name.as_deref()));
+    let formula = formula.transpose()?;
+    let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let start = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let mut study = study::request(&connection, &scenes, start).await?;
+    let known = history(&connection, &study.videos).await?;
+    if args.list {
+        match args.json.as_deref() {
+            Some(file) => {
+                let all: Vec<Value> = known.iter().map(to_json).collect();
+                output::json(file, &json!({ "revisions": all }))?;
+            }
+            None => output::print(&listing(&known))?,
+        }
+        return connection.close().await;
+    }
+    study.models = match (&args.on, &study.start) {
+        (Some(digits), _) => built_on(&known, digits)?.models.clone(),
+        (None, Some(_)) => vec![],
+        (None, None) => newest(&known)?.map(|r| r.models.clone()).unwrap_or_default(),
+    };
+    let addition = args.add.map(Addition::Effect).or(formula.map(Addition::Formula));
+    let found = match (addition, args.remove) {
+        (Some(addition), _) => add(&connection, study.clone(), addition).await?,
+        (None, effect) => remove(&connection, study.clone(), effect.unwrap_or_default()).await?,
+    };
+    match args.json.as_deref() {
+        Some(file) => {
+            let of = |r: &Option<Revision>| r.as_ref().map(to_json);
+            output::json(file, &json!({ "before": of(&found.before), "after": of(&found.after) }))?;
+        }
+        None => {
+            let known = history(&connection, &study.videos).await?;
+            output::print(&text(&found, &known, kept))?;
+        }
+    }
+    connection.close().await
+}
+
+/// Puts an effect in, and shows the progress.
+pub async fn add(
+    connection: &Connection,
+    study: StudyRequest,
+    addition: Addition,
+) -> Result<RevisedModels, Failure> {
+    use add_effect_response::Event;
+    let bar = study::bar("adds");
+    let request = AddEffectRequest { study: Some(study), addition: Some(addition) };
+    let mut stream = connection.models().add_effect(request).await?.into_inner();
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        match message.event {
+            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
+            Some(Event::Revised(revised)) => found = Some(revised),
+            None => {}
+        }
+    }
+    bar.finish_and_clear();
+    found.ok_or_else(|| Failure::other("the service ended the change without a result"))
+}
+
+async fn remove(
+    connection: &Connection,
+    study: StudyRequest,
+    effect: String,
+) -> Result<RevisedModels, Failure> {
+    use remove_effect_response::Event;
+    let bar = study::bar("removes");
+    let request = RemoveEffectRequest { study: Some(study), effect };
+    let mut stream = connection.models().remove_effect(request).await?.into_inner();
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        match message.event {
+            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
+            Some(Event::Revised(revised)) => found = Some(revised),
+            None => {}
+        }
+    }
+    bar.finish_and_clear();
+    found.ok_or_else(|| Failure::other("the service ended the change without a result"))
+}
+
+/// The revisions of exactly these videos, each after the one that it came from.
+async fn history(connection: &Connection, videos: &[String]) -> Result<Vec<Revision>, Failure> {
+    let Some(parent) = videos.first() else { return Ok(vec![]) };
+    let (mut found, mut page_token) = (vec![], String::new());
+    loop {
+        let request = ListModelsRequest { parent: parent.clone(), page_token, ..Default::default() };
+        let page = connection.models().list_models(request).await?.into_inner();
+        found.extend(page.models.into_iter().filter_map(|m| m.history));
+        page_token = page.next_page_token;
+        if page_token.is_empty() {
+            break;
+        }
+    }
+    let of = |r: &Revision| {
+        let named: Vec<&str> =
+            r.models.iter().filter_map(|m| m.split_once("/models/")).map(|m| m.0).collect();
+        videos.iter().map(String::as_str).eq(named)
+    };
+    found.retain(of);
+    let rooted = |r: &&Revision| !found.iter().any(|p| p.models == r.parents);
+    let mut ordered: Vec<Revision> = vec![];
+    let mut next: Vec<&Revision> = found.iter().filter(rooted).rev().collect();
+    while let Some(revision) = next.pop() {
+        ordered.push(revision.clone());
+        next.extend(found.iter().filter(|r| r.parents == revision.models).rev());
+    }
+    Ok(ordered)
+}
+
+/// The first digits of a revision's id.
+fn id(r: &Revision) -> String {
+    let whole = r.models.first().and_then(|m| m.rsplit('/').next()).unwrap_or_default();
+    whole.chars().take(DIGITS).collect()
+}
+
+fn built_on<'r>(known: &'r [Revision], digits: &str) -> Result<&'r Revision, Failure> {
+    let whole = |r: &Revision| r.models.first().and_then(|m| m.rsplit('/').next()).map(str::to_string);
+    let fits = |r: &&Revision| whole(r).is_some_and(|w| !digits.is_empty() && w.starts_with(digits));
+    match &known.iter().filter(fits).collect::<Vec<_>>()[..] {
+        [one] => Ok(one),
+        [] => Err(Failure::input(format!("--on {digits}: no such revision of these scenes; see --list"))),
+        _ => Err(Failure::input(format!("--on {digits}: several revisions begin so; give more digits"))),
+    }
+}
+
+/// The revision that nothing was built on; none where there is no history.
+fn newest(known: &[Revision]) -> Result<Option<&Revision>, Failure> {
+    let last = |r: &&Revision| !known.iter().any(|next| next.parents == r.models);
+    match &known.iter().filter(last).collect::<Vec<_>>()[..] {
+        [] => Ok(None),
+        [one] => Ok(Some(one)),
+        several => {
+            let ends: Vec<String> =
+                several.iter().map(|r| format!("{} ({})", id(r), ladder::change(r))).collect();
+            Err(Failure::input(format!(
+                "the history has several ends; name one with --on: {}",
+                ends.join(", ")
+            )))
+        }
+    }
+}
+
+/// From the first revision to this one.
+fn way<'r>(known: &'r [Revision], to: &'r Revision) -> Vec<&'r Revision> {
+    let mut way = vec![to];
+    while let Some(before) = way.last().and_then(|r| known.iter().find(|p| p.models == r.parents)) {
+        way.push(before);
+    }
+    way.reverse();
+    way
+}
+
+/// The change as a person reads it: verdict, parameters, and the errors from the first revision on.
+pub fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
+    let Some(after) = &found.after else { return String::new() };
+    let way = match way(known, after) {
+        alone if alone.len() < 2 => found.before.iter().chain([after]).collect(),
+        way => way,
+    };
+    let mut text = format!("{}: {}\n", ladder::change(after), verdict(after));
+    if let Some(added) = &after.added {
+        let parameters: Vec<String> = added.parameters.iter().map(discover::parameter).collect();
+        text += &format!("  {}\n", parameters.join(", "));
+    }
+    text += &format!("\n{}\n{}", table(&way), ladder::text(&way, after.noise_sigma));
+    if kept {
+        text += &format!(
+            "\n  models, for --model:\n{}",
+            after.models.iter().map(|m| format!("    {m}\n")).collect::<String>()
+        );
+    }
+    text
+}
+
+fn verdict(r: &Revision) -> String {
+    let word = match r.worth() {
+        Worth::Better => "better",
+        Worth::NoDifference => "no difference that these videos show; the simpler model is as good",
+        Worth::Worse => "worse",
+        Worth::Unspecified => "the first",
+    };
+    format!("{word} (log evidence {:.1})", r.log_evidence)
+}
+
+fn table(revisions: &[&Revision]) -> String {
+    let mm = |v: f64| format!("{:.2}", 1e3 * v);
+    let row = |r: &&Revision| {
+        let name = format!("{}{}  {}", "  ".repeat(r.revision as usize), id(r), ladder::change(r));
+        let chi = format!("{:.2}", r.reduced_chi_square);
+        vec![name, mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi]
+    };
+    let rows: Vec<Vec<String>> = revisions.iter().map(row).collect();
+    output::table(&["revision", "rmse mm", "held out", "other videos", "chi-square"], &rows)
+}
+
+fn listing(known: &[Revision]) -> String {
+    let all: Vec<&Revision> = known.iter().collect();
+    match all.first() {
+        Some(first) => format!("{}\n{}", table(&all), ladder::text(&all, first.noise_sigma)),
+        None => "no revisions of these scenes yet; --add makes one\n".into(),
+    }
+}
+
+fn to_json(r: &Revision) -> Value {
+    let word = |w: &str| if w.is_empty() { Value::Null } else { json!(w) };
+    let worth = match r.worth() {
+        Worth::Better => json!("BETTER"),
+        Worth::NoDifference => json!("NO_DIFFERENCE"),
+        Worth::Worse => json!("WORSE"),
+        Worth::Unspecified => Value::Null,
+    };
+    json!({
+        "revision": r.revision,
+        "id": id(r),
+        "effect": word(&r.effect),
+        "removed": word(&r.removed),
+        "parameters": r.added.as_ref().map(discover::parameters),
+        "rmse_m": r.rmse,
+        "held_out_rmse_m": r.held_out_rmse,
+        "left_out_rmse_m": r.left_out_rmse,
+        "reduced_chi_square": r.reduced_chi_square,
+        "noise_sigma_m": r.noise_sigma,
+        "log_evidence": r.log_evidence,
+        "worth": worth,
+        "models": r.models,
+        "parents": r.parents,
+    })
+}

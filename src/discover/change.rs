@@ -1,0 +1,399 @@
+//! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
+
+use super::contact::{contacts, estimates_of, screen_contacts, with_contact};
+use super::force::{Free, Lens, Seen, fit_forces};
+use super::inquire::{readings, stuck};
+use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
+use super::revise::{Revision, pooled_noise, revise};
+use super::screen::{at_values, region, screen, with_effect, with_nuisance};
+use crate::effects::formula::{Formula, FormulaError};
+use crate::effects::{EFFECTS, EffectEntry, Hook};
+use crate::fit::{Fit, FitError, FitOptions, SceneFit};
+use crate::num::{Stop, Stopped};
+use crate::scene::Scene;
+use crate::world::{ActiveEffect, Model, Prior};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Kind of the laws that users write.
+pub const FORMULA: &str = "formula";
+/// Longest name of a user's law (bytes).
+const LONGEST_NAME: usize = 64;
+/// Names that an error shows.
+const SHOWN: usize = 3;
+/// Evidence (nats) from which a change is better, or worse.
+const CERTAIN: f64 = 10.0;
+/// Errors on what was not fitted that differ by less than this share are the same.
+const ALIKE: f64 = 0.02;
+/// Iterations on the lens when a law is proven on what was left out.
+const PROOFS: usize = 4;
+
+/// What is to be done to a model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub enum Change {
+    /// Puts an effect of the library in, by its name, or by its kind: then the form of it that does best.
+    Add(String),
+    /// Puts a user's law in, under the user's name.
+    Write(String, Formula),
+    /// Takes an effect out.
+    Remove(String),
+}
+
+/// Why a change cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ChangeError {
+    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` have all", alike(.name))]
+    Unknown { name: String },
+    #[error("{name} is in the model already; remove it first")]
+    There { name: String },
+    #[error("{name:?} is not in the model, which has {present}")]
+    Absent { name: String, present: String },
+    #[error(
+        "{name:?} is no name for a law: letters, digits and _, at most {LONGEST_NAME}, and no effect's name"
+    )]
+    Name { name: String },
+    #[error(transparent)]
+    Formula(#[from] FormulaError),
+}
+
+/// Names that are like one that nobody knows.
+fn alike(name: &str) -> String {
+    let mut names: Vec<&str> = EFFECTS.iter().map(|e| e.spec.name).collect();
+    names.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
+    names.truncate(SHOWN);
+    names.join(", ")
+}
+
+/// Effects of the library that a name or a kind stands for.
+fn named(name: &str) -> impl Iterator<Item = &'static EffectEntry> {
+    let exact = EFFECTS.iter().any(|e| e.spec.name == name);
+    EFFECTS.iter().filter(move |e| if exact { e.spec.name == name } else { e.kind == name })
+}
+
+impl Change {
+    /// Whether it can be made to these models.
+    pub fn check(&self, models: &[Model]) -> Result<(), ChangeError> {
+        let present = |name: &str| models.iter().any(|m| m.effect(name).is_some());
+        match self {
+            Change::Add(name) => {
+                if named(name).next().is_none() {
+                    return Err(ChangeError::Unknown { name: name.clone() });
+                }
+                match named(name).all(|e| present(e.spec.name)) {
+                    true => Err(ChangeError::There { name: name.clone() }),
+                    false => Ok(()),
+                }
+            }
+            Change::Write(name, formula) => {
+                check_name(name)?;
+                if present(name) {
+                    return Err(ChangeError::There { name: name.clone() });
+                }
+                Ok(formula.read().map(|_| ())?)
+            }
+            Change::Remove(name) if !present(name) => {
+                let names: BTreeSet<&str> =
+                    models.iter().flat_map(|m| &m.effects).map(|e| e.name.as_str()).collect();
+                let present = names.into_iter().collect::<Vec<_>>().join(", ");
+                Err(ChangeError::Absent { name: name.clone(), present })
+            }
+            Change::Remove(_) => Ok(()),
+        }
+    }
+}
+
+/// Whether a user's law may have this name.
+pub fn check_name(name: &str) -> Result<(), ChangeError> {
+    let word = name.starts_with(|c: char| c.is_ascii_alphabetic())
+        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    match word && name.len() <= LONGEST_NAME && named(name).next().is_none() {
+        true => Ok(()),
+        false => Err(ChangeError::Name { name: name.to_string() }),
+    }
+}
+
+/// Whether a change is worth making.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Worth {
+    /// The data speak for it, and it predicts what was not fitted at least as well.
+    Better,
+    /// The data do not tell: the simpler model is as good.
+    NoDifference,
+    Worse,
+}
+
+/// What one revision is worth against the one that it came from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Weight {
+    /// Against the model before, the price of the parameters paid (BIC, nats).
+    pub log_evidence: f64,
+    pub worth: Worth,
+}
+
+/// Errors of a revision on frames that it was not fitted to, and on videos left out (m).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Unseen {
+    pub held_out_rmse: f64,
+    pub left_out_rmse: f64,
+}
+
+/// A revision that was asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Changed {
+    /// The models as they were, where nobody had fitted them as a revision before.
+    pub before: Option<Revision>,
+    pub after: Revision,
+    /// The effect that was added, with its parameters.
+    pub added: Option<Found>,
+    pub weight: Weight,
+}
+
+/// What a change begins with.
+pub enum Origin<'a> {
+    /// Models that nobody has fitted: they become the first revision.
+    Start(&'a [Model]),
+    /// A revision: its fits, one a scene, and its errors.
+    Revision(&'a [&'a SceneFit], Unseen),
+}
+
+/// Makes a change that [`Change::check`] allows. Deterministic, whatever the number of threads.
+pub fn change(
+    scenes: &[Scene],
+    origin: &Origin,
+    change: &Change,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Changed, FitError> {
+    let models: Vec<Model> = match origin {
+        Origin::Start(models) => models.to_vec(),
+        Origin::Revision(fits, _) => fits.iter().map(|f| f.model.clone()).collect(),
+    };
+    crate::fit::check(scenes, &models)?;
+    let lens = Lens::new(scenes);
+    let readings = match origin {
+        Origin::Start(models) => readings(scenes, models).iter().map(|m| with_nuisance(m)).collect(),
+        Origin::Revision(..) => vec![models],
+    };
+    // The base is read as the motion with the change has it: what a base lacks misleads about it.
+    let mut best: Option<(f64, Vec<Model>, Proposal)> = None;
+    for models in readings {
+        let proposal = propose(&lens, &models, change, &|f| stop(0.1 * f))?;
+        let cost = fit_forces(&lens, &proposal.models).1.cost;
+        if best.as_ref().is_none_or(|b| cost < b.0) {
+            best = Some((cost, models, proposal));
+        }
+    }
+    let Some((_, models, proposal)) = best else { return Err(FitError::NoScene) };
+    let half = |k: usize| {
+        // Each scene alone, perhaps again, and all together; and the same without the last frames.
+        let (done, fits) = (AtomicUsize::new(0), 4 * scenes.len() + 2);
+        move |fraction: f64| -> Result<(), Stopped> {
+            let ended = usize::from(fraction >= 1.0);
+            let share = (done.fetch_add(ended, Ordering::Relaxed) + ended) as f64 / fits as f64;
+            stop(0.1 + 0.45 * (k as f64 + share.min(1.0)))
+        }
+    };
+    let before = match origin {
+        Origin::Start(_) => Some(revise(&lens, &models, None, options, &half(0))?),
+        Origin::Revision(..) => None,
+    };
+    let after = revise(&lens, &proposal.models, proposal.added.as_deref(), options, &half(1))?;
+    let (fits, unseen): (Vec<&SceneFit>, Unseen) = match (&before, origin) {
+        (Some(first), _) => (first.fit.scenes.iter().collect(), first.unseen()),
+        (None, Origin::Revision(fits, unseen)) => (fits.to_vec(), *unseen),
+        (None, Origin::Start(_)) => return Err(FitError::NoScene),
+    };
+    let weight = weigh(&fits, unseen, &after);
+    let added = proposal.added.map(|name| found(&after, &name));
+    Ok(Changed { before, after, added, weight })
+}
+
+/// Models with the change made, before they are fitted.
+pub struct Proposal {
+    pub models: Vec<Model>,
+    /// Name of the effect that is new.
+    pub added: Option<String>,
+}
+
+/// Puts the change where the lens that sees it finds it.
+pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Result<Proposal, FitError> {
+    let mut models = models.to_vec();
+    match change {
+        Change::Remove(name) => {
+            models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
+            Ok(Proposal { models, added: None })
+        }
+        Change::Write(name, formula) => {
+            let models = with_formula(&models, name, formula);
+            let (free, seen) = fit_forces(lens, &models);
+            Ok(Proposal { models: at_values(&models, &free, &seen.values), added: Some(name.clone()) })
+        }
+        Change::Add(name) => {
+            let base = fit_forces(lens, &models);
+            let mut best: Option<(f64, Proposal)> = None;
+            let absent = |e: &&EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
+            for entry in named(name).filter(absent) {
+                let (gain, with) = with_library(lens, &models, &base, entry, stop)?;
+                if best.as_ref().is_none_or(|b| gain > b.0) {
+                    best = Some((gain, Proposal { models: with, added: Some(entry.spec.name.into()) }));
+                }
+            }
+            Ok(best.map_or(Proposal { models, added: None }, |b| b.1))
+        }
+    }
+}
+
+/// The models with an effect of the library where the lens that sees it finds it, and the fall of that lens's cost.
+fn with_library(
+    lens: &Lens,
+    models: &[Model],
+    base: &(Vec<Free>, Seen),
+    entry: &'static EffectEntry,
+    stop: Stop,
+) -> Result<(f64, Vec<Model>), FitError> {
+    let region = region(lens.scenes);
+    if let Some(candidate) = screen(lens, models, base, entry, &region) {
+        return Ok((candidate.gain, candidate.models));
+    }
+    let begun = at_values(models, &base.0, &base.1.values);
+    let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
+    if entry.spec.name == "sticky_contact" {
+        return Ok((0.0, stuck(&begun, entry, &region)));
+    }
+    if !(entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
+        return Ok((0.0, with_effect(&begun, entry, &seed(), &region)));
+    }
+    let (found, _) = screen_contacts(&contacts(lens, &begun), &region, &[entry], stop)?;
+    let (gain, values) = found.into_iter().next().map_or((0.0, seed()), |c| (c.before - c.after, c.values));
+    Ok((gain, with_contact(&begun, entry, &values, &region)))
+}
+
+/// The models with a user's law, its parameters free within their bounds.
+fn with_formula(models: &[Model], name: &str, formula: &Formula) -> Vec<Model> {
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        if let Ok(mut active) = ActiveEffect::of_formula(name, formula.clone(), &model.bodies) {
+            for (parameter, spec) in active.parameters.iter_mut().zip(&formula.parameters) {
+                parameter.prior = Prior { mean: spec.default, sd: spec.max - spec.min };
+            }
+            model.effects.push(active);
+        }
+        model
+    };
+    models.iter().map(one).collect()
+}
+
+/// Users' laws as candidates beside those of the library: `base` is what the lens sees of the models, `unit` what
+/// remains after the best of all.
+pub fn rank_formulas(
+    lens: &Lens,
+    models: &[Model],
+    base: &(Vec<Free>, Seen),
+    formulas: &[(String, Formula)],
+    unit: f64,
+) -> Vec<Ranked> {
+    let degrees = lens.degrees_of_freedom().max(1) as f64;
+    let one = |(name, formula): &(String, Formula)| {
+        let with = with_formula(models, name, formula);
+        let (free, seen) = fit_forces(lens, &with);
+        let left_out: f64 =
+            lens.folds.iter().map(|f| lens.solve(&with, &free, &seen.values, PROOFS, f).left_out).sum();
+        let added = free.len() - base.0.len().min(free.len());
+        let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();
+        Ranked {
+            kind: FORMULA.into(),
+            effect: name.clone(),
+            log_evidence: 0.5 * score,
+            held_out_rmse: pooled_noise(lens) * (left_out / degrees).max(0.0).sqrt(),
+        }
+    };
+    formulas.iter().map(one).collect()
+}
+
+/// Evidence of a revision against the fits that it came from, and whether it is better.
+pub fn weigh(before: &[&SceneFit], unseen: Unseen, after: &Revision) -> Weight {
+    let sums = |fits: &mut dyn Iterator<Item = &SceneFit>| {
+        fits.fold((0.0, 0.0), |(c, n), f| {
+            let degrees = f.degrees_of_freedom as f64;
+            (c + f.reduced_chi_square * degrees, n + degrees)
+        })
+    };
+    let (chi_before, degrees) = sums(&mut before.iter().copied());
+    let (chi_after, degrees_after) = sums(&mut after.fit.scenes.iter());
+    let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
+    let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
+    let more = count(&mut after.fit.scenes.iter()) - count(&mut before.iter().copied());
+    let log_evidence = 0.5 * ((chi_before - chi_after) / unit - more * degrees.max(2.0).ln());
+    let now = after.unseen();
+    let grew = |old: f64, new: f64| new > old * (1.0 + ALIKE);
+    let fails =
+        grew(unseen.held_out_rmse, now.held_out_rmse) || grew(unseen.left_out_rmse, now.left_out_rmse);
+    let worth = match () {
+        () if log_evidence > CERTAIN && !fails => Worth::Better,
+        () if log_evidence < -CERTAIN => Worth::Worse,
+        () if log_evidence < 0.0 && fails => Worth::Worse,
+        () => Worth::NoDifference,
+    };
+    Weight { log_evidence, worth }
+}
+
+/// Numbers of the effects that a fit of all models together finds: a shared one counts once.
+fn parameters<'m>(models: impl Iterator<Item = &'m Model>) -> usize {
+    let mut names = BTreeSet::new();
+    for (scene, model) in models.enumerate() {
+        for active in model.effects.iter().filter(|e| e.on) {
+            for p in active.parameters.iter().filter(|p| p.prior.sd > 0.0) {
+                let shared = !matches!(p.scope, crate::effects::Scope::Object | crate::effects::Scope::Pair);
+                let place = if shared { usize::MAX } else { scene };
+                names.extend(p.labels.iter().map(|label| (place, p.full_name(active, label))));
+            }
+        }
+    }
+    names.len()
+}
+
+impl Revision {
+    pub fn unseen(&self) -> Unseen {
+        Unseen { held_out_rmse: self.held_out_rmse, left_out_rmse: self.left_out_rmse }
+    }
+}
+
+/// The effect of a revision with its parameters as the fit has them.
+fn found(revision: &Revision, name: &str) -> Found {
+    let fit = &revision.fit;
+    match named(name).find(|e| e.spec.name == name) {
+        Some(entry) => {
+            let (mut values, mut sd) = (vec![], vec![]);
+            for p in entry.spec.params {
+                // Where it differs by label the largest is told, and where it was not fitted its value.
+                let of = estimates_of(fit, entry, p.name);
+                let largest = of.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()));
+                let fixed = || value(fit, name, p.name).unwrap_or(p.default);
+                values.push(largest.map_or_else(fixed, |e| e.value));
+                sd.push(largest.map_or(0.0, |e| e.sd));
+            }
+            let parameters = reported(entry, &values, &sd);
+            Found { kind: entry.kind.into(), effect: name.into(), parameters }
+        }
+        None => {
+            let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
+            let own = formula.map_or(&[][..], |f| &f.parameters);
+            let one = |p: &crate::effects::formula::FormulaParameter| {
+                let full = format!("{name}.{}", p.name);
+                let e = fit.posterior.estimates.iter().find(|e| e.name == full);
+                let (at, sd) = e.map_or((p.default, 0.0), |e| (e.value, e.sd));
+                let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
+                let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
+                Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high }
+            };
+            Found { kind: FORMULA.into(), effect: name.into(), parameters: own.iter().map(one).collect() }
+        }
+    }
+}
+
+fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
+    let active = fit.scenes.first()?.model.effect(effect)?;
+    active.parameters.iter().find(|p| p.name == parameter)?.values.first().copied()
+}

@@ -1,0 +1,114 @@
+//! CSV files as people write them, and broken ones.
+
+use super::*;
+use proptest::prelude::*;
+
+#[test]
+fn tracks_are_read_in_their_units() {
+    let text = "# A puck and a ball.\n# fps: 50\n# world: air_table\n# size: 0.03\n\
+                id;t [ms];x_mm;y (cm);yaw [deg];visible;shape;mass_g\n\
+                7;0;1000;-20;90;1;disc;250\n9;0;0;0;;1;ball;\n7;20;1010;-20;180;1;disc;250\n9;20;;;;1;ball;\n\
+                9;40;5;1;;0;ball;\n7;40;1020;-20;270;yes;disc;250\n9;60;30;1;;1;ball;\n";
+    let scene = parse_csv("lab", text).expect("it is right");
+    assert_eq!((scene.name.as_str(), scene.world, scene.fps), ("lab", WorldKind::AirTable, 50.0));
+    assert_eq!(scene.times, [0.0, 0.02, 0.04, 0.06]);
+    let shapes: Vec<_> = scene.objects.iter().map(|o| (o.id, o.shape, o.mass)).collect();
+    assert_eq!(
+        shapes,
+        [(7, Shape::Disc { radius: 0.03 }, Some(0.25)), (9, Shape::Ball { radius: 0.03 }, None)]
+    );
+    let frames: Vec<Vec<usize>> =
+        scene.tracks.iter().map(|t| t.samples.iter().map(|s| s.frame).collect()).collect();
+    assert_eq!(frames, [vec![0, 1, 2], vec![0, 3]]);
+    let first = scene.tracks[0].samples[1];
+    assert_eq!((first.position, first.yaw), (vec2(1.01, -0.2), Some(PI)));
+}
+
+#[test]
+fn the_tutorials_videos_are_those_of_the_annotations() {
+    let table = include_str!("../../../tests/data/csv/video_1.csv");
+    let known = include_str!("../../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json");
+    let (read, known) =
+        (parse_csv("v", table).expect("rows"), crate::scene::parse("v", known).expect("json"));
+    assert_eq!((read.world, read.times.len()), (known.world, known.times.len()));
+    for ((a, b), (p, q)) in read.objects.iter().zip(&known.objects).zip(read.tracks.iter().zip(&known.tracks))
+    {
+        assert_eq!((a.id, a.shape, a.mass, &a.material), (b.id, b.shape, b.mass, &b.material));
+        assert_eq!(p.samples.len(), q.samples.len());
+        let near = |(s, t): (&Sample, &Sample)| s.frame == t.frame && (s.position - t.position).norm() < 2e-5;
+        assert!(p.samples.iter().zip(&q.samples).all(near));
+    }
+}
+
+#[test]
+fn frames_count_at_the_rate_and_pixels_need_a_scale() {
+    let rows = "frame,id,x,y\n0,1,100,100\n2,1,120,100\n3,1,130,100\n";
+    let scaled = parse_csv("s", &format!("# unit: px\n# scale: 0.001 m/px\n{rows}")).expect("it is right");
+    assert_eq!(scaled.times, [0.0, 0.04, 0.08, 0.12]);
+    assert_eq!(scaled.tracks[0].samples[1].position, vec2(0.12, 0.1));
+    let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
+    assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
+}
+
+#[test]
+fn everything_wrong_is_told_with_its_place() {
+    let check = |text: &str, expected: &[&str]| {
+        let found = parse_csv("s", text).expect_err(text).to_string();
+        let lines: Vec<&str> = found.lines().collect();
+        assert_eq!(lines.len(), expected.len(), "{found}");
+        for (line, start) in lines.iter().zip(expected) {
+            assert!(line.starts_with(start), "{line} / {start}");
+        }
+    };
+    check(
+        "id,t,x,y,shape\n1,0,0,zero,disc\n1.5,0.1,0,0,disc\n1,0.2,,1,disc\n1,0.3,0,0,egg\n1,0.4,0\n1,,1,1,disc\n",
+        &[
+            "line 2, column 4 (y): is \"zero\"; give a number",
+            "line 2, column 4 (y): is empty, but x is not",
+            "line 3, column 1 (id): is 1.5; give a whole number",
+            "line 4, column 3 (x): is empty, but y is not",
+            "line 5, column 5 (shape): is \"egg\"; it must be disc, ball or cube",
+            "line 6: has 3 columns; the header has 5",
+            "line 7, column 2 (t): is empty; say when it was",
+        ],
+    );
+    check(
+        "id,x,y\n1,2,3\n",
+        &["header: has neither a column t nor", "line 2: is empty", "(file): has no row"],
+    );
+    check(
+        "a,b\n",
+        &[
+            "header: has no column id",
+            "header: has no column x",
+            "header: has no column y",
+            "header: has neither",
+            "(file): has no row",
+        ],
+    );
+    check(
+        "id,t,x [ft],y\n1,0,0,0\n1,1,0,0\n",
+        &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
+    );
+    check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
+    check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
+    check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
+    check(
+        "",
+        &[
+            "header: has no column id",
+            "header: has no column x",
+            "header: has no column y",
+            "header: has neither",
+            "(file): has no row",
+        ],
+    );
+}
+
+proptest! {
+    #[test]
+    fn no_text_panics(text in "(id,t,x,y\n)?[0-9a-z,;#:. \"\n-]{0,80}", any in ".{0,60}") {
+        let _ = parse_csv("s", &text);
+        let _ = parse_csv("s", &any);
+    }
+}
