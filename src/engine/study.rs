@@ -4,13 +4,13 @@
 use super::check;
 use super::memo::Waiting;
 use super::pool::Control;
-use super::{Choice, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit};
+use super::{Choice, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, trace};
 use crate::discover::{Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover};
 use crate::fit::{FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::Kind;
-use crate::world::{Model, trace};
+use crate::world::Model;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -111,10 +111,18 @@ impl Engine {
             return Ok(found);
         }
         let job = {
-            let videos = videos.clone();
-            move |stop: Stop| Ok(findings(&id, &videos, &scenes, &models, inquiry, stop)?)
+            let (videos, backlog) = (videos.clone(), self.backlog.clone());
+            move |stop: Stop| {
+                let (findings, revisions) = findings(&id, &videos, &scenes, &models, inquiry, stop)?;
+                let files = match &findings {
+                    Findings::Discovery(found) => trace::discovery(&videos, &scenes, found)?,
+                    _ => vec![],
+                };
+                Ok((findings, revisions, backlog.admit(files, stop)?))
+            }
         };
-        let (findings, revisions) = self.pool.run(control, job).await?;
+        let (findings, revisions, batch) = self.pool.run(control, job).await?;
+        self.publish(batch).await?;
         for fit in revisions {
             let key = format!("{}/{}", fit.video, fit.id);
             self.put_of_video(Kind::Fits, &fit.video, &key, &fit).await?;
@@ -189,7 +197,7 @@ fn findings(
 
 fn course(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<Pose>> {
     let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
-    let rows = trace(model, &times).states;
+    let rows = crate::world::trace(model, &times).states;
     let pose = |s: &Option<crate::world::State>| s.map(|s| [s.position.x, s.position.y, s.yaw]);
     rows.iter().map(|row| row.iter().map(pose).collect()).collect()
 }

@@ -6,3 +6,4 @@ mod garbage;
 mod harness;
 mod setup;
 mod sharing;
+mod traces;
