@@ -1,7 +1,7 @@
 //! Settings: defaults, below a file, below the environment (`VRDP_`), below flags; unknown keys are refused.
 
 use crate::api::Limits;
-use crate::engine::Capacity;
+use crate::engine::{Capacity, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -28,6 +28,10 @@ pub struct Config {
     pub queue: usize,
     /// Longest that one piece of work may take (s), its wait included.
     pub request_timeout_s: u64,
+    /// Traces that were stored longer ago (s) are removed; 0: none is.
+    pub trace_max_age_s: u64,
+    /// Bytes of all traces together, beyond which the oldest are removed; 0: none is.
+    pub trace_max_bytes: u64,
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
@@ -42,6 +46,8 @@ impl Default for Config {
             workers: std::thread::available_parallelism().map_or(1, |n| n.get()),
             queue: 256,
             request_timeout_s: 300,
+            trace_max_age_s: 0,
+            trace_max_bytes: 0,
             log: "info".into(),
             log_json: false,
         }
@@ -126,6 +132,12 @@ impl Config {
     pub fn capacity(&self) -> Capacity {
         let job_timeout = Duration::from_secs(self.request_timeout_s);
         Capacity { workers: self.workers, queue: self.queue, job_timeout }
+    }
+
+    pub fn retention(&self) -> Retention {
+        let on = |limit: u64| (limit > 0).then_some(limit);
+        let max_age = on(self.trace_max_age_s).map(Duration::from_secs);
+        Retention { max_age, max_bytes: on(self.trace_max_bytes) }
     }
 
     pub fn limits(&self) -> Limits {

@@ -3,15 +3,16 @@
 use bytes::Bytes;
 use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
-use object_store::{ObjectStore, ObjectStoreExt, PutMode, PutOptions};
+use object_store::{GetResultPayload, ObjectStore, ObjectStoreExt, PutMode, PutOptions};
 use redb::{
     Database, DatabaseError, Durability, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::fs::File;
 use std::ops::Bound;
-use std::path::Path;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError, RwLock};
 use tokio::sync::Semaphore;
 
 /// Layout of the tables; a store with a newer one is refused.
@@ -69,10 +70,35 @@ struct OfVideo {
     video: String,
 }
 
+/// The database; after an error of its disk it takes no more work until it is opened anew.
+struct Db {
+    path: PathBuf,
+    open: RwLock<Option<Database>>,
+}
+
+impl Db {
+    /// Runs `work`, and opens the database anew where its disk failed: the next call finds it whole.
+    fn run<T>(&self, work: impl FnOnce(&Database) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let usable = |db: &Database| db.begin_write().is_ok();
+        let result = match self.open.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            Some(db) => work(db),
+            None => Err(StoreError::Failed("the database is closed since its disk failed".into())),
+        };
+        if matches!(result, Err(StoreError::Failed(_))) {
+            let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
+            if !open.as_ref().is_some_and(usable) {
+                *open = None;
+                *open = Some(Database::create(&self.path).map_err(failed)?);
+            }
+        }
+        result
+    }
+}
+
 /// An open data folder; one process at a time.
 #[derive(Clone)]
 pub struct Store {
-    db: Arc<Database>,
+    db: Arc<Db>,
     blobs: Arc<LocalFileSystem>,
     gate: Arc<Semaphore>,
 }
@@ -111,6 +137,7 @@ impl Store {
         write.commit().map_err(failed)?;
         sweep(&traces)?;
         let blobs = LocalFileSystem::new_with_prefix(&traces).map_err(failed)?.with_fsync(true);
+        let db = Db { path: folder.join("vrdp.redb"), open: RwLock::new(Some(db)) };
         Ok(Store { db: Arc::new(db), blobs: Arc::new(blobs), gate: Arc::new(Semaphore::new(MAX_BLOCKING)) })
     }
 
@@ -236,16 +263,14 @@ impl Store {
             })
             .await?;
         for trace in traces {
-            match self.blobs.delete(&blob(&trace)).await {
-                Err(object_store::Error::NotFound { .. }) | Ok(()) => {}
-                Err(error) => return Err(failed(error)),
-            }
+            self.delete_blob(&trace).await?;
         }
         Ok(found)
     }
 
     /// Publishes a blob whole or not at all; durable when it returns. The same id again changes nothing.
     pub async fn put_blob(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
+        let _permit = self.gate.acquire().await.map_err(failed)?;
         let options = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
         match self.blobs.put_opts(&blob(id), bytes.into(), options).await {
             Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
@@ -258,6 +283,33 @@ impl Store {
         self.blobs.get_range(&blob(id), offset..offset + len).await.map_err(failed)
     }
 
+    /// A blob to be read like a file.
+    pub async fn open_blob(&self, id: &str) -> Result<File, StoreError> {
+        match self.blobs.get(&blob(id)).await.map_err(failed)?.payload {
+            GetResultPayload::File(file, _) => Ok(file),
+            GetResultPayload::Stream(_) => Err(StoreError::Failed(format!("blob {id} is no local file"))),
+        }
+    }
+
+    /// Deletes a trace: its record, so that it is listed no more, then its blob.
+    pub async fn delete_trace(&self, id: &str) -> Result<(), StoreError> {
+        let key = id.to_string();
+        self.blocking(move |db| {
+            let write = begin(db)?;
+            write.open_table(Kind::Traces.table()).map_err(failed)?.remove(&*key).map_err(failed)?;
+            write.commit().map_err(failed)
+        })
+        .await?;
+        self.delete_blob(id).await
+    }
+
+    async fn delete_blob(&self, id: &str) -> Result<(), StoreError> {
+        match self.blobs.delete(&blob(id)).await {
+            Err(object_store::Error::NotFound { .. }) | Ok(()) => Ok(()),
+            Err(error) => Err(failed(error)),
+        }
+    }
+
     async fn blocking<T, F>(&self, work: F) -> Result<T, StoreError>
     where
         T: Send + 'static,
@@ -268,7 +320,7 @@ impl Store {
         // The permit moves along, so that a caller who leaves does not free the place of work that still runs.
         let task = tokio::task::spawn_blocking(move || {
             let _permit = permit;
-            work(&db)
+            db.run(work)
         });
         task.await.map_err(failed)?
     }

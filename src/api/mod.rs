@@ -7,6 +7,7 @@ mod server;
 mod services;
 mod status;
 mod study;
+mod trace;
 pub mod video;
 
 pub use server::{Limits, ServeError, serve};

@@ -2,7 +2,7 @@
 
 use super::v1;
 use crate::effects::{EFFECTS, Scope};
-use crate::engine::{Answered, Simulated, StoredFit, TraceRecord};
+use crate::engine::{Answered, Simulated, StoredFit};
 use crate::fit::{Estimate, Outcome};
 use crate::reason::{ChoiceAnswer, CutShort, Imagined, LikelyEvent, Step};
 use crate::world::{Ending, EventKind, State};
@@ -192,16 +192,4 @@ fn choice(c: &ChoiceAnswer) -> v1::ChoiceAnswer {
 
 fn step(s: &Step) -> v1::Step {
     v1::Step { token: s.token.clone(), text: s.result.clone() }
-}
-
-pub fn trace(record: TraceRecord) -> v1::Trace {
-    v1::Trace {
-        name: trace_name(&record.id),
-        video: format!("videos/{}", record.video),
-        model: model_name(&record.video, &record.model),
-        size_bytes: record.size_bytes,
-        frames: record.frames,
-        seed: record.seed,
-        interventions: record.interventions,
-    }
 }

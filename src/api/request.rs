@@ -111,6 +111,20 @@ impl Report {
         Choice { path, kind }
     }
 
+    pub fn page(&mut self, size: i32, token: String) -> (usize, String) {
+        if size < 0 {
+            self.add("page_size", format!("is {size}; must not be negative"));
+        }
+        if !token.is_empty() && !is_id(&token) {
+            self.add("page_token", "is none that this service gave");
+        }
+        let size = match size.max(0) as usize {
+            0 => DEFAULT_PAGE,
+            n => n.min(MAX_PAGE),
+        };
+        (size, token)
+    }
+
     fn rollouts(&mut self, rollouts: Option<u32>) -> usize {
         let rollouts = rollouts.map_or(DEFAULT_ROLLOUTS, |n| n as usize);
         if rollouts > MAX_ROLLOUTS {
@@ -141,7 +155,7 @@ pub fn is_id(id: &str) -> bool {
     (1..=64).contains(&id.len()) && id.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
 }
 
-fn model_ids(name: &str) -> Option<(&str, &str)> {
+pub fn model_ids(name: &str) -> Option<(&str, &str)> {
     let (video, model) = name.strip_prefix("videos/")?.split_once("/models/")?;
     (is_id(video) && is_id(model)).then_some((video, model))
 }
@@ -173,17 +187,8 @@ pub fn model_name(name: &str) -> Result<(String, String), EngineError> {
 /// Size of a page and the id it begins after.
 pub fn page(size: i32, token: String) -> Result<(usize, String), EngineError> {
     let mut report = Report::default();
-    if size < 0 {
-        report.add("page_size", format!("is {size}; must not be negative"));
-    }
-    if !token.is_empty() && !is_id(&token) {
-        report.add("page_token", "is none that this service gave");
-    }
-    let size = match size.max(0) as usize {
-        0 => DEFAULT_PAGE,
-        n => n.min(MAX_PAGE),
-    };
-    report.finish((size, token))
+    let page = report.page(size, token);
+    report.finish(page)
 }
 
 /// Video, the others, start and options of a fit.

@@ -1,7 +1,7 @@
 //! The four services: each call is converted, handed to the engine, and converted back.
 
 use super::status::{error, status};
-use super::{camera, reply, request, study, v1, video};
+use super::{camera, reply, request, study, trace, v1, video};
 use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Update, Waiting};
 use crate::scene::calibrate;
 use futures_util::stream::{self, BoxStream, StreamExt};
@@ -256,15 +256,10 @@ impl v1::traces_server::Traces for Services {
     type DownloadTraceStream = Items<v1::DownloadTraceResponse>;
 
     async fn list_traces(&self, request: Request<v1::ListTracesRequest>) -> Reply<v1::ListTracesResponse> {
-        let given = request.into_inner();
-        let video = match given.video.as_str() {
-            "" => None,
-            name => Some(request::video_id("video", name).map_err(status)?),
-        };
-        let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
-        let mut rows = self.0.traces(video, &after, size + 1).await.map_err(status)?;
+        let (filter, size, after) = trace::list(request.into_inner()).map_err(status)?;
+        let mut rows = self.0.traces(filter, &after, size + 1).await.map_err(status)?;
         let next_page_token = cut(&mut rows, size, |record| &record.id);
-        let traces = rows.into_iter().map(reply::trace).collect();
+        let traces = rows.into_iter().map(trace::trace).collect();
         Ok(Response::new(v1::ListTracesResponse { traces, next_page_token }))
     }
 
@@ -273,13 +268,13 @@ impl v1::traces_server::Traces for Services {
         request: Request<v1::DownloadTraceRequest>,
     ) -> Reply<Self::DownloadTraceStream> {
         let id = request::trace_id("name", &request.into_inner().name).map_err(status)?;
-        let record = self.0.trace(&id).await.map_err(status)?;
+        let held = Arc::new(self.0.trace(&id).await.map_err(status)?);
         let engine = self.0.clone();
         let chunks = stream::unfold(Some(0), move |offset: Option<u64>| {
-            let (engine, record) = (engine.clone(), record.clone());
+            let (engine, held) = (engine.clone(), held.clone());
             async move {
                 let offset = offset?;
-                match engine.read_trace(&record, offset).await {
+                match engine.read_trace(&held.0, offset).await {
                     Ok(data) if data.is_empty() => None,
                     Ok(data) => {
                         let next = offset + data.len() as u64;
@@ -290,6 +285,19 @@ impl v1::traces_server::Traces for Services {
             }
         });
         Ok(Response::new(chunks.boxed()))
+    }
+
+    type ReplayTraceStream = Items<v1::ReplayTraceResponse>;
+
+    async fn replay_trace(&self, request: Request<v1::ReplayTraceRequest>) -> Reply<Self::ReplayTraceStream> {
+        let (id, options) = trace::replay(request.into_inner()).map_err(status)?;
+        let replay = self.0.replay(&id, options).await.map_err(status)?;
+        let items = stream::unfold(replay, |mut replay| async move {
+            let item = replay.next().await?;
+            let reply = item.map(|(round, time, item)| trace::played(round, time, item)).map_err(status);
+            Some((reply, replay))
+        });
+        Ok(Response::new(items.boxed()))
     }
 }
 

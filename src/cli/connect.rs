@@ -51,10 +51,14 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
         EngineError::Store(error) => Failure::input(error.to_string()),
         error => Failure::other(error),
     })?;
+    let engine = Arc::new(engine.retaining(config.retention()));
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
+    let house = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().keep_house()));
     let task = tokio::spawn(async move {
-        api::serve(listener, Arc::new(engine), limits, stop).await.map_err(Failure::other)
+        let served = api::serve(listener, engine, limits, stop).await.map_err(Failure::other);
+        house.abort();
+        served
     });
     Ok(Service { address, shutdown, task })
 }

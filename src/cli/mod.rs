@@ -15,11 +15,13 @@ mod import;
 mod input;
 mod ladder;
 mod output;
+mod replay;
 mod revise;
 mod score;
 mod serve;
 mod simulate;
 mod study;
+mod trace;
 
 use clap::{Parser, Subcommand};
 use error::Failure;
@@ -74,6 +76,10 @@ enum Command {
     Effects(effects::Args),
     /// Answers every question beside each scene, and tells how many answers are right.
     Score(score::Args),
+    /// What is in a trace file, whether it is whole, and its numbers as CSV.
+    Trace(trace::Args),
+    /// Plays a trace file, or simulates it again and compares bit for bit.
+    Replay(replay::Args),
     /// Whether a service is serving (exit status 0 or 1).
     Health,
 }
@@ -112,6 +118,8 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Revise(args) => revise::run(&cli.target, args).await,
         Command::Effects(args) => effects::run(&cli.target, args).await,
         Command::Score(args) => score::run(&cli.target, args).await,
+        Command::Trace(args) => trace::run(args),
+        Command::Replay(args) => replay::run(args).await,
         Command::Health => health::run(&cli.target).await,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::memo::Waiting;
 use super::pool::Control;
-use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit};
+use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit, trace};
 use crate::fit::{FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, canonical_digest};
@@ -97,10 +97,19 @@ impl Engine {
             return Ok(found);
         }
         self.fits_run.fetch_add(1, Ordering::Relaxed);
-        let job = move |stop: Stop| fit(&scenes, &models, &options, stop).map_err(EngineError::from);
-        let joint = self.pool.run(control, job).await?;
-        let one = |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), step: None };
-        let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
+        let backlog = self.backlog.clone();
+        let job = move |stop: Stop| {
+            let joint = fit(&scenes, &models, &options, stop)?;
+            let one =
+                |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), step: None };
+            let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
+            let begun = scenes.iter().zip(&models).zip(&fits);
+            let files = begun.map(|((scene, model), stored)| trace::fit(scene, model, &options, stored));
+            let files = files.collect::<Result<_, _>>()?;
+            Ok((fits, backlog.admit(files, stop)?))
+        };
+        let (fits, batch) = self.pool.run(control, job).await?;
+        self.publish(batch).await?;
         for (fit, key) in fits.iter().zip(&keys) {
             self.put_of_video(Kind::Fits, &fit.video, key, fit).await?;
         }

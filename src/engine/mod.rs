@@ -4,7 +4,9 @@ mod check;
 mod joint;
 mod memo;
 mod pool;
+mod replay;
 mod revision;
+mod shelf;
 mod start;
 mod study;
 mod trace;
@@ -13,10 +15,12 @@ pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
 pub use memo::{Update, Waiting};
 pub use pool::Control;
+pub use replay::{MAX_REPLAYS, Played, Replay, ReplayOptions};
 pub use revision::Step;
+pub use shelf::{Lease, Retention};
 pub use start::{Choice, ChoiceKind};
 pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
-pub use trace::TraceRecord;
+pub use trace::{TraceFilter, TraceKind, TraceRecord};
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::reason::{
@@ -164,6 +168,9 @@ pub struct Engine {
     studies: Memo<Study>,
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
+    backlog: Arc<trace::Backlog>,
+    shelf: shelf::Shelf,
+    replays: Arc<tokio::sync::Semaphore>,
     /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
     epoch: AtomicU64,
     fits_run: AtomicU64,
@@ -188,6 +195,9 @@ impl Engine {
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
             }),
             answers: Memo::new(CACHED_BYTES, |_| BASE_BYTES),
+            backlog: Arc::default(),
+            shelf: shelf::Shelf::default(),
+            replays: Arc::new(tokio::sync::Semaphore::new(MAX_REPLAYS)),
             epoch: AtomicU64::new(0),
             fits_run: AtomicU64::new(0),
         })
@@ -289,11 +299,16 @@ impl Engine {
             return Ok(found);
         }
         self.fits_run.fetch_add(1, Ordering::Relaxed);
+        let backlog = self.backlog.clone();
         let job = move |stop: crate::num::Stop| {
-            fit(std::slice::from_ref(scene.as_ref()), &[model], &options, stop).map_err(EngineError::from)
+            let models = std::slice::from_ref(&model);
+            let fit = fit(std::slice::from_ref(scene.as_ref()), models, &options, stop)?;
+            let stored = StoredFit { video, id, revision: 0, fit, step: None };
+            let file = trace::fit(&scene, &model, &options, &stored)?;
+            Ok((stored, backlog.admit(vec![file], stop)?))
         };
-        let fit = self.pool.run(control, job).await?;
-        let stored = StoredFit { video, id, revision: 0, fit, step: None };
+        let (stored, batch) = self.pool.run(control, job).await?;
+        self.publish(batch).await?;
         self.put_of_video(Kind::Fits, &stored.video, &key, &stored).await?;
         Ok(stored)
     }
@@ -344,19 +359,19 @@ impl Engine {
         let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
         let engine = self.clone();
         let work = move |control| async move {
-            let (imagined, bytes, record) = {
-                let (scene, fitted) = (scene.clone(), fitted.clone());
+            let (imagined, batch) = {
+                let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
                 let job = move |stop: crate::num::Stop| {
                     check::places(&edited, &request.interventions)?;
                     let imagined = imagine(&scene, &fitted.fit, 0, &request, stop)?;
                     check::finite(&imagined)?;
                     let json = serde_json::json!({ "simulate": &request }).to_string();
-                    let (bytes, record) = trace::encode(&scene, &fitted, &imagined, request.seed, &json)?;
-                    Ok((Imagined { ensemble: vec![], ..imagined }, bytes, record))
+                    let file = trace::simulation(&scene, &fitted, &imagined, request.seed, &json)?;
+                    Ok((Imagined { ensemble: vec![], ..imagined }, backlog.admit(vec![file], stop)?))
                 };
                 engine.pool.run(control, job).await?
             };
-            let trace = engine.publish(bytes, record).await?;
+            let trace = engine.publish(batch).await?.pop().unwrap_or_default();
             Ok(Simulated { model: fitted.id.clone(), fps: scene.fps, imagined, trace })
         };
         self.simulations.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await
@@ -377,22 +392,19 @@ impl Engine {
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
         let work = move |control| async move {
-            let model = fitted.id.clone();
+            let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
             let job = move |stop: crate::num::Stop| {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
                 for imagined in std::mem::take(&mut answer.simulations) {
                     check::finite(&imagined)?;
-                    files.push(trace::encode(&scene, &fitted, &imagined, options.seed, &request)?);
+                    files.push(trace::simulation(&scene, &fitted, &imagined, options.seed, &request)?);
                 }
-                Ok((answer, files))
+                Ok((answer, backlog.admit(files, stop)?))
             };
-            let (answer, files) = engine.pool.run(control, job).await?;
-            let mut traces = Vec::new();
-            for (bytes, record) in files {
-                traces.push(engine.publish(bytes, record).await?);
-            }
+            let (answer, batch) = engine.pool.run(control, job).await?;
+            let traces = engine.publish(batch).await?;
             Ok(Answered { model, answer, traces })
         };
         self.answers.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await

@@ -5,7 +5,7 @@ use super::check;
 use super::memo::Waiting;
 use super::pool::Control;
 use super::revision::{self, Step};
-use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit};
+use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, trace};
 use crate::discover::{
     Change, Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover,
 };
@@ -14,7 +14,7 @@ use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::Kind;
-use crate::world::{Model, trace};
+use crate::world::Model;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -153,8 +153,17 @@ impl Engine {
         if let Some(found) = self.store.get(Kind::Studies, &key).await? {
             return Ok(found);
         }
-        let job = move |stop: Stop| Ok(findings(&subject, &inquiry, stop)?);
-        let (findings, revisions) = self.pool.run(control, job).await?;
+        let backlog = self.backlog.clone();
+        let job = move |stop: Stop| {
+            let (findings, revisions) = findings(&subject, &inquiry, stop)?;
+            let files = match &findings {
+                Findings::Discovery(found) => trace::discovery(&subject.videos, &subject.scenes, found)?,
+                _ => vec![],
+            };
+            Ok((findings, revisions, backlog.admit(files, stop)?))
+        };
+        let (findings, revisions, batch) = self.pool.run(control, job).await?;
+        self.publish(batch).await?;
         for fit in revisions {
             let key = format!("{}/{}", fit.video, fit.id);
             self.put_of_video(Kind::Fits, &fit.video, &key, &fit).await?;
@@ -240,7 +249,7 @@ fn findings(
 
 fn course(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<Pose>> {
     let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
-    let rows = trace(model, &times).states;
+    let rows = crate::world::trace(model, &times).states;
     let pose = |s: &Option<crate::world::State>| s.map(|s| [s.position.x, s.position.y, s.yaw]);
     rows.iter().map(|row| row.iter().map(pose).collect()).collect()
 }

@@ -1,16 +1,26 @@
 //! Trace files: encoded on the pool, published whole, listed and read back.
 
-use super::{Engine, EngineError, StoredFit};
+use super::shelf::Lease;
+use super::{Discovered, Engine, EngineError, StoredFit};
+use crate::fit::{Begin, FitError, FitOptions, beginning};
+use crate::num::Stop;
 use crate::reason::Imagined;
-use crate::recording::{self, Recording};
+use crate::recording::{self, Change, Recording, RecordingError, Step};
 use crate::scene::Scene;
 use crate::store::Kind;
-use crate::world::{Intervention, InterventionError};
+use crate::world::{Intervention, InterventionError, Model};
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// Most bytes of a trace that are read at a time.
 pub const CHUNK: u64 = 256 * 1024;
+/// KiB of encoded traces that may wait for the disk: about a hundred usual ones.
+const BACKLOG: u32 = 64 * 1024;
+/// How often a job looks whether the backlog has room again.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// What is known of a trace file without reading it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,64 +33,226 @@ pub struct TraceRecord {
     pub seed: u64,
     /// In words.
     pub interventions: Vec<String>,
+    #[serde(default)]
+    pub kind: TraceKind,
+    /// When it was stored last (ms after 1970); it is in no file and in no result.
+    #[serde(default)]
+    pub stored_ms: u64,
+}
+
+/// What a trace is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TraceKind {
+    #[default]
+    Simulation,
+    Fit,
+    Discovery,
+}
+
+impl TraceKind {
+    fn word(self) -> &'static str {
+        match self {
+            TraceKind::Simulation => "simulation",
+            TraceKind::Fit => "fit",
+            TraceKind::Discovery => "discovery",
+        }
+    }
+}
+
+/// Which traces are listed.
+#[derive(Debug, Clone, Default)]
+pub struct TraceFilter {
+    pub video: Option<String>,
+    pub model: Option<String>,
+    /// Stored from the first on and before the second (ms after 1970).
+    pub stored_ms: (Option<u64>, Option<u64>),
+}
+
+/// An encoded trace that is not stored yet.
+pub struct TraceFile {
+    bytes: Bytes,
+    record: TraceRecord,
+}
+
+/// Traces of one piece of work, with their place among those that wait for the disk.
+pub struct Batch {
+    files: Vec<TraceFile>,
+    _place: OwnedSemaphorePermit,
+}
+
+/// How many bytes wait for the disk. It is bounded: work waits for room before its result may leave the pool.
+pub struct Backlog(Arc<Semaphore>);
+
+impl Default for Backlog {
+    fn default() -> Self {
+        Backlog(Arc::new(Semaphore::new(BACKLOG as usize)))
+    }
+}
+
+impl Backlog {
+    /// Waits for room for all the files at once, so that no two wait for each other.
+    pub fn admit(&self, files: Vec<TraceFile>, stop: Stop) -> Result<Batch, EngineError> {
+        let bytes: usize = files.iter().map(|f| f.bytes.len()).sum();
+        let kib = u32::try_from(bytes / 1024 + 1).unwrap_or(BACKLOG).min(BACKLOG);
+        loop {
+            if let Ok(place) = self.0.clone().try_acquire_many_owned(kib) {
+                return Ok(Batch { files, _place: place });
+            }
+            stop(1.0).map_err(FitError::from)?;
+            std::thread::sleep(LOOK);
+        }
+    }
 }
 
 /// The trace file of one simulation; its id follows from its bytes.
-pub fn encode(
+pub fn simulation(
     scene: &Scene,
     fitted: &StoredFit,
     imagined: &Imagined,
     seed: u64,
     request_json: &str,
-) -> Result<(Bytes, TraceRecord), EngineError> {
-    let recording = Recording {
-        scene,
-        imagined,
-        estimates: &fitted.fit.posterior.estimates,
-        video: &fitted.video,
-        model: &fitted.id,
-        seed,
-        request_json,
+) -> Result<TraceFile, EngineError> {
+    let (video, model, fit) = (&fitted.video, &fitted.id, &fitted.fit);
+    let bytes = recording::encode(&Recording { scene, imagined, fit, video, model, seed, request_json })?;
+    let interventions = imagined.interventions.iter().map(words).collect();
+    let frames = imagined.best.times.len();
+    let mut file = TraceFile::new(bytes, video, model, frames, TraceKind::Simulation);
+    file.record = TraceRecord { seed, interventions, ..file.record };
+    Ok(file)
+}
+
+/// The trace file of a fit: the model where the search began, and fitted.
+pub fn fit(
+    scene: &Scene,
+    start: &Model,
+    options: &FitOptions,
+    fitted: &StoredFit,
+) -> Result<TraceFile, EngineError> {
+    let before = match options.begin {
+        Begin::Tracks => beginning(scene, start),
+        Begin::Models | Begin::Near => start.clone(),
     };
-    let bytes = recording::encode(&recording).map_err(|e| EngineError::Recording(e.to_string()))?;
-    let record = TraceRecord {
-        id: blake3::hash(&bytes).to_hex().to_string(),
-        video: fitted.video.clone(),
-        model: fitted.id.clone(),
-        size_bytes: bytes.len() as u64,
-        frames: imagined.best.times.len() as u32,
-        seed,
-        interventions: imagined.interventions.iter().map(words).collect(),
+    let request = serde_json::json!({ "fit": options }).to_string();
+    changed(TraceKind::Fit, scene, &before, fitted, &[], &request)
+}
+
+/// The trace files of a discovery, one a video: the model without and with the effects that were added.
+pub fn discovery(
+    videos: &[String],
+    scenes: &[Scene],
+    found: &Discovered,
+) -> Result<Vec<TraceFile>, EngineError> {
+    let revisions = &found.discovery.revisions;
+    let steps: Vec<Step> = revisions
+        .iter()
+        .map(|r| Step {
+            effect: r.effect.clone().unwrap_or_default(),
+            rmse: r.rmse,
+            held_out_rmse: r.held_out_rmse,
+            reduced_chi_square: r.reduced_chi_square,
+        })
+        .collect();
+    let Some(((first, last), step)) = revisions.first().zip(revisions.last()).zip(found.steps.last()) else {
+        return Ok(vec![]);
     };
-    Ok((bytes.into(), record))
+    let request = serde_json::json!({ "discover": { "videos": videos } }).to_string();
+    let mut files = vec![];
+    for (k, ((scene, video), id)) in scenes.iter().zip(videos).zip(&step.models).enumerate() {
+        let Some(before) = first.fit.scenes.get(k) else { continue };
+        let (video, id, revision) = (video.clone(), id.clone(), step.number);
+        let (fit, step) = (last.fit.of_scene(k), Some(step.clone()));
+        let fitted = StoredFit { video, id, revision, fit, step };
+        files.push(changed(TraceKind::Discovery, scene, &before.model, &fitted, &steps, &request)?);
+    }
+    Ok(files)
+}
+
+fn changed(
+    kind: TraceKind,
+    scene: &Scene,
+    before: &Model,
+    fitted: &StoredFit,
+    revisions: &[Step],
+    request_json: &str,
+) -> Result<TraceFile, EngineError> {
+    let (video, model, fit) = (&fitted.video, &fitted.id, &fitted.fit);
+    let change = Change { kind: kind.word(), scene, before, fit, video, model, revisions, request_json };
+    let bytes = recording::encode_change(&change)?;
+    Ok(TraceFile::new(bytes, video, model, scene.times.len(), kind))
+}
+
+impl TraceFile {
+    fn new(bytes: Vec<u8>, video: &str, model: &str, frames: usize, kind: TraceKind) -> TraceFile {
+        let record = TraceRecord {
+            id: blake3::hash(&bytes).to_hex().to_string(),
+            video: video.into(),
+            model: model.into(),
+            size_bytes: bytes.len() as u64,
+            frames: frames as u32,
+            seed: 0,
+            interventions: vec![],
+            kind,
+            stored_ms: 0,
+        };
+        TraceFile { bytes: bytes.into(), record }
+    }
+}
+
+impl From<RecordingError> for EngineError {
+    fn from(error: RecordingError) -> Self {
+        EngineError::Recording(error.to_string())
+    }
+}
+
+/// Milliseconds after 1970.
+pub fn now_ms() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64)
 }
 
 impl Engine {
-    /// The file first, then the record that names it: what is listed is whole.
-    pub(super) async fn publish(&self, bytes: Bytes, record: TraceRecord) -> Result<String, EngineError> {
-        self.store.put_blob(&record.id, bytes).await?;
-        self.put_of_video(Kind::Traces, &record.video, &record.id, &record).await?;
-        Ok(record.id)
+    /// Stores the files and gives their ids. Each file first, then the record that names it: what is listed is whole.
+    pub(super) async fn publish(&self, batch: Batch) -> Result<Vec<String>, EngineError> {
+        let mut ids = Vec::with_capacity(batch.files.len());
+        for TraceFile { bytes, record } in batch.files {
+            let _lease = self.shelf.lease_when_free(&record.id).await;
+            let record = TraceRecord { stored_ms: now_ms(), ..record };
+            self.store.put_blob(&record.id, bytes).await?;
+            self.put_of_video(Kind::Traces, &record.video, &record.id, &record).await?;
+            ids.push(record.id);
+        }
+        self.shelf.filled.notify_one();
+        Ok(ids)
     }
 
-    /// Up to `limit` traces (of one video, or all) after the id `after`, by id.
+    /// Up to `limit` traces that the filter lets through, after the id `after`, by id.
     pub async fn traces(
         &self,
-        video: Option<String>,
+        filter: TraceFilter,
         after: &str,
         limit: usize,
     ) -> Result<Vec<TraceRecord>, EngineError> {
-        if let Some(video) = &video {
+        if let Some(video) = &filter.video {
             self.video(video).await?;
         }
-        let keep = move |record: &TraceRecord| video.as_ref().is_none_or(|v| *v == record.video);
+        let keep = move |record: &TraceRecord| {
+            let is = |wanted: &Option<String>, found: &String| wanted.as_ref().is_none_or(|w| w == found);
+            let (from, to) = filter.stored_ms;
+            is(&filter.video, &record.video)
+                && is(&filter.model, &record.model)
+                && from.is_none_or(|from| record.stored_ms >= from)
+                && to.is_none_or(|to| record.stored_ms < to)
+        };
         let rows = self.store.list(Kind::Traces, "", after, limit, keep).await?;
         Ok(rows.into_iter().map(|(_, record)| record).collect())
     }
 
-    pub async fn trace(&self, id: &str) -> Result<TraceRecord, EngineError> {
-        let found = self.store.get(Kind::Traces, id).await?;
-        found.ok_or_else(|| EngineError::NotFound { name: format!("traces/{id}") })
+    /// The record of a trace, and the right to read it: retention leaves it alone as long as the lease is held.
+    pub async fn trace(&self, id: &str) -> Result<(TraceRecord, Lease), EngineError> {
+        let missing = || EngineError::NotFound { name: format!("traces/{id}") };
+        let lease = self.shelf.lease(id).ok_or_else(missing)?;
+        let record = self.store.get(Kind::Traces, id).await?.ok_or_else(missing)?;
+        Ok((record, lease))
     }
 
     /// The next bytes of a trace from `offset` on; empty at its end.

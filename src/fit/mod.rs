@@ -70,6 +70,9 @@ pub struct Fit {
     pub posterior: Posterior,
     pub iterations: usize,
     pub outcome: Outcome,
+    /// The cost of each iteration of the search that was chosen, over the frames that it saw; last the cost at its end.
+    #[serde(default)]
+    pub losses: Vec<f64>,
 }
 
 /// How one scene was fitted.
@@ -147,7 +150,15 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
     let posterior = Posterior::at(&problem, &best.point, frames);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
-    Ok(Fit { scenes: fits, posterior, iterations: best.iterations, outcome: best.outcome })
+    let Solution { iterations, outcome, losses, .. } = best;
+    Ok(Fit { scenes: fits, posterior, iterations, outcome, losses })
+}
+
+/// The model as a fit from tracks begins with it: at lines through the first frames.
+pub fn beginning(scene: &Scene, start: &Model) -> Model {
+    let mut model = start.clone();
+    start::from_tracks(scene, &mut model, &noise::estimate(scene));
+    model
 }
 
 fn gauss_newton(
@@ -219,14 +230,15 @@ fn grow(
 ) -> Result<Solution, FitError> {
     let mut point = start;
     let mut window = LOOK_AHEAD.max(10).min(frames);
-    let mut iterations = 0;
+    let (mut iterations, mut losses) = (0, vec![]);
     loop {
         let solution =
             minimise(problem, &point, window, budget.saturating_sub(iterations).clamp(1, 30), stop)?;
         iterations += solution.iterations;
         point = solution.point;
+        losses.extend(&solution.losses);
         if window >= frames {
-            return Ok(Solution { point, iterations, ..solution });
+            return Ok(Solution { point, iterations, losses, ..solution });
         }
         let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
         window = (lost.unwrap_or(frames) + LOOK_AHEAD).max(window + LOOK_AHEAD).min(frames);

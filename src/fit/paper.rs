@@ -51,7 +51,7 @@ pub(super) fn minimise(
     let free_motion = problem.with_scenes(&before);
     let mut point = problem.start();
     let mut last = None;
-    let mut iterations = 0;
+    let (mut iterations, mut losses) = (0, vec![]);
     for (number, stage) in STAGES.iter().enumerate() {
         let problem = if stage.contacts { problem } else { &free_motion };
         let window = stage.frames.min(frames);
@@ -71,11 +71,12 @@ pub(super) fn minimise(
         let found = search.run(&point, STEPS.min(budget.saturating_sub(iterations)), &progress)?;
         iterations += found.iterations;
         point = found.point.clone();
+        losses.extend(&found.losses);
         last = Some(found);
     }
     let outcome = last.map_or(Outcome::IterationLimit, |l| l.outcome);
     let cost = problem.cost(&point, frames);
-    Ok(Solution { point, cost, iterations, outcome })
+    Ok(Solution { point, cost, iterations, outcome, losses })
 }
 
 /// Whether a parameter matters at contacts only: masses and contact laws.
@@ -127,17 +128,18 @@ impl Search<'_> {
         let mut point = start.to_vec();
         let mut cost = (self.value)(&point);
         let mut pairs: VecDeque<(Vec<f64>, Vec<f64>)> = VecDeque::new();
-        let mut gradient = vec![];
+        let (mut gradient, mut losses) = (vec![], vec![cost]);
         for iteration in 0..steps {
             stop(iteration as f64 / steps as f64)?;
-            let ended = |point: &[f64], iterations| Solution {
+            let ended = |point: &[f64], iterations, losses| Solution {
                 point: point.to_vec(),
                 cost,
                 iterations,
                 outcome: Outcome::Converged,
+                losses,
             };
             if (self.done)(&point) {
-                return Ok(ended(&point, iteration));
+                return Ok(ended(&point, iteration, losses));
             }
             if gradient.is_empty() {
                 gradient = (self.gradient)(&point);
@@ -147,7 +149,7 @@ impl Search<'_> {
                 pairs.clear();
                 found = self.line_search(&point, cost, &gradient, &self.direction(&gradient, &pairs));
             }
-            let Some((next, lower)) = found else { return Ok(ended(&point, iteration + 1)) };
+            let Some((next, lower)) = found else { return Ok(ended(&point, iteration + 1, losses)) };
             let fall = cost - lower;
             let slope = (self.gradient)(&next);
             let moved = difference(&next, &point);
@@ -159,11 +161,13 @@ impl Search<'_> {
                 }
             }
             (point, cost, gradient) = (next, lower, slope);
+            losses.push(cost);
             if fall <= TOLERANCE * cost {
-                return Ok(Solution { point, cost, iterations: iteration + 1, outcome: Outcome::Converged });
+                let (iterations, outcome) = (iteration + 1, Outcome::Converged);
+                return Ok(Solution { point, cost, iterations, outcome, losses });
             }
         }
-        Ok(Solution { point, cost, iterations: steps, outcome: Outcome::IterationLimit })
+        Ok(Solution { point, cost, iterations: steps, outcome: Outcome::IterationLimit, losses })
     }
 
     /// The two-loop recursion.

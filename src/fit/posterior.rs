@@ -235,6 +235,7 @@ impl Fit {
             posterior: self.posterior.of_scene(scene),
             iterations: self.iterations,
             outcome: self.outcome,
+            losses: self.losses.clone(),
         }
     }
 

@@ -18,6 +18,8 @@ pub(super) struct Solution {
     pub cost: f64,
     pub iterations: usize,
     pub outcome: Outcome,
+    /// The cost of each iteration, over the frames that it saw; last the cost at the end.
+    pub losses: Vec<f64>,
 }
 
 /// Minimises the cost over the frames before `window` from `start`. `budget` counts iterations.
@@ -31,10 +33,12 @@ pub(super) fn minimise(
     let mut point = start.to_vec();
     let mut damping = FIRST_DAMPING;
     let mut cost = f64::INFINITY;
+    let mut losses = vec![];
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
         let normal = problem.normal(&point, window);
         cost = normal.cost;
+        losses.push(cost);
         let mut accepted = None;
         while accepted.is_none() && damping < MOST_DAMPING {
             stop(iteration as f64 / budget as f64)?;
@@ -49,19 +53,23 @@ pub(super) fn minimise(
             damping *= 10.0;
         }
         let Some((step, trial_cost)) = accepted else {
-            return Ok(Solution { point, cost, iterations: iteration + 1, outcome: Outcome::Converged });
+            let (iterations, outcome) = (iteration + 1, Outcome::Converged);
+            return Ok(Solution { point, cost, iterations, outcome, losses });
         };
         let fall = cost - trial_cost;
         point = step;
         cost = trial_cost;
         if fall <= TOLERANCE * cost {
-            return Ok(Solution { point, cost, iterations: iteration + 1, outcome: Outcome::Converged });
+            losses.push(cost);
+            let (iterations, outcome) = (iteration + 1, Outcome::Converged);
+            return Ok(Solution { point, cost, iterations, outcome, losses });
         }
         if damping > 1.0 {
             damping = 1.0;
         }
     }
-    Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit })
+    losses.push(cost);
+    Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit, losses })
 }
 
 /// The damped Gauss-Newton step, held inside the bounds: parameters that would leave them are held there and

@@ -372,7 +372,7 @@ fn fitted(scene: &Scene) -> crate::fit::Fit {
 fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene {
     let sample = |frame: usize| {
         let shake = vec2((37.0 * frame as f64).sin(), (53.0 * frame as f64).cos()).scaled(1e-3);
-        Sample { frame, position: at(frame as f64 / 25.0) + shake, yaw: None }
+        Sample { frame, position: at(frame as f64 / 25.0) + shake, yaw: None, covariance: None }
     };
     Scene {
         name: "one".into(),

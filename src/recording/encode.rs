@@ -1,98 +1,123 @@
-//! Writes a recording as MCAP: log time is simulation time, so equal recordings give equal bytes.
+//! Writes a simulation as MCAP: log time is simulation time, so equal recordings give equal bytes.
 
+use super::draft::{Draft, timestamp};
+use super::draw::{color, entity, pose};
 use super::messages::{self as m, Topic, foxglove as fox, v1};
-use super::{FRAME, MAX_TIME, Recording, RecordingError};
+use super::{FRAME, Recording, RecordingError};
+use crate::fit::{Estimate, Fit};
 use crate::num::Vec2;
-use crate::reason::LikelyEvent;
-use crate::scene::Shape;
-use crate::world::{EventKind, State};
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, Compression, WriteOptions};
-use prost::Message;
-use prost_types::Timestamp;
-use std::borrow::Cow;
+use crate::reason::{Imagined, LikelyEvent};
+use crate::scene::{Scene, Shape};
+use crate::world::{EventKind, Model, State, Trace};
 use std::collections::BTreeMap;
-use std::io::Cursor;
+
+/// Most states of drawn rollouts in one file: about 25 MB. The rollouts after them can be simulated again.
+pub const MAX_ROLLOUT_STATES: usize = 1_000_000;
+/// Media types of attachments.
+const JSON: &str = "application/json";
+const CBOR: &str = "application/cbor";
 
 /// The trace file of one simulation.
 pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
-    let mut messages = Vec::new();
-    measured(recording, &mut messages)?;
-    simulated(recording, &mut messages)?;
-    events(recording, &mut messages)?;
-    parameters(recording, &mut messages)?;
-    messages.sort_by_key(|message| (message.time, message.topic));
-    write(recording, &messages)
+    let Recording { scene, imagined, fit, .. } = *recording;
+    let drawn = rollouts_kept(imagined);
+    let mut topics = m::SIMULATION.to_vec();
+    if drawn > 0 {
+        topics.extend([m::MEAN, m::MEAN_POSES]);
+        topics.extend((0..drawn).map(m::rollout));
+    }
+    let mut draft = Draft::new(topics);
+    measured(scene, &mut draft)?;
+    residuals(scene, &imagined.best, &m::RESIDUALS, &mut draft)?;
+    simulated(scene, imagined, &mut draft)?;
+    ensemble(imagined, drawn, &mut draft)?;
+    events(recording, &mut draft)?;
+    parameters(&fit.posterior.estimates, &mut draft)?;
+    let attachments = [
+        ("request.json", JSON, recording.request_json.as_bytes().to_vec()),
+        ("model.json", JSON, serde_json::to_vec(&imagined.model)?),
+        ("scene.json", JSON, serde_json::to_vec(scene)?),
+        ("fit.cbor", CBOR, cbor(fit)?),
+    ];
+    let mut metadata = super::metadata("simulation", scene, recording.video, recording.model);
+    metadata.extend(
+        [
+            ("preset", imagined.model.preset.clone()),
+            ("seed", recording.seed.to_string()),
+            ("frames", imagined.best.times.len().to_string()),
+            ("observed_frames", imagined.observed_frames.to_string()),
+            ("rollouts", imagined.ensemble.len().to_string()),
+            ("rollouts_kept", drawn.to_string()),
+            ("interventions", serde_json::to_string(&imagined.interventions)?),
+        ]
+        .map(|(key, value)| (key.to_string(), value)),
+    );
+    draft.finish(metadata, &attachments)
 }
 
-struct Timed {
-    /// ns from the start of the video.
-    time: u64,
-    /// Index into [`m::TOPICS`].
-    topic: usize,
-    data: Vec<u8>,
+/// A fit keeps infinite bounds, which JSON does not know.
+pub fn cbor(fit: &Fit) -> Result<Vec<u8>, RecordingError> {
+    let mut bytes = Vec::new();
+    ciborium::into_writer(fit, &mut bytes).map_err(|e| RecordingError::Cbor(e.to_string()))?;
+    Ok(bytes)
 }
 
-fn push(to: &mut Vec<Timed>, topic: &Topic, time: f64, message: &impl Message) -> Result<(), RecordingError> {
-    let topic = m::TOPICS.iter().position(|t| t.name == topic.name).unwrap_or(0);
-    to.push(Timed { time: nanoseconds(time)?, topic, data: message.encode_to_vec() });
+fn rollouts_kept(imagined: &Imagined) -> usize {
+    let states = imagined.best.times.len() * imagined.best.ids.len();
+    imagined.ensemble.len().min(MAX_ROLLOUT_STATES / states.max(1))
+}
+
+/// Poses as they were measured.
+pub fn measured(scene: &Scene, to: &mut Draft) -> Result<(), RecordingError> {
+    let mut rows: BTreeMap<usize, Vec<fox::Pose>> = BTreeMap::new();
+    for (object, track) in scene.objects.iter().zip(&scene.tracks) {
+        for sample in &track.samples {
+            let pose = pose(sample.position, &object.shape, sample.yaw.unwrap_or(0.0));
+            rows.entry(sample.frame).or_default().push(pose);
+        }
+    }
+    for (frame, poses) in rows {
+        let time = scene.time_of(frame);
+        let message = fox::PosesInFrame { timestamp: timestamp(time)?, frame_id: FRAME.into(), poses };
+        to.push(&m::MEASURED, time, &message)?;
+    }
     Ok(())
 }
 
-fn nanoseconds(time: f64) -> Result<u64, RecordingError> {
-    if !(0.0..=MAX_TIME).contains(&time) {
-        return Err(RecordingError::Time { time });
-    }
-    Ok((time * 1e9).round() as u64)
-}
-
-fn timestamp(time: f64) -> Result<Option<Timestamp>, RecordingError> {
-    let ns = nanoseconds(time)?;
-    Ok(Some(Timestamp { seconds: (ns / 1_000_000_000) as i64, nanos: (ns % 1_000_000_000) as i32 }))
-}
-
-fn measured(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingError> {
-    let scene = recording.scene;
-    let mut rows: BTreeMap<usize, (Vec<fox::Pose>, Vec<v1::TraceResidual>)> = BTreeMap::new();
+/// Measured minus simulated positions.
+pub fn residuals(scene: &Scene, run: &Trace, topic: &Topic, to: &mut Draft) -> Result<(), RecordingError> {
+    let mut rows: BTreeMap<usize, Vec<v1::TraceResidual>> = BTreeMap::new();
     for (object, track) in scene.objects.iter().zip(&scene.tracks) {
-        let body = recording.imagined.best.ids.iter().position(|id| *id == object.id);
+        let body = run.ids.iter().position(|id| *id == object.id);
         for sample in &track.samples {
-            let (poses, residuals) = rows.entry(sample.frame).or_default();
-            poses.push(pose(sample.position, &object.shape, sample.yaw.unwrap_or(0.0)));
-            let row = recording.imagined.best.states.get(sample.frame);
-            let state = row.zip(body).and_then(|(row, body)| row.get(body).copied().flatten());
+            let row = rows.entry(sample.frame).or_default();
+            let states = run.states.get(sample.frame);
+            let state = states.zip(body).and_then(|(row, body)| row.get(body).copied().flatten());
             if let Some(state) = state {
                 let Vec2 { x, y } = sample.position - state.position;
-                residuals.push(v1::TraceResidual { object_id: object.id, x, y });
+                row.push(v1::TraceResidual { object_id: object.id, x, y });
             }
         }
     }
-    for (frame, (poses, residuals)) in rows {
-        let time = scene.time_of(frame);
-        let poses = fox::PosesInFrame { timestamp: timestamp(time)?, frame_id: FRAME.into(), poses };
-        push(to, &m::MEASURED, time, &poses)?;
-        push(to, &m::RESIDUALS, time, &v1::TraceResiduals { frame: frame as u32, residuals })?;
+    for (frame, residuals) in rows {
+        let message = v1::TraceResiduals { frame: frame as u32, residuals };
+        to.push(topic, scene.time_of(frame), &message)?;
     }
     Ok(())
 }
 
-fn simulated(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingError> {
-    let (scene, imagined) = (recording.scene, recording.imagined);
-    let shapes: Vec<Shape> = imagined.model.bodies.iter().map(|b| b.shape).collect();
+fn simulated(scene: &Scene, imagined: &Imagined, to: &mut Draft) -> Result<(), RecordingError> {
+    let (best, model) = (&imagined.best, &imagined.model);
+    run(best, &imagined.sd, model, [&m::STATES, &m::POSES], to)?;
+    let shapes: Vec<Shape> = model.bodies.iter().map(|b| b.shape).collect();
     let color_of = |id: &u32| scene.objects.iter().find(|o| o.id == *id).map(|o| color(&o.color));
     let colors: Vec<fox::Color> =
-        imagined.best.ids.iter().map(|id| color_of(id).unwrap_or_else(|| color(""))).collect();
-    for (frame, (row, &time)) in imagined.best.states.iter().zip(&imagined.best.times).enumerate() {
+        best.ids.iter().map(|id| color_of(id).unwrap_or_else(|| color(""))).collect();
+    for (row, &time) in best.states.iter().zip(&best.times) {
         let timestamp = timestamp(time)?;
-        let mut states = Vec::with_capacity(row.len());
-        let mut poses = Vec::with_capacity(row.len());
-        let mut transforms = Vec::with_capacity(row.len());
-        let mut entities = Vec::with_capacity(row.len());
-        let bodies = row.iter().zip(&imagined.best.ids).zip(shapes.iter().zip(&colors)).enumerate();
-        for (body, ((state, &id), (shape, color))) in bodies {
+        let (mut transforms, mut entities) = (Vec::with_capacity(row.len()), Vec::with_capacity(row.len()));
+        for ((state, &id), (shape, color)) in row.iter().zip(&best.ids).zip(shapes.iter().zip(&colors)) {
             let Some(state) = state else { continue };
-            let sd = imagined.sd.get(frame).and_then(|row| row.get(body).copied().flatten());
-            states.push(trace_state(id, state, sd));
             let pose = pose(state.position, shape, state.yaw);
             transforms.push(fox::FrameTransform {
                 timestamp,
@@ -102,15 +127,98 @@ fn simulated(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), Recording
                 rotation: pose.orientation,
             });
             entities.push(entity(id, shape, pose, *color, timestamp));
-            poses.push(pose);
         }
-        let energy = imagined.best.energy.get(frame).copied().unwrap_or(0.0);
-        push(to, &m::STATES, time, &v1::TraceFrame { frame: frame as u32, time, energy, states })?;
-        push(to, &m::POSES, time, &fox::PosesInFrame { timestamp, frame_id: FRAME.into(), poses })?;
-        push(to, &m::TRANSFORMS, time, &fox::FrameTransforms { transforms })?;
-        push(to, &m::SHAPES, time, &fox::SceneUpdate { entities })?;
+        to.push(&m::TRANSFORMS, time, &fox::FrameTransforms { transforms })?;
+        to.push(&m::SHAPES, time, &fox::SceneUpdate { entities })?;
     }
     Ok(())
+}
+
+/// States and poses of one run; `sd[frame][body]` where they are known.
+pub fn run(
+    run: &Trace,
+    sd: &[Vec<Option<f64>>],
+    model: &Model,
+    [states_topic, poses_topic]: [&Topic; 2],
+    to: &mut Draft,
+) -> Result<(), RecordingError> {
+    for (frame, (row, &time)) in run.states.iter().zip(&run.times).enumerate() {
+        let (mut states, mut poses) = (Vec::with_capacity(row.len()), Vec::with_capacity(row.len()));
+        for (body, ((state, &id), spec)) in row.iter().zip(&run.ids).zip(&model.bodies).enumerate() {
+            let Some(state) = state else { continue };
+            let sd = sd.get(frame).and_then(|row| row.get(body).copied().flatten());
+            states.push(trace_state(id, state, sd));
+            poses.push(pose(state.position, &spec.shape, state.yaw));
+        }
+        let energy = run.energy.get(frame).copied().unwrap_or(0.0);
+        to.push(states_topic, time, &v1::TraceFrame { frame: frame as u32, time, energy, states })?;
+        let poses = fox::PosesInFrame { timestamp: timestamp(time)?, frame_id: FRAME.into(), poses };
+        to.push(poses_topic, time, &poses)?;
+    }
+    Ok(())
+}
+
+/// The mean of all rollouts with the spread around it, and the rollouts that are kept, each on its own topic.
+fn ensemble(imagined: &Imagined, kept: usize, to: &mut Draft) -> Result<(), RecordingError> {
+    if kept == 0 {
+        return Ok(());
+    }
+    let (mean, sd) = mean(imagined);
+    run(&mean, &sd, &imagined.model, [&m::MEAN, &m::MEAN_POSES], to)?;
+    for (number, rollout) in imagined.ensemble.iter().take(kept).enumerate() {
+        let topic = m::rollout(number);
+        for (frame, (row, &time)) in rollout.states.iter().zip(&rollout.times).enumerate() {
+            let here = || row.iter().zip(&rollout.ids).filter_map(|(state, id)| Some((state.as_ref()?, *id)));
+            let message = v1::TraceRollout {
+                frame: frame as u32,
+                object_ids: here().map(|(_, id)| id).collect(),
+                x: here().map(|(s, _)| s.position.x).collect(),
+                y: here().map(|(s, _)| s.position.y).collect(),
+                yaw: here().map(|(s, _)| s.yaw).collect(),
+            };
+            to.push(&topic, time, &message)?;
+        }
+    }
+    Ok(())
+}
+
+/// Mean states over the rollouts that have the body, and the deviation of a position from them, per coordinate (m). It
+/// is no motion that could happen: after a chance collision it runs between the ways that the rollouts take.
+fn mean(imagined: &Imagined) -> (Trace, Vec<Vec<Option<f64>>>) {
+    let best = &imagined.best;
+    let mut mean = Trace { events: vec![], ..best.clone() };
+    let mut spread = Vec::with_capacity(best.states.len());
+    for (frame, row) in mean.states.iter_mut().enumerate() {
+        let mut sds = Vec::with_capacity(row.len());
+        for (body, slot) in row.iter_mut().enumerate() {
+            let (mut sum, mut squares, mut count) = (State::default(), 0.0, 0usize);
+            for state in imagined.ensemble.iter().filter_map(|t| *t.states.get(frame)?.get(body)?) {
+                sum.position += state.position;
+                squares += state.position.norm_squared();
+                sum.velocity += state.velocity;
+                sum.roll += state.roll;
+                sum.yaw += state.yaw;
+                sum.spin += state.spin;
+                count += 1;
+            }
+            let share = 1.0 / count.max(1) as f64;
+            *slot = (count > 0).then(|| State {
+                position: sum.position.scaled(share),
+                yaw: sum.yaw * share,
+                velocity: sum.velocity.scaled(share),
+                spin: sum.spin * share,
+                roll: sum.roll.scaled(share),
+            });
+            let variance = |mean: Vec2| (0.5 * (squares * share - mean.norm_squared())).max(0.0);
+            sds.push(slot.map(|s| variance(s.position).sqrt()));
+        }
+        spread.push(sds);
+    }
+    for (frame, energy) in mean.energy.iter_mut().enumerate() {
+        let all = imagined.ensemble.iter().filter_map(|t| t.energy.get(frame));
+        *energy = all.sum::<f64>() / imagined.ensemble.len().max(1) as f64;
+    }
+    (mean, spread)
 }
 
 fn trace_state(id: u32, state: &State, sd: Option<f64>) -> v1::TraceState {
@@ -128,64 +236,7 @@ fn trace_state(id: u32, state: &State, sd: Option<f64>) -> v1::TraceState {
     }
 }
 
-fn pose(position: Vec2, shape: &Shape, yaw: f64) -> fox::Pose {
-    let position = fox::Vector3 { x: position.x, y: position.y, z: shape.centre_height() };
-    let orientation = fox::Quaternion { x: 0.0, y: 0.0, z: (0.5 * yaw).sin(), w: (0.5 * yaw).cos() };
-    fox::Pose { position: Some(position), orientation: Some(orientation) }
-}
-
-fn entity(
-    id: u32,
-    shape: &Shape,
-    pose: fox::Pose,
-    color: fox::Color,
-    timestamp: Option<Timestamp>,
-) -> fox::SceneEntity {
-    let (pose, color) = (Some(pose), Some(color));
-    let size = |x: f64, y: f64| Some(fox::Vector3 { x, y, z: 2.0 * shape.centre_height() });
-    let mut entity = fox::SceneEntity {
-        timestamp,
-        frame_id: FRAME.into(),
-        id: format!("object_{id}"),
-        ..Default::default()
-    };
-    match *shape {
-        Shape::Disc { radius } => entity.cylinders.push(fox::CylinderPrimitive {
-            pose,
-            size: size(2.0 * radius, 2.0 * radius),
-            bottom_scale: 1.0,
-            top_scale: 1.0,
-            color,
-        }),
-        Shape::Ball { radius } => {
-            entity.spheres.push(fox::SpherePrimitive { pose, size: size(2.0 * radius, 2.0 * radius), color });
-        }
-        Shape::Square { half_side: a } => {
-            entity.cubes.push(fox::CubePrimitive { pose, size: size(2.0 * a, 2.0 * a), color });
-        }
-        Shape::Rectangle { half_length: a, half_width: b } => {
-            entity.cubes.push(fox::CubePrimitive { pose, size: size(2.0 * a, 2.0 * b), color });
-        }
-    }
-    entity
-}
-
-/// CLEVRER's colour words as RGB; grey for any other.
-fn color(word: &str) -> fox::Color {
-    let [r, g, b] = match word {
-        "red" => [0.68, 0.14, 0.14],
-        "blue" => [0.16, 0.29, 0.84],
-        "green" => [0.11, 0.41, 0.08],
-        "brown" => [0.51, 0.29, 0.10],
-        "purple" => [0.51, 0.15, 0.75],
-        "cyan" => [0.16, 0.82, 0.82],
-        "yellow" => [1.0, 0.93, 0.20],
-        _ => [0.5, 0.5, 0.5],
-    };
-    fox::Color { r, g, b, a: 1.0 }
-}
-
-fn events(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingError> {
+fn events(recording: &Recording, to: &mut Draft) -> Result<(), RecordingError> {
     for likely in &recording.imagined.events {
         let e = &likely.event;
         let event = v1::TraceEvent {
@@ -201,7 +252,7 @@ fn events(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingErr
             wall: e.wall.clone().unwrap_or_default(),
             probability: likely.probability,
         };
-        push(to, &m::EVENTS, e.time, &event)?;
+        to.push(&m::EVENTS, e.time, &event)?;
         let log = fox::Log {
             timestamp: timestamp(e.time)?,
             level: fox::log::Level::Info as i32,
@@ -209,7 +260,7 @@ fn events(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingErr
             name: "vrdp".into(),
             ..Default::default()
         };
-        push(to, &m::LOG, e.time, &log)?;
+        to.push(&m::LOG, e.time, &log)?;
     }
     if let Some(cut) = recording.imagined.cut_short {
         let last = recording.imagined.best.times.last().copied().unwrap_or(0.0);
@@ -221,7 +272,7 @@ fn events(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingErr
             name: "vrdp".into(),
             ..Default::default()
         };
-        push(to, &m::LOG, time, &log)?;
+        to.push(&m::LOG, time, &log)?;
     }
     Ok(())
 }
@@ -247,69 +298,14 @@ fn sentence(recording: &Recording, likely: &LikelyEvent) -> String {
     format!("{} of {}, probability {probability:.0} %", word(likely.event.kind), objects.join(" and "))
 }
 
-fn parameters(recording: &Recording, to: &mut Vec<Timed>) -> Result<(), RecordingError> {
-    let parameters = recording.estimates.iter().map(|e| v1::TraceParameter {
+/// What was fitted, with its deviations.
+pub fn parameters(estimates: &[Estimate], to: &mut Draft) -> Result<(), RecordingError> {
+    let parameters = estimates.iter().map(|e| v1::TraceParameter {
         name: e.name.clone(),
         value: e.value,
         sd: e.sd,
         unit: e.unit.clone(),
         identified: e.identified,
     });
-    push(to, &m::PARAMETERS, 0.0, &v1::TraceParameters { parameters: parameters.collect() })
-}
-
-fn write(recording: &Recording, messages: &[Timed]) -> Result<Vec<u8>, RecordingError> {
-    let options = WriteOptions::new().compression(Some(Compression::Lz4)).library("vrdp");
-    let mut bytes = Vec::new();
-    let mut file = options.create(Cursor::new(&mut bytes))?;
-    file.write_metadata(&metadata(recording)?)?;
-    let model = serde_json::to_vec(&recording.imagined.model)?;
-    for (name, data) in
-        [("request.json", recording.request_json.as_bytes()), ("model.json", model.as_slice())]
-    {
-        file.attach(&Attachment {
-            log_time: 0,
-            create_time: 0,
-            name: name.into(),
-            media_type: "application/json".into(),
-            data: Cow::Borrowed(data),
-        })?;
-    }
-    let mut channels = Vec::with_capacity(m::TOPICS.len());
-    for topic in &m::TOPICS {
-        let schema = file.add_schema(topic.schema, "protobuf", topic.descriptors)?;
-        channels.push(file.add_channel(schema, topic.name, "protobuf", &BTreeMap::new())?);
-    }
-    let mut sequence = vec![0; m::TOPICS.len()];
-    for message in messages {
-        let header = MessageHeader {
-            channel_id: channels[message.topic],
-            sequence: sequence[message.topic],
-            log_time: message.time,
-            publish_time: message.time,
-        };
-        sequence[message.topic] += 1;
-        file.write_to_known_channel(&header, &message.data)?;
-    }
-    file.finish()?;
-    drop(file);
-    Ok(bytes)
-}
-
-fn metadata(recording: &Recording) -> Result<Metadata, RecordingError> {
-    let (scene, imagined) = (recording.scene, recording.imagined);
-    let entries = [
-        ("build", env!("CARGO_PKG_VERSION").to_string()),
-        ("video", recording.video.to_string()),
-        ("scene", scene.name.clone()),
-        ("preset", imagined.model.preset.clone()),
-        ("model", recording.model.to_string()),
-        ("seed", recording.seed.to_string()),
-        ("frames", imagined.best.states.len().to_string()),
-        ("observed_frames", imagined.observed_frames.to_string()),
-        ("rollouts", imagined.ensemble.len().to_string()),
-        ("interventions", serde_json::to_string(&imagined.interventions)?),
-    ];
-    let metadata = entries.into_iter().map(|(key, value)| (key.to_string(), value)).collect();
-    Ok(Metadata { name: "vrdp".into(), metadata })
+    to.push(&m::PARAMETERS, 0.0, &v1::TraceParameters { parameters: parameters.collect() })
 }

@@ -1,78 +1,193 @@
-//! Reads a trace file back: its frames, its events, and what stands beside them.
+//! Reads a trace file through its index: any stretch of time, chunk by chunk, in little memory.
 
 use super::RecordingError;
-use super::messages::{self as m, v1};
+use super::draft::METADATA;
+use super::scan::{Summary, Whole, Window, seconds};
 use mcap::records::Record;
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use prost::Message;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::io::{Read, Seek};
+use std::sync::Arc;
 
-/// Longest record or decompressed chunk (bytes): a damaged length must not take all memory.
-const MAX_RECORD: usize = 64 << 20;
-
-/// What a trace file holds, without the messages that are drawn only.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Reading {
-    /// Messages on each topic.
-    pub counts: BTreeMap<String, usize>,
-    pub frames: Vec<v1::TraceFrame>,
-    pub events: Vec<v1::TraceEvent>,
-    pub parameters: Vec<v1::TraceParameter>,
-    /// Build, ids, seed and interventions.
-    pub metadata: BTreeMap<String, String>,
-    /// `request.json` and `model.json`, by name.
-    pub attachments: BTreeMap<String, Vec<u8>>,
+/// An open trace file. Every checksum of what is read is checked.
+pub struct Reader<R> {
+    file: Window<R>,
+    summary: Summary,
 }
 
-/// Reads a whole trace file. Bytes that are none give an error, never a panic.
-pub fn read(bytes: &[u8]) -> Result<Reading, RecordingError> {
-    let options =
-        LinearReaderOptions::default().with_record_length_limit(MAX_RECORD).with_validate_chunk_crcs(true);
-    let mut reader = LinearReader::new_with_options(options);
-    let mut reading = Reading::default();
-    let mut topics = BTreeMap::new();
-    let mut rest = bytes;
-    while let Some(event) = reader.next_event() {
-        match event? {
-            LinearReadEvent::ReadRequest(wanted) => {
-                let (now, later) = rest.split_at(wanted.min(rest.len()));
-                let space = reader.insert(now.len());
-                space[..now.len()].copy_from_slice(now);
-                reader.notify_read(now.len());
-                rest = later;
+/// One message of a trace.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    pub topic: Arc<str>,
+    /// s.
+    pub time: f64,
+    pub data: Vec<u8>,
+}
+
+/// A topic and what is known of it without reading it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TopicInfo {
+    pub name: String,
+    pub schema: String,
+    pub messages: u64,
+}
+
+impl<R: Read + Seek> Reader<R> {
+    /// Reads the summary at the end of the file.
+    pub fn open(source: R) -> Result<Self, RecordingError> {
+        let mut file = Window::new(source)?;
+        if file.get(0, mcap::MAGIC.len())? != mcap::MAGIC {
+            return Err(RecordingError::NoTrace);
+        }
+        match Summary::read(&mut file)? {
+            Ok(summary) => Ok(Reader { file, summary }),
+            Err(what) => {
+                let to = file.size;
+                Err(RecordingError::Damaged { from: 0, to, what })
             }
-            LinearReadEvent::Record { opcode, data } => match mcap::parse_record(opcode, data)? {
-                Record::Channel(channel) => {
-                    topics.insert(channel.id, channel.topic);
-                }
-                Record::Message { header, data } => {
-                    let topic = topics.get(&header.channel_id).map_or("", String::as_str);
-                    reading.take(topic, &data)?;
-                }
-                Record::Metadata(metadata) => reading.metadata.extend(metadata.metadata),
-                Record::Attachment { header, data, .. } => {
-                    reading.attachments.insert(header.name, data.into_owned());
-                }
-                _ => {}
-            },
         }
     }
-    Ok(reading)
+
+    pub fn size_bytes(&self) -> u64 {
+        self.file.size
+    }
+
+    /// In the order in which they were written.
+    pub fn topics(&self) -> Vec<TopicInfo> {
+        let count = |id: &u16| {
+            let statistics = self.summary.statistics.as_ref();
+            statistics.and_then(|s| s.channel_message_counts.get(id).copied()).unwrap_or(0)
+        };
+        let one = |(id, c): (&u16, &mcap::records::Channel)| TopicInfo {
+            name: c.topic.clone(),
+            schema: self.summary.schemas.get(&c.schema_id).cloned().unwrap_or_default(),
+            messages: count(id),
+        };
+        self.summary.channels.iter().map(one).collect()
+    }
+
+    /// First and last time (s).
+    pub fn span(&self) -> [f64; 2] {
+        let s = self.summary.statistics.as_ref();
+        s.map_or([0.0; 2], |s| [seconds(s.message_start_time), seconds(s.message_end_time)])
+    }
+
+    pub fn chunks(&self) -> usize {
+        self.summary.chunks.len()
+    }
+
+    /// Names and sizes (bytes).
+    pub fn attachments(&self) -> Vec<(String, u64)> {
+        self.summary.attachments.iter().map(|a| (a.name.clone(), a.data_size)).collect()
+    }
+
+    /// Build, kind, ids and numbers of the request.
+    pub fn metadata(&mut self) -> Result<BTreeMap<String, String>, RecordingError> {
+        let Some(at) = self.summary.metadata.iter().find(|m| m.name == METADATA).map(|m| m.offset) else {
+            return Ok(BTreeMap::new());
+        };
+        match self.record(at)? {
+            Whole::Other(Record::Metadata(metadata)) => Ok(metadata.metadata),
+            _ => Err(self.damaged(at, "no metadata are where the index says")),
+        }
+    }
+
+    /// The content of an attachment; `None` where there is none.
+    pub fn attachment(&mut self, name: &str) -> Result<Option<Vec<u8>>, RecordingError> {
+        let Some(at) = self.summary.attachments.iter().find(|a| a.name == name).map(|a| a.offset) else {
+            return Ok(None);
+        };
+        match self.record(at)? {
+            Whole::Other(Record::Attachment { data, .. }) => Ok(Some(data.into_owned())),
+            _ => Err(self.damaged(at, "no attachment is where the index says")),
+        }
+    }
+
+    /// The messages on `topics` (none: on all) with times in `from..=to` (s), by time.
+    pub fn messages(&mut self, topics: &[&str], [from, to]: [f64; 2]) -> Messages<'_, R> {
+        let wanted = |topic: &str| topics.is_empty() || topics.contains(&topic);
+        let named = |(id, c): (&u16, &mcap::records::Channel)| {
+            wanted(&c.topic).then(|| (*id, Arc::from(c.topic.as_str())))
+        };
+        let topics: BTreeMap<u16, Arc<str>> = self.summary.channels.iter().filter_map(named).collect();
+        let [from, to] = [from, to].map(|s| (s * 1e9).round() as u64);
+        let ids: BTreeSet<u16> = topics.keys().copied().collect();
+        let chunks = self.summary.chunks.iter().filter(|c| {
+            let on_topic = c.message_index_offsets.is_empty()
+                || c.message_index_offsets.keys().any(|id| ids.contains(id));
+            on_topic && c.message_start_time <= to && c.message_end_time >= from
+        });
+        let chunks = chunks.map(|c| c.chunk_start_offset).collect();
+        Messages { reader: self, topics, from, to, chunks, ready: VecDeque::new() }
+    }
+
+    /// Whether the file has exactly these bytes.
+    pub fn is(&mut self, bytes: &[u8]) -> Result<bool, RecordingError> {
+        if self.file.size != bytes.len() as u64 {
+            return Ok(false);
+        }
+        let mut at = 0;
+        for block in bytes.chunks(64 << 10) {
+            if self.file.get(at, block.len())? != block {
+                return Ok(false);
+            }
+            at += block.len() as u64;
+        }
+        Ok(true)
+    }
+
+    fn record(&mut self, at: u64) -> Result<Whole, RecordingError> {
+        match self.file.record(at)? {
+            Ok((record, _)) => Ok(record),
+            Err(what) => Err(self.damaged(at, &what)),
+        }
+    }
+
+    fn damaged(&self, from: u64, what: &str) -> RecordingError {
+        RecordingError::Damaged { from, to: self.file.size, what: what.into() }
+    }
 }
 
-impl Reading {
-    fn take(&mut self, topic: &str, data: &[u8]) -> Result<(), RecordingError> {
-        let count = self.counts.entry(topic.to_string()).or_default();
-        let index = *count;
-        *count += 1;
-        let wrong = |source| RecordingError::Message { topic: topic.to_string(), index, source };
-        if topic == m::STATES.name {
-            self.frames.push(v1::TraceFrame::decode(data).map_err(wrong)?);
-        } else if topic == m::EVENTS.name {
-            self.events.push(v1::TraceEvent::decode(data).map_err(wrong)?);
-        } else if topic == m::PARAMETERS.name {
-            self.parameters.extend(v1::TraceParameters::decode(data).map_err(wrong)?.parameters);
+/// Messages of a stretch of time. One chunk is in memory at a time.
+pub struct Messages<'r, R> {
+    reader: &'r mut Reader<R>,
+    topics: BTreeMap<u16, Arc<str>>,
+    /// ns.
+    from: u64,
+    to: u64,
+    /// Where those begin that are still to be read.
+    chunks: VecDeque<u64>,
+    ready: VecDeque<Message>,
+}
+
+impl<R: Read + Seek> Messages<'_, R> {
+    fn load(&mut self, at: u64) -> Result<(), RecordingError> {
+        let Whole::Chunk(records) = self.reader.record(at)? else {
+            return Err(self.reader.damaged(at, "no chunk is where the index says"));
+        };
+        for record in records {
+            if let Record::Message { header, data } = record
+                && (self.from..=self.to).contains(&header.log_time)
+                && let Some(topic) = self.topics.get(&header.channel_id)
+            {
+                let (topic, time) = (topic.clone(), seconds(header.log_time));
+                self.ready.push_back(Message { topic, time, data: data.into_owned() });
+            }
         }
         Ok(())
+    }
+}
+
+impl<R: Read + Seek> Iterator for Messages<'_, R> {
+    type Item = Result<Message, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() {
+            let at = self.chunks.pop_front()?;
+            if let Err(error) = self.load(at) {
+                self.chunks.clear();
+                return Some(Err(error));
+            }
+        }
+        self.ready.pop_front().map(Ok)
     }
 }

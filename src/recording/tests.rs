@@ -1,10 +1,14 @@
-//! Tests of trace files: complete, deterministic, and safe to read when damaged.
+//! Tests of trace files: complete, deterministic, replayed bit for bit, and safe to read when damaged.
 
 use super::*;
+use crate::fit::{FitOptions, beginning, fit};
+use crate::num::never;
 use crate::num::vec2;
-use crate::reason::LikelyEvent;
+use crate::reason::{LikelyEvent, Request, imagine};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Event, EventKind, Intervention, Preset, trace};
+use std::io::Cursor;
+use std::sync::LazyLock;
 
 fn scene() -> Scene {
     let shapes = [
@@ -66,98 +70,212 @@ fn imagined(scene: &Scene) -> Imagined {
         observed_frames: 20,
         sd: best.states.iter().map(|row| row.iter().map(|s| s.map(|_| 0.01)).collect()).collect(),
         model,
+        ensemble: vec![best.clone(), best.clone()],
         best,
-        ensemble: vec![],
         events: vec![event(EventKind::Collision, 0.5, &[0, 3]), event(EventKind::Stop, 0.91, &[6])],
         unreached: vec![],
         cut_short: None,
     }
 }
 
-fn check(change: impl Fn(&mut Imagined), then: impl Fn(&Imagined, Result<Vec<u8>, RecordingError>)) {
+/// The scene, fitted once.
+static FITTED: LazyLock<(Scene, Fit)> = LazyLock::new(|| {
     let scene = scene();
-    let mut imagined = imagined(&scene);
+    let model = Preset::for_world(scene.world).model(&scene);
+    let fit = fit(std::slice::from_ref(&scene), &[model], &FitOptions::default(), &never).unwrap();
+    (scene, fit)
+});
+
+fn encoded(imagined: &Imagined) -> Result<Vec<u8>, RecordingError> {
+    let (scene, fit) = &*FITTED;
+    let request_json = "{\"frames\":30}";
+    encode(&Recording { scene, imagined, fit, video: "v", model: "m", seed: 7, request_json })
+}
+
+/// A simulation as the service makes it; `change` is what the file then says otherwise.
+fn simulation(frames: usize, change: impl Fn(&mut Imagined)) -> Vec<u8> {
+    let (scene, fit) = &*FITTED;
+    let interventions = vec![Intervention::ScaleMass { id: 3, factor: 5.0 }];
+    let request = Request { interventions, frames, rollouts: 3, seed: 7 };
+    let mut imagined = imagine(scene, fit, 0, &request, &never).unwrap();
     change(&mut imagined);
-    let estimates = [Estimate {
-        scene: Some(0),
-        name: "objects[0].mass".into(),
-        value: 2.0,
-        sd: 0.1,
-        unit: "kg".into(),
-        identified: true,
-    }];
-    let recording = Recording {
-        scene: &scene,
-        imagined: &imagined,
-        estimates: &estimates,
-        video: "videos/v",
+    encoded(&imagined).unwrap()
+}
+
+fn change() -> Vec<u8> {
+    let (scene, fit) = &*FITTED;
+    let before = beginning(scene, &Preset::for_world(scene.world).model(scene));
+    let step = Step { effect: "tilt".into(), rmse: 0.1, held_out_rmse: 0.2, reduced_chi_square: 3.0 };
+    let revisions = [step];
+    encode_change(&Change {
+        kind: "discovery",
+        scene,
+        before: &before,
+        fit,
+        video: "v",
         model: "m",
-        seed: 7,
-        request_json: "{\"frames\":30}",
-    };
-    then(&imagined, encode(&recording));
-    if let (Ok(first), Ok(again)) = (encode(&recording), encode(&recording)) {
-        assert_eq!(first, again, "equal recordings must give equal bytes");
-    }
+        revisions: &revisions,
+        request_json: "{}",
+    })
+    .unwrap()
 }
 
 #[test]
 fn every_frame_and_event_is_in_the_file() {
-    check(
-        |_| {},
-        |imagined, bytes| {
-            let reading = read(&bytes.unwrap()).unwrap();
-            assert_eq!(reading.frames.len(), 30);
-            for (frame, row) in reading.frames.iter().zip(&imagined.best.states) {
-                assert_eq!(frame.time, imagined.best.times[frame.frame as usize]);
-                let here: Vec<_> = row.iter().zip(&imagined.best.ids).filter(|(s, _)| s.is_some()).collect();
-                assert_eq!(frame.states.len(), here.len());
-                for (read, (state, id)) in frame.states.iter().zip(here) {
-                    let state = state.unwrap();
-                    assert_eq!((read.object_id, read.sd), (*id, Some(0.01)));
-                    assert_eq!((read.x, read.y, read.yaw), (state.position.x, state.position.y, state.yaw));
-                    assert_eq!(
-                        (read.vx, read.vy, read.spin),
-                        (state.velocity.x, state.velocity.y, state.spin)
-                    );
-                }
-            }
-            let events: Vec<_> =
-                reading.events.iter().map(|e| (e.kind.as_str(), e.time, e.object_ids.clone())).collect();
-            assert_eq!(events, [("collision", 0.5, vec![0, 3]), ("stop", 0.91, vec![6])]);
-            let counts: Vec<_> = messages::TOPICS.iter().map(|t| reading.counts[t.name]).collect();
-            assert_eq!(counts, [1, 20, 30, 30, 30, 30, 20, 2, 2]);
-            assert_eq!(reading.parameters[0].value, 2.0);
-            assert_eq!(reading.metadata["seed"], "7");
-            assert_eq!(reading.attachments["request.json"], b"{\"frames\":30}");
-            let model: crate::world::Model =
-                serde_json::from_slice(&reading.attachments["model.json"]).unwrap();
-            assert_eq!(trace(&model, &imagined.best.times), imagined.best, "a trace alone can be replayed");
-        },
-    );
+    let imagined = imagined(&FITTED.0);
+    let bytes = encoded(&imagined).unwrap();
+    assert_eq!(bytes, encoded(&imagined).unwrap(), "equal recordings must give equal bytes");
+    let reading = read(&bytes).unwrap();
+    assert_eq!(reading.frames.len(), 30);
+    for (frame, row) in reading.frames.iter().zip(&imagined.best.states) {
+        assert_eq!(frame.time, imagined.best.times[frame.frame as usize]);
+        let here: Vec<_> = row.iter().zip(&imagined.best.ids).filter(|(s, _)| s.is_some()).collect();
+        assert_eq!(frame.states.len(), here.len());
+        for (read, (state, id)) in frame.states.iter().zip(here) {
+            let state = state.unwrap();
+            assert_eq!((read.object_id, read.sd), (*id, Some(0.01)));
+            assert_eq!((read.x, read.y, read.yaw), (state.position.x, state.position.y, state.yaw));
+            assert_eq!((read.vx, read.vy, read.spin), (state.velocity.x, state.velocity.y, state.spin));
+        }
+    }
+    let events: Vec<_> =
+        reading.events.iter().map(|e| (e.kind.as_str(), e.time, e.object_ids.clone())).collect();
+    assert_eq!(events, [("collision", 0.5, vec![0, 3]), ("stop", 0.91, vec![6])]);
+    let counts: Vec<_> = messages::SIMULATION.iter().map(|t| reading.counts[&*t.name]).collect();
+    assert_eq!(counts, [1, 20, 30, 30, 30, 30, 20, 2, 2]);
+    for topic in ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/000", "/ensemble/001"] {
+        assert_eq!(reading.counts[topic], 30, "{topic}");
+    }
+    assert_eq!(reading.parameters.len(), FITTED.1.posterior.estimates.len());
+    assert_eq!(reading.metadata["seed"], "7");
+    assert_eq!(reading.attachments["request.json"], b"{\"frames\":30}");
+    let model: crate::world::Model = serde_json::from_slice(&reading.attachments["model.json"]).unwrap();
+    assert_eq!(trace(&model, &imagined.best.times), imagined.best, "a trace alone can be replayed");
 }
 
 #[test]
 fn a_time_before_the_video_is_refused() {
-    check(
-        |imagined| imagined.best.times[0] = -1.0,
-        |_, bytes| assert!(matches!(bytes, Err(RecordingError::Time { time: -1.0 }))),
-    );
+    let mut imagined = imagined(&FITTED.0);
+    imagined.best.times[0] = -1.0;
+    assert!(matches!(encoded(&imagined), Err(RecordingError::Time { time: -1.0 })));
 }
 
 #[test]
-fn a_damaged_file_gives_an_error_and_never_a_panic() {
-    check(
-        |_| {},
-        |_, bytes| {
-            let bytes = bytes.unwrap();
-            for i in 0..200 {
-                let cut = bytes.len() * i / 200;
-                assert!(read(&bytes[..cut]).is_err(), "cut at {cut}");
-                let mut flipped = bytes.clone();
-                flipped[cut] ^= 1 << (i % 8);
-                let _ = read(&flipped);
-            }
-        },
-    );
+fn a_change_tells_both_models_and_the_loss_of_each_iteration() {
+    let reading = read(&change()).unwrap();
+    let losses = &FITTED.1.losses;
+    assert!(losses.len() > 1 && losses.last() < losses.first(), "{losses:?}");
+    let counts: Vec<_> = messages::CHANGE.iter().map(|t| reading.counts[&*t.name]).collect();
+    assert_eq!(counts, [1, 20, 20, 20, 20, 20, 20, 20, losses.len(), 1]);
+}
+
+#[test]
+fn what_was_simulated_comes_again_bit_for_bit_from_the_file_alone() {
+    for bytes in [simulation(30, |_| {}), change()] {
+        let found = verify(Cursor::new(&bytes), &never).unwrap();
+        assert!(found.holds() && found.identical && found.same_build && found.messages > 100, "{found:?}");
+        // As if another build had written it: only numbers count then.
+        let build = build();
+        let at = bytes.windows(build.len()).position(|w| w == build.as_bytes()).unwrap();
+        let mut other = bytes.clone();
+        other[at] = b'9';
+        let found = verify(Cursor::new(&other), &never).unwrap();
+        assert!(found.holds() && !found.identical && !found.same_build && found.worst.is_none(), "{found:?}");
+    }
+}
+
+#[test]
+fn a_trace_that_says_otherwise_is_found_out() {
+    let nudged = |by: f64| simulation(30, |i| i.best.states[5][0].as_mut().unwrap().position.x += by);
+    for by in [1e-3, 1e-12] {
+        let found = verify(Cursor::new(nudged(by)), &never).unwrap();
+        let worst = found.worst.clone().unwrap();
+        assert!(!found.holds() && worst.what == "x of object 0", "{found:?}");
+        assert!((worst.size() - by).abs() < 0.1 * by && (worst.time - 0.2).abs() < 1e-9, "{worst:?}");
+    }
+    let lost = simulation(30, |i| i.best.states[5][0] = None);
+    assert!(verify(Cursor::new(lost), &never).unwrap().unmatched > 0);
+}
+
+#[test]
+fn any_stretch_of_time_is_read_through_the_index() {
+    let bytes = simulation(400, |_| {});
+    let mut reader = Reader::open(Cursor::new(&bytes)).unwrap();
+    assert!(reader.chunks() > 3);
+    let topic = [&*messages::STATES.name];
+    let mut times = |span| -> Vec<f64> { reader.messages(&topic, span).map(|m| m.unwrap().time).collect() };
+    let all = times([0.0, MAX_TIME]);
+    assert!(all.len() == 400 && all.is_sorted());
+    for span in [[0.0, 0.0], [3.0, 5.0], [15.9, 99.0], [99.0, 100.0]] {
+        let wanted: Vec<f64> = all.iter().copied().filter(|t| (span[0]..=span[1]).contains(t)).collect();
+        assert_eq!(times(span), wanted);
+    }
+    let scanned = read(&bytes).unwrap();
+    assert_eq!(reader.metadata().unwrap(), scanned.metadata);
+    for (name, content) in scanned.attachments {
+        assert_eq!(reader.attachment(&name).unwrap(), Some(content));
+    }
+    assert_eq!(reader.attachment("nothing").unwrap(), None);
+    let counted =
+        reader.topics().into_iter().filter(|t| t.messages > 0).map(|t| (t.name, t.messages as usize));
+    assert_eq!(counted.collect::<BTreeMap<_, _>>(), scanned.counts);
+}
+
+/// What came back of a damaged file: every message's topic, time and content.
+fn salvaged(bytes: &[u8]) -> Option<(Report, Vec<(String, u64, Vec<u8>)>)> {
+    let mut messages = vec![];
+    let report = scan(Cursor::new(bytes), &mut |item| {
+        if let scan::Item::Message { topic, header, data } = item {
+            messages.push((topic.to_string(), header.log_time, data.to_vec()));
+        }
+    });
+    report.ok().map(|report| (report, messages))
+}
+
+#[test]
+fn a_damaged_file_gives_back_every_whole_chunk_and_never_a_panic() {
+    let bytes = simulation(400, |_| {});
+    let (report, messages) = salvaged(&bytes).unwrap();
+    assert!(report.is_whole() && report.chunks > 3, "{report:?}");
+    let summary = scan::Summary::read(&mut scan::Window::new(Cursor::new(&bytes)).unwrap()).unwrap().unwrap();
+    let ends: Vec<u64> = summary.chunks.iter().map(|c| c.chunk_start_offset + c.chunk_length).collect();
+    for i in 0..200 {
+        let cut = bytes.len() * i / 200;
+        assert!(read(&bytes[..cut]).is_err() && Reader::open(Cursor::new(&bytes[..cut])).is_err());
+        let Some((part, _)) = salvaged(&bytes[..cut]) else {
+            assert!(cut < 8, "cut at {cut}");
+            continue;
+        };
+        let whole = ends.iter().filter(|end| **end <= cut as u64).count();
+        assert!(!part.is_whole() && part.chunks == whole, "cut at {cut}: {part:?}");
+    }
+    // Bits all over the file, and those of the first bytes, of the index and of the end one by one.
+    let spread = (0..700).map(|i| 8 * bytes.len() / 700 * i + i % 8);
+    let edges = (0..150).chain(8 * bytes.len() - 150..8 * bytes.len());
+    for bit in spread.chain(edges) {
+        let mut flipped = bytes.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        let Some((part, found)) = salvaged(&flipped) else { panic!("bit {bit}: nothing came back") };
+        assert!(!part.is_whole(), "bit {bit} was not noticed");
+        assert!(part.chunks + 1 >= report.chunks, "bit {bit}: {part:?}");
+        if part.chunks == report.chunks {
+            assert_eq!(found, messages, "bit {bit}");
+        } else {
+            assert!(found.iter().all(|m| messages.binary_search_by_key(&m.1, |n| n.1).is_ok()), "bit {bit}");
+            let stated: u64 = part.stated.unwrap().values().sum();
+            assert!(stated as usize == messages.len() && found.len() < messages.len(), "bit {bit}");
+        }
+        let _ = Reader::open(Cursor::new(&flipped)).map(|mut r| r.messages(&[], [0.0, MAX_TIME]).count());
+        let _ = read(&flipped);
+    }
+    // Many at once.
+    for seed in 0..20u64 {
+        let mut flipped = bytes.clone();
+        for k in 0..1000u64 {
+            let at = (seed * 7919 + k).wrapping_mul(0x9E37_79B9_7F4A_7C15) as usize % flipped.len();
+            flipped[at] ^= 1 << (k % 8);
+        }
+        let _ = salvaged(&flipped);
+        let _ = verify(Cursor::new(&flipped), &never);
+    }
 }

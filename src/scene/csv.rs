@@ -402,7 +402,9 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
                 format!("line {}", row.line),
                 format!("is the second row of object {} at this time", row.id),
             ),
-            Err(place) => track.samples.insert(place, Sample { frame, position: vec2(x, y), yaw }),
+            Err(place) => {
+                track.samples.insert(place, Sample { frame, position: vec2(x, y), yaw, covariance: None })
+            }
         }
     }
     r.finish()?;

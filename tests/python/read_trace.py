@@ -9,7 +9,8 @@ from collections import Counter
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-FRAMES = ["/simulated/states", "/simulated/poses", "/simulated/scene", "/simulated/transforms"]
+ENSEMBLE = ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/000", "/ensemble/031"]
+FRAMES = ENSEMBLE + ["/simulated/states", "/simulated/poses", "/simulated/scene", "/simulated/transforms"]
 
 path, result = sys.argv[1], json.load(open(sys.argv[2]))
 counts, states = Counter(), []
@@ -20,7 +21,7 @@ with open(path, "rb") as file:
         counts[channel.topic] += 1
         if channel.topic == "/simulated/states":
             states.append(decoded)
-    attachments = {a.name: json.loads(a.data) for a in reader.iter_attachments()}
+    attachments = {a.name: a.data if a.name.endswith(".cbor") else json.loads(a.data) for a in reader.iter_attachments()}
     metadata = {m.name: m.metadata for m in reader.iter_metadata()}["vrdp"]
 
 for topic in FRAMES:
@@ -30,6 +31,6 @@ for topic in ["/events", "/log"]:
 for frame, state in zip(result["frames"], states):
     want = [(o["object_id"], o["x"], o["y"], o["vx"], o["vy"]) for o in frame["objects"]]
     assert want == [(s.object_id, s.x, s.y, s.vx, s.vy) for s in state.states], frame["frame"]
-assert attachments.keys() == {"request.json", "model.json"}, attachments.keys()
+assert attachments.keys() == {"request.json", "model.json", "scene.json", "fit.cbor"}, attachments.keys()
 assert metadata["build"] and metadata["model"], metadata
 print(f"{path}: {len(states)} frames, {counts['/events']} events, {len(counts)} topics: whole")

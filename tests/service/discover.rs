@@ -67,6 +67,8 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     };
     service.reasoning().simulate(simulate).await.unwrap();
     assert_eq!(discover(&service, &videos).await, found);
+    // One of each video's discovery and of the simulation; none of the fits that the search tried.
+    assert_eq!(verified(&service).await.len(), videos.len() + 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -87,23 +87,13 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     assert_eq!(service.reasoning().ask(question).await.unwrap().into_inner(), answer);
     assert_eq!(download(&service, &imagined.trace).await, bytes);
     assert_eq!(listed(&service, &video).await, traces);
+    verified(&service).await;
 
     service.videos().delete_video(v1::DeleteVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(service.fit(&video).await.unwrap_err().code(), Code::NotFound);
     let gone = v1::DownloadTraceRequest { name: imagined.trace };
     assert_eq!(service.traces().download_trace(gone).await.unwrap_err().code(), Code::NotFound);
     service.stop().await;
-}
-
-async fn download(service: &Running, name: &str) -> Vec<u8> {
-    let request = v1::DownloadTraceRequest { name: name.into() };
-    let mut stream = service.traces().download_trace(request).await.unwrap().into_inner();
-    let mut bytes = Vec::new();
-    while let Some(chunk) = stream.message().await.unwrap() {
-        assert_eq!(chunk.offset, bytes.len() as u64);
-        bytes.extend(chunk.data);
-    }
-    bytes
 }
 
 /// Names of all traces of a video, page by page.

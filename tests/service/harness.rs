@@ -155,3 +155,28 @@ pub fn fields(status: &Status) -> Vec<String> {
     let details = status.get_details_bad_request().unwrap();
     details.field_violations.into_iter().map(|v| v.field).collect()
 }
+
+/// Simulates every stored trace again from its file alone; their names, all bit for bit as they were.
+pub async fn verified(service: &Running) -> Vec<String> {
+    let request = v1::ListTracesRequest { page_size: 1000, ..Default::default() };
+    let traces = service.traces().list_traces(request).await.unwrap().into_inner().traces;
+    for trace in &traces {
+        let bytes = download(service, &trace.name).await;
+        assert_eq!(bytes.len() as u64, trace.size_bytes);
+        let found = vrdp::recording::verify(std::io::Cursor::new(bytes), &vrdp::num::never).unwrap();
+        assert!(found.holds() && found.identical, "{}: {found:?}", trace.name);
+    }
+    traces.into_iter().map(|t| t.name).collect()
+}
+
+/// The file of a trace.
+pub async fn download(service: &Running, name: &str) -> Vec<u8> {
+    let request = v1::DownloadTraceRequest { name: name.into() };
+    let mut stream = service.traces().download_trace(request).await.unwrap().into_inner();
+    let mut bytes = Vec::new();
+    while let Some(chunk) = stream.message().await.unwrap() {
+        assert_eq!(chunk.offset, bytes.len() as u64);
+        bytes.extend(chunk.data);
+    }
+    bytes
+}

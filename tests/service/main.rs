@@ -8,3 +8,4 @@ mod harness;
 mod revise;
 mod setup;
 mod sharing;
+mod traces;

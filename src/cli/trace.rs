@@ -1,0 +1,296 @@
+//! `trace`: what is in a trace file, whether it is whole, and its numbers as a table. It reads the file itself.
+
+use super::error::Failure;
+use super::output;
+use crate::recording::messages::{self as m, v1};
+use crate::recording::{MAX_TIME, Message, Reader, RecordingError, Report, scan};
+use prost::Message as _;
+use serde_json::{Value, json};
+use std::fs::File;
+use std::io::{BufReader, Write};
+use std::path::{Path, PathBuf};
+
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(clap::Subcommand)]
+enum Action {
+    /// What is in the file: topics, times, what it is of, and its attachments.
+    Info(Named),
+    /// Whether the file is whole; if it is not, what is lost (exit status 1).
+    Verify(Named),
+    /// The numbers of one topic as CSV.
+    Export(Export),
+}
+
+#[derive(clap::Args)]
+struct Named {
+    #[arg(value_name = "FILE.mcap")]
+    file: PathBuf,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+#[derive(clap::Args)]
+struct Export {
+    #[arg(value_name = "FILE.mcap")]
+    file: PathBuf,
+    /// Where to; `-`: to standard output.
+    #[arg(long, value_name = "FILE.csv", default_value = "-")]
+    out: PathBuf,
+    /// One of those with numbers: `vrdp trace info` lists them [default: the simulated states, or those after a fit]
+    #[arg(long, value_name = "TOPIC")]
+    topic: Option<String>,
+}
+
+pub fn run(args: Args) -> Result<(), Failure> {
+    match args.action {
+        Action::Info(named) => info(&named),
+        Action::Verify(named) => verify(&named),
+        Action::Export(export) => self::export(&export),
+    }
+}
+
+/// An input that is no trace is the user's to correct; anything else is not.
+pub fn failure(path: &Path, error: RecordingError) -> Failure {
+    let message = format!("{}: {error}", path.display());
+    match error {
+        RecordingError::NoTrace | RecordingError::Lacks { .. } => Failure::input(message),
+        _ => Failure::other(message),
+    }
+}
+
+pub fn open(path: &Path) -> Result<File, Failure> {
+    let wrong = |e: std::io::Error| Failure::input(format!("{}: {e}; give a trace file", path.display()));
+    let file = File::open(path).map_err(wrong)?;
+    match file.metadata().map_err(wrong)?.is_file() {
+        true => Ok(file),
+        false => Err(Failure::input(format!("{}: is no file; give a trace file", path.display()))),
+    }
+}
+
+fn told(named: &Named, value: &Value, text: &str) -> Result<(), Failure> {
+    match &named.json {
+        Some(target) => {
+            output::json(target, value)?;
+            if target == "-" { Ok(()) } else { output::print(text) }
+        }
+        None => output::print(text),
+    }
+}
+
+fn info(named: &Named) -> Result<(), Failure> {
+    let wrong = |e| failure(&named.file, e);
+    let mut reader = Reader::open(open(&named.file)?).map_err(wrong)?;
+    let metadata = reader.metadata().map_err(wrong)?;
+    let [from, to] = reader.span();
+    let (topics, attachments) = (reader.topics(), reader.attachments());
+    let mut text = format!("{}: {} bytes, {from} to {to} s\n\n", named.file.display(), reader.size_bytes());
+    let width = metadata.keys().map(String::len).max().unwrap_or(0);
+    for (key, value) in &metadata {
+        text += &format!("  {key:width$}  {value}\n");
+    }
+    let rows: Vec<Vec<String>> =
+        topics.iter().map(|t| vec![t.name.clone(), t.schema.clone(), t.messages.to_string()]).collect();
+    text += &format!("\n{}", output::table(&["topic", "schema", "messages"], &rows));
+    let rows: Vec<Vec<String>> = attachments.iter().map(|(n, b)| vec![n.clone(), b.to_string()]).collect();
+    text += &format!("\n{}", output::table(&["attachment", "bytes"], &rows));
+    let value = json!({
+        "bytes": reader.size_bytes(),
+        "chunks": reader.chunks(),
+        "from_s": from,
+        "to_s": to,
+        "metadata": metadata,
+        "topics": topics.iter()
+            .map(|t| json!({ "topic": t.name, "schema": t.schema, "messages": t.messages }))
+            .collect::<Vec<_>>(),
+        "attachments": attachments.iter()
+            .map(|(name, bytes)| json!({ "name": name, "bytes": bytes }))
+            .collect::<Vec<_>>(),
+    });
+    told(named, &value, &text)
+}
+
+fn verify(named: &Named) -> Result<(), Failure> {
+    let report = scan(open(&named.file)?, &mut |_| {}).map_err(|e| failure(&named.file, e))?;
+    let lost = lost(&report);
+    let value = json!({
+        "whole": report.is_whole(),
+        "bytes": report.bytes,
+        "chunks": report.chunks,
+        "messages": report.counts,
+        "lost": lost.iter().map(|(topic, n)| json!({ "topic": topic, "messages": n })).collect::<Vec<_>>(),
+        "damage": report.damage.iter()
+            .map(|d| json!({ "from": d.from, "to": d.to, "what": d.what }))
+            .collect::<Vec<_>>(),
+    });
+    let messages: u64 = report.counts.values().sum();
+    let mut text = match report.is_whole() {
+        true => format!("whole: {} chunks, {messages} messages; all checksums hold\n", report.chunks),
+        false => format!("damaged; {} whole chunks with {messages} messages come back\n", report.chunks),
+    };
+    for d in &report.damage {
+        text += &format!("  bytes {} to {}: {}\n", d.from, d.to, d.what);
+    }
+    for (topic, n) in &lost {
+        text += &format!("  lost on {topic}: {n} messages\n");
+    }
+    if !report.is_whole() && report.stated.is_none() {
+        text += "  how much is lost is not known: that stood in the summary\n";
+    }
+    told(named, &value, &text)?;
+    match report.is_whole() {
+        true => Ok(()),
+        false => Err(Failure::other(format!("{}: is damaged", named.file.display()))),
+    }
+}
+
+/// Messages that the summary states and that do not come back, by topic.
+fn lost(report: &Report) -> Vec<(String, u64)> {
+    let found = |topic: &String| report.counts.get(topic).copied().unwrap_or(0);
+    let stated = report.stated.iter().flatten();
+    stated.map(|(topic, n)| (topic.clone(), n.saturating_sub(found(topic)))).filter(|(_, n)| *n > 0).collect()
+}
+
+fn export(export: &Export) -> Result<(), Failure> {
+    let wrong = |e| failure(&export.file, e);
+    if export.out.as_os_str() != "-" {
+        output::writable("--out", &export.out)?;
+    }
+    let mut reader = Reader::open(BufReader::new(open(&export.file)?)).map_err(wrong)?;
+    let topics = reader.topics();
+    let has = |name: &str| topics.iter().find(|t| t.name == name);
+    let topic = match &export.topic {
+        Some(name) => has(name),
+        None => has(&m::STATES.name).or_else(|| has(&m::AFTER.name)),
+    };
+    let Some((topic, (header, rows))) = topic.and_then(|t| Some((t.name.clone(), table(&t.schema)?))) else {
+        let good: Vec<&str> =
+            topics.iter().filter(|t| table(&t.schema).is_some()).map(|t| t.name.as_str()).collect();
+        let given = export.topic.as_deref().unwrap_or("the simulated states");
+        let message =
+            format!("--topic {given}: there are no numbers on it; there are on {}", good.join(", "));
+        return Err(Failure::input(message));
+    };
+    let out: Box<dyn Write> = match export.out.as_os_str() == "-" {
+        true => Box::new(std::io::stdout().lock()),
+        false => Box::new(File::create(&export.out).map_err(Failure::other)?),
+    };
+    let mut out = csv::Writer::from_writer(out);
+    let written = out.write_record(header).and_then(|()| {
+        for message in reader.messages(&[topic.as_str()], [0.0, MAX_TIME]) {
+            for row in message.map_err(|e| std::io::Error::other(e.to_string())).map(|m| rows(&m))? {
+                out.write_record(row)?;
+            }
+        }
+        Ok(out.flush()?)
+    });
+    match written {
+        Err(e) if is_broken_pipe(&e) => Ok(()),
+        other => other.map_err(|e| Failure::other(format!("{}: {e}", export.file.display()))),
+    }
+}
+
+/// A reader of standard output that has left is no error.
+fn is_broken_pipe(error: &csv::Error) -> bool {
+    matches!(error.kind(), csv::ErrorKind::Io(e) if e.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+type Rows = fn(&Message) -> Vec<Vec<String>>;
+
+/// Columns and rows of the messages that hold numbers; SI units.
+fn table(schema: &str) -> Option<(&'static [&'static str], Rows)> {
+    Some(match schema {
+        "vrdp.v1.TraceFrame" => (
+            &["frame", "time_s", "object_id", "x", "y", "yaw", "vx", "vy", "spin", "roll_x", "roll_y", "sd"],
+            |m| {
+                let row = v1::TraceFrame::decode(m.data.as_slice()).unwrap_or_default();
+                let one = |s: &v1::TraceState| {
+                    let numbers = [s.x, s.y, s.yaw, s.vx, s.vy, s.spin, s.roll_x, s.roll_y].map(number);
+                    let head = [row.frame.to_string(), number(row.time), s.object_id.to_string()];
+                    let sd = s.sd.map(number).unwrap_or_default();
+                    head.into_iter().chain(numbers).chain([sd]).collect()
+                };
+                row.states.iter().map(one).collect()
+            },
+        ),
+        "vrdp.v1.TraceRollout" => (&["frame", "time_s", "object_id", "x", "y", "yaw"], |m| {
+            let row = v1::TraceRollout::decode(m.data.as_slice()).unwrap_or_default();
+            let places = row.x.iter().zip(&row.y).zip(&row.yaw);
+            let one = |(id, ((x, y), yaw)): (&u32, ((&f64, &f64), &f64))| {
+                let head = [row.frame.to_string(), number(m.time), id.to_string()];
+                head.into_iter().chain([*x, *y, *yaw].map(number)).collect()
+            };
+            row.object_ids.iter().zip(places).map(one).collect()
+        }),
+        "vrdp.v1.TraceResiduals" => (&["frame", "time_s", "object_id", "x", "y"], |m| {
+            let row = v1::TraceResiduals::decode(m.data.as_slice()).unwrap_or_default();
+            let one = |r: &v1::TraceResidual| {
+                let id = r.object_id.to_string();
+                vec![row.frame.to_string(), number(m.time), id, number(r.x), number(r.y)]
+            };
+            row.residuals.iter().map(one).collect()
+        }),
+        "vrdp.v1.TraceEvent" => (
+            &[
+                "kind",
+                "frame",
+                "time_s",
+                "object_ids",
+                "x",
+                "y",
+                "normal_x",
+                "normal_y",
+                "impulse",
+                "wall",
+                "probability",
+            ],
+            |m| {
+                let e = v1::TraceEvent::decode(m.data.as_slice()).unwrap_or_default();
+                let ids: Vec<String> = e.object_ids.iter().map(u32::to_string).collect();
+                let some = |v: Option<f64>| v.map(number).unwrap_or_default();
+                vec![vec![
+                    e.kind,
+                    e.frame.to_string(),
+                    number(e.time),
+                    ids.join(" "),
+                    number(e.x),
+                    number(e.y),
+                    some(e.normal_x),
+                    some(e.normal_y),
+                    some(e.impulse),
+                    e.wall,
+                    number(e.probability),
+                ]]
+            },
+        ),
+        "vrdp.v1.TraceParameters" => (&["name", "value", "sd", "unit", "identified"], |m| {
+            let all = v1::TraceParameters::decode(m.data.as_slice()).unwrap_or_default().parameters;
+            let one = |p: v1::TraceParameter| {
+                vec![p.name, number(p.value), number(p.sd), p.unit, p.identified.to_string()]
+            };
+            all.into_iter().map(one).collect()
+        }),
+        "vrdp.v1.TraceIteration" => (&["iteration", "loss"], |m| {
+            let i = v1::TraceIteration::decode(m.data.as_slice()).unwrap_or_default();
+            vec![vec![i.iteration.to_string(), number(i.loss)]]
+        }),
+        "vrdp.v1.TraceRevision" => {
+            (&["revision", "effect", "rmse", "held_out_rmse", "reduced_chi_square"], |m| {
+                let r = v1::TraceRevision::decode(m.data.as_slice()).unwrap_or_default();
+                let numbers = [r.rmse, r.held_out_rmse, r.reduced_chi_square].map(number);
+                vec![[r.revision.to_string(), r.effect].into_iter().chain(numbers).collect()]
+            })
+        }
+        _ => return None,
+    })
+}
+
+/// The shortest text that is this number again.
+fn number(value: f64) -> String {
+    format!("{value:?}")
+}

@@ -1,0 +1,427 @@
+//! Walks a trace file record by record without trusting it: what is whole comes back, what is lost is said.
+
+use super::RecordingError;
+use super::messages::{self as m, v1};
+use crc32fast::Hasher;
+use mcap::records::{Channel, MessageHeader, Record, Statistics, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use prost::Message as _;
+use std::collections::BTreeMap;
+use std::io::{Read, Seek, SeekFrom};
+
+/// Longest record or decompressed chunk (bytes): a damaged length must not take all memory.
+pub const MAX_RECORD: u64 = 64 << 20;
+/// Bytes that are read at a time.
+const BLOCK: usize = 256 << 10;
+/// Bytes before a record's body: opcode and length.
+const HEAD: u64 = 9;
+/// Bytes of a footer's body, and those of it that its checksum covers.
+const FOOTER: u64 = 20;
+const FOOTER_CHECKED: u64 = 16;
+
+/// A file seen through a window, so that its size does not matter.
+pub struct Window<R> {
+    source: R,
+    pub size: u64,
+    start: u64,
+    bytes: Vec<u8>,
+}
+
+impl<R: Read + Seek> Window<R> {
+    pub fn new(mut source: R) -> Result<Self, RecordingError> {
+        let size = source.seek(SeekFrom::End(0))?;
+        Ok(Window { source, size, start: 0, bytes: Vec::new() })
+    }
+
+    /// The bytes `at..at + len`, less where the file ends.
+    pub fn get(&mut self, at: u64, len: usize) -> Result<&[u8], RecordingError> {
+        let left = usize::try_from(self.size.saturating_sub(at)).unwrap_or(usize::MAX);
+        let len = len.min(left);
+        if at < self.start || at + len as u64 > self.start + self.bytes.len() as u64 {
+            self.bytes.resize(len.max(BLOCK).min(left), 0);
+            self.start = at;
+            self.source.seek(SeekFrom::Start(at))?;
+            self.source.read_exact(&mut self.bytes)?;
+        }
+        let from = (at - self.start) as usize;
+        Ok(self.bytes.get(from..from + len).unwrap_or_default())
+    }
+
+    fn is_magic(&mut self, at: u64) -> Result<bool, RecordingError> {
+        Ok(self.get(at, mcap::MAGIC.len())? == mcap::MAGIC)
+    }
+
+    fn checksum(&mut self, from: u64, to: u64) -> Result<u32, RecordingError> {
+        let (mut hasher, mut at) = (Hasher::new(), from);
+        while at < to {
+            let block = self.get(at, BLOCK.min((to - at) as usize))?;
+            if block.is_empty() {
+                break;
+            }
+            hasher.update(block);
+            at += block.len() as u64;
+        }
+        Ok(hasher.finalize())
+    }
+
+    /// Length of the record at `at`, or why there is none.
+    fn length(&mut self, at: u64) -> Result<Result<u64, &'static str>, RecordingError> {
+        let left = self.size.saturating_sub(at + HEAD);
+        let Ok(&[opcode, ref length @ ..]) = <&[u8; HEAD as usize]>::try_from(self.get(at, HEAD as usize)?)
+        else {
+            return Ok(Err("the file ends within a record"));
+        };
+        let length = u64::from_le_bytes(*length);
+        Ok(match (op::HEADER..=op::DATA_END).contains(&opcode) {
+            false => Err("no record is here"),
+            true if length > left => Err("the file ends within a record, or its length is wrong"),
+            true if length > MAX_RECORD => Err("the record is too large"),
+            true => Ok(length),
+        })
+    }
+
+    /// The record at `at` with all its messages, if it is a chunk, and where the next one begins; or why there is none.
+    /// Checksums of chunks and attachments hold.
+    pub fn record(&mut self, at: u64) -> Result<Result<(Whole, u64), String>, RecordingError> {
+        let length = match self.length(at)? {
+            Ok(length) => length,
+            Err(why) => return Ok(Err(why.into())),
+        };
+        let bytes = self.get(at, (HEAD + length) as usize)?;
+        let (opcode, body) = match bytes.split_at_checked(HEAD as usize) {
+            Some((head, body)) => (head.first().copied().unwrap_or_default(), body),
+            None => return Ok(Err("the file ends within a record".into())),
+        };
+        Ok(whole(opcode, body).map(|whole| (whole, at + HEAD + length)))
+    }
+
+    /// The first place from `at` on where a record surely begins, or the end of the file.
+    fn next_sure(&mut self, mut at: u64) -> Result<u64, RecordingError> {
+        while at + HEAD <= self.size {
+            let first = self.get(at, 1)?.first().copied().unwrap_or_default();
+            if matches!(first, op::CHUNK | op::ATTACHMENT | op::DATA_END | op::FOOTER)
+                && let Ok(length) = self.length(at)?
+            {
+                let last = at + HEAD + length + mcap::MAGIC.len() as u64 == self.size;
+                let sure = match first {
+                    op::DATA_END => length == 4,
+                    op::FOOTER => length == FOOTER && last,
+                    _ => self.record(at)?.is_ok(),
+                };
+                if sure {
+                    return Ok(at);
+                }
+            }
+            at += 1;
+        }
+        Ok(self.size)
+    }
+}
+
+/// A record that is whole.
+pub enum Whole {
+    Chunk(Vec<Record<'static>>),
+    Other(Record<'static>),
+}
+
+fn whole(opcode: u8, body: &[u8]) -> Result<Whole, String> {
+    if opcode == op::ATTACHMENT && !attachment_fits(body) {
+        return Err("an attachment is shorter than it says".into());
+    }
+    let told = |e: mcap::McapError| e.to_string();
+    let Record::Chunk { header, .. } = mcap::parse_record(opcode, body).map_err(told)? else {
+        return Ok(Whole::Other(mcap::parse_record(opcode, body).map_err(told)?.into_owned()));
+    };
+    let span = format!("{} to {} s", seconds(header.message_start_time), seconds(header.message_end_time));
+    if header.uncompressed_size > MAX_RECORD {
+        return Err(format!("a chunk ({span}) is too large"));
+    }
+    unpacked(opcode, body).map(Whole::Chunk).map_err(|e| format!("a chunk ({span}) is damaged: {e}"))
+}
+
+/// The records of a chunk; none is looked at before the checksum of all holds.
+fn unpacked(opcode: u8, body: &[u8]) -> mcap::McapResult<Vec<Record<'static>>> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MAX_RECORD as usize);
+    let mut reader = LinearReader::new_with_options(options);
+    let head = [&[opcode][..], &(body.len() as u64).to_le_bytes()].concat();
+    let (mut records, mut parts) = (vec![], [head.as_slice(), body].into_iter().flatten().copied());
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let part: Vec<u8> = parts.by_ref().take(wanted).collect();
+                let space = reader.insert(part.len());
+                space.iter_mut().zip(&part).for_each(|(to, from)| *to = *from);
+                reader.notify_read(part.len());
+            }
+            LinearReadEvent::Record { opcode, data } => {
+                records.push(mcap::parse_record(opcode, data)?.into_owned());
+            }
+        }
+    }
+    Ok(records)
+}
+
+/// Whether the parts of an attachment lie within it: the parser trusts that its checksum does.
+fn attachment_fits(body: &[u8]) -> bool {
+    let number = |at: usize| body.get(at..at.checked_add(4)?)?.try_into().ok().map(u32::from_le_bytes);
+    let ends = || {
+        let media = 20usize.checked_add(number(16)? as usize)?;
+        let data = media.checked_add(4)?.checked_add(number(media)? as usize)?;
+        let length = u64::from_le_bytes(body.get(data..data.checked_add(8)?)?.try_into().ok()?);
+        data.checked_add(12)?.checked_add(usize::try_from(length).ok()?)
+    };
+    ends().is_some_and(|end| end <= body.len())
+}
+
+pub fn seconds(nanoseconds: u64) -> f64 {
+    nanoseconds as f64 / 1e9
+}
+
+/// What the end of a file says of its content.
+#[derive(Debug, Default)]
+pub struct Summary {
+    pub channels: BTreeMap<u16, Channel>,
+    pub schemas: BTreeMap<u16, String>,
+    /// By time.
+    pub chunks: Vec<mcap::records::ChunkIndex>,
+    pub attachments: Vec<mcap::records::AttachmentIndex>,
+    pub metadata: Vec<mcap::records::MetadataIndex>,
+    pub statistics: Option<Statistics>,
+}
+
+impl Summary {
+    /// The summary of a file, its checksum checked; or why there is none.
+    pub fn read<R: Read + Seek>(file: &mut Window<R>) -> Result<Result<Summary, String>, RecordingError> {
+        let magic = mcap::MAGIC.len() as u64;
+        let Some(footer_at) = file.size.checked_sub(HEAD + FOOTER + magic).filter(|at| *at >= magic) else {
+            return Ok(Err("the file is too short".into()));
+        };
+        if !file.is_magic(file.size - magic)? {
+            return Ok(Err("the file does not end as a trace does".into()));
+        }
+        let footer = match file.record(footer_at)? {
+            Ok((Whole::Other(Record::Footer(footer)), _)) => footer,
+            _ => return Ok(Err("the footer is damaged".into())),
+        };
+        let start = footer.summary_start;
+        if !(magic..=footer_at).contains(&start) {
+            return Ok(Err("the footer is damaged".into()));
+        }
+        if file.checksum(start, footer_at + HEAD + FOOTER_CHECKED)? != footer.summary_crc {
+            return Ok(Err("the summary's checksum is wrong".into()));
+        }
+        let (mut summary, mut at) = (Summary::default(), start);
+        while at < footer_at {
+            let (record, next) = match file.record(at)? {
+                Ok(found) => found,
+                Err(why) => return Ok(Err(why)),
+            };
+            summary.take(record);
+            at = next;
+        }
+        summary.chunks.sort_by_key(|c| (c.message_start_time, c.chunk_start_offset));
+        Ok(Ok(summary))
+    }
+
+    fn take(&mut self, record: Whole) {
+        let Whole::Other(record) = record else { return };
+        match record {
+            Record::Channel(channel) => {
+                self.channels.insert(channel.id, channel);
+            }
+            Record::Schema { header, .. } => {
+                self.schemas.insert(header.id, header.name);
+            }
+            Record::ChunkIndex(index) => self.chunks.push(index),
+            Record::AttachmentIndex(index) => self.attachments.push(index),
+            Record::MetadataIndex(index) => self.metadata.push(index),
+            Record::Statistics(statistics) => self.statistics = Some(statistics),
+            _ => {}
+        }
+    }
+}
+
+/// A stretch of a file that is not as it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Damage {
+    /// Bytes `from..to`.
+    pub from: u64,
+    pub to: u64,
+    pub what: String,
+}
+
+/// How much of a file is whole.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Report {
+    /// Of the file.
+    pub bytes: u64,
+    /// Chunks that are whole.
+    pub chunks: usize,
+    /// Messages in them, by topic.
+    pub counts: BTreeMap<String, u64>,
+    /// Messages as the summary states them, where it is whole.
+    pub stated: Option<BTreeMap<String, u64>>,
+    /// In the order of the file.
+    pub damage: Vec<Damage>,
+}
+
+/// What comes back of a file, in its order.
+pub enum Item<'a> {
+    Message { topic: &'a str, header: &'a MessageHeader, data: &'a [u8] },
+    Metadata(BTreeMap<String, String>),
+    Attachment { name: String, data: Vec<u8> },
+}
+
+/// Walks a whole file and gives all that is whole in it, wherever damage lies before.
+pub fn scan<R: Read + Seek>(source: R, take: &mut dyn FnMut(Item)) -> Result<Report, RecordingError> {
+    let mut file = Window::new(source)?;
+    let mut report = Report { bytes: file.size, ..Report::default() };
+    let summary = Summary::read(&mut file)?;
+    let known = summary.as_ref().ok();
+    let mut topics: BTreeMap<u16, String> =
+        known.into_iter().flat_map(|s| &s.channels).map(|(id, c)| (*id, c.topic.clone())).collect();
+    report.stated = known.and_then(|s| s.statistics.as_ref()).map(|s| {
+        let named = |(id, n): (&u16, &u64)| Some((topics.get(id)?.clone(), *n));
+        s.channel_message_counts.iter().filter_map(named).collect()
+    });
+    let mut at = mcap::MAGIC.len() as u64;
+    if !file.is_magic(0)? {
+        let sure = file.next_sure(0)?;
+        if sure == file.size {
+            return Err(RecordingError::NoTrace);
+        }
+        report.lost(0, at, "the file does not begin as a trace does");
+    }
+    let mut ended = false;
+    while at < file.size && !ended {
+        let (record, next) = match file.record(at)? {
+            Ok(found) => found,
+            Err(what) => {
+                let sure = file.next_sure(at + 1)?;
+                report.lost(at, sure, what);
+                at = sure;
+                continue;
+            }
+        };
+        match record {
+            Whole::Chunk(records) => {
+                report.chunks += 1;
+                records.into_iter().for_each(|record| report.pass(record, &mut topics, take));
+            }
+            Whole::Other(Record::DataEnd(end)) => {
+                if file.checksum(0, at)? != end.data_section_crc {
+                    report.lost(0, at, "the checksum of all data is wrong");
+                }
+            }
+            Whole::Other(Record::Footer(_)) => {
+                ended = true;
+                if next + mcap::MAGIC.len() as u64 != file.size || !file.is_magic(next)? {
+                    report.lost(next, file.size, "the file does not end as a trace does");
+                }
+            }
+            Whole::Other(record) => report.pass(record, &mut topics, take),
+        }
+        at = next;
+    }
+    if !ended {
+        report.lost(file.size, file.size, "the end of the file is missing");
+    }
+    if let Err(what) = summary {
+        report.lost(at.min(file.size), file.size, what);
+    }
+    Ok(report)
+}
+
+impl Report {
+    pub fn is_whole(&self) -> bool {
+        self.damage.is_empty()
+    }
+
+    fn lost(&mut self, from: u64, to: u64, what: impl Into<String>) {
+        self.damage.push(Damage { from, to, what: what.into() });
+    }
+
+    fn pass(&mut self, record: Record, topics: &mut BTreeMap<u16, String>, take: &mut dyn FnMut(Item)) {
+        match record {
+            Record::Channel(channel) => {
+                topics.insert(channel.id, channel.topic);
+            }
+            Record::Message { header, data } => {
+                let topic = topics.get(&header.channel_id).map_or("", String::as_str);
+                match self.counts.get_mut(topic) {
+                    Some(count) => *count += 1,
+                    None => {
+                        self.counts.insert(topic.to_string(), 1);
+                    }
+                }
+                take(Item::Message { topic, header: &header, data: &data });
+            }
+            Record::Metadata(metadata) => take(Item::Metadata(metadata.metadata)),
+            Record::Attachment { header, data, .. } => {
+                take(Item::Attachment { name: header.name, data: data.into_owned() });
+            }
+            _ => {}
+        }
+    }
+}
+
+/// What a trace file holds, without the messages that are drawn only.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Reading {
+    /// Messages on each topic.
+    pub counts: BTreeMap<String, usize>,
+    pub frames: Vec<v1::TraceFrame>,
+    pub events: Vec<v1::TraceEvent>,
+    pub parameters: Vec<v1::TraceParameter>,
+    /// Build, ids, seed and interventions.
+    pub metadata: BTreeMap<String, String>,
+    /// By name.
+    pub attachments: BTreeMap<String, Vec<u8>>,
+}
+
+/// Reads a whole trace file. Bytes that are none, or of which something is damaged, give an error, never a panic.
+pub fn read(bytes: &[u8]) -> Result<Reading, RecordingError> {
+    let mut reading = Reading::default();
+    let mut wrong = None;
+    let report = scan(std::io::Cursor::new(bytes), &mut |item| {
+        if let Err(error) = reading.take(item) {
+            wrong.get_or_insert(error);
+        }
+    })?;
+    if let Some(Damage { from, to, what }) = report.damage.into_iter().next() {
+        return Err(RecordingError::Damaged { from, to, what });
+    }
+    wrong.map_or(Ok(reading), Err)
+}
+
+impl Reading {
+    fn take(&mut self, item: Item) -> Result<(), RecordingError> {
+        let (topic, data) = match item {
+            Item::Message { topic, data, .. } => (topic, data),
+            Item::Metadata(metadata) => {
+                self.metadata.extend(metadata);
+                return Ok(());
+            }
+            Item::Attachment { name, data } => {
+                self.attachments.insert(name, data);
+                return Ok(());
+            }
+        };
+        let count = self.counts.entry(topic.to_string()).or_default();
+        let index = *count;
+        *count += 1;
+        let wrong = |source| RecordingError::Message { topic: topic.to_string(), index, source };
+        if topic == m::STATES.name {
+            self.frames.push(v1::TraceFrame::decode(data).map_err(wrong)?);
+        } else if topic == m::EVENTS.name {
+            self.events.push(v1::TraceEvent::decode(data).map_err(wrong)?);
+        } else if topic == m::PARAMETERS.name {
+            self.parameters.extend(v1::TraceParameters::decode(data).map_err(wrong)?.parameters);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,174 @@
+//! Traces over the whole service: everything is logged and replayed, lists are filtered, old ones go, disks fail.
+
+use crate::harness::*;
+use std::time::Duration;
+use tonic::Code;
+use vrdp::api::v1;
+use vrdp::engine::{Capacity, Engine, Retention};
+
+fn simulate(video: &str, seed: u64) -> v1::SimulateRequest {
+    v1::SimulateRequest { video: video.into(), rollouts: Some(3), seed, ..Default::default() }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_trace_is_replayed_bit_for_bit_on_1_and_4_threads_and_after_a_restart() {
+    let mut files = vec![];
+    for workers in [1, 4] {
+        let folder = tempfile::tempdir().unwrap();
+        let service = start(folder.path(), Capacity { workers, ..CAPACITY }).await;
+        let video = service.create(video("small", 20)).await.unwrap();
+        service.fit(&video).await.unwrap();
+        let requests = [simulate(&video, 0), simulate(&video, 9)];
+        for request in &requests {
+            service.reasoning().simulate(request.clone()).await.unwrap();
+        }
+        let before = verified(&service).await;
+        assert_eq!(before.len(), 3);
+        service.stop().await;
+        let service = start(folder.path(), Capacity { workers, ..CAPACITY }).await;
+        for request in requests {
+            service.reasoning().simulate(request).await.unwrap();
+        }
+        assert_eq!(verified(&service).await, before);
+        service.stop().await;
+        files.push(before);
+    }
+    assert_eq!(files[0], files[1]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn lists_are_filtered_by_video_model_and_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut models = vec![];
+    for name in ["a", "b"] {
+        let video = service.create(video(name, 20)).await.unwrap();
+        models.push(service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner().model);
+        service.reasoning().simulate(simulate(&video, 1)).await.unwrap();
+    }
+    let list = |request: v1::ListTracesRequest| {
+        let mut client = service.traces();
+        async move { client.list_traces(request).await.map(|r| r.into_inner().traces) }
+    };
+    let all = list(v1::ListTracesRequest::default()).await.unwrap();
+    assert_eq!(all.len(), 6);
+    let video = models[0].split("/models").next().unwrap().to_string();
+    let of_video = list(v1::ListTracesRequest { video, ..Default::default() }).await.unwrap();
+    let of_model = v1::ListTracesRequest { model: models[0].clone(), ..Default::default() };
+    assert_eq!(list(of_model.clone()).await.unwrap(), of_video);
+    assert!(of_video.len() == 3 && of_video.iter().all(|t| t.model == models[0]));
+    let fits = of_video.iter().filter(|t| t.kind() == v1::TraceKind::Fit);
+    assert_eq!(fits.count(), 1);
+    let last = all.iter().filter_map(|t| t.store_time).max_by_key(|t| (t.seconds, t.nanos));
+    let until = v1::ListTracesRequest { stored_before: last, ..Default::default() };
+    let from = v1::ListTracesRequest { stored_from: last, ..Default::default() };
+    let (until, from) = (list(until).await.unwrap(), list(from).await.unwrap());
+    assert!(!from.is_empty() && until.len() + from.len() == 6 && from.iter().all(|t| !until.contains(t)));
+    let wrong = v1::ListTracesRequest { model: "x".into(), page_size: -1, ..Default::default() };
+    assert_eq!(fields(&list(wrong).await.unwrap_err()), ["model", "page_size"]);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_trace_is_played_from_to_and_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("small", 20)).await.unwrap();
+    let done = service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner();
+    let play = |request: v1::ReplayTraceRequest| {
+        let (mut client, name) = (service.traces(), done.trace.clone());
+        async move {
+            Ok::<_, tonic::Status>(
+                client.replay_trace(v1::ReplayTraceRequest { name, ..request }).await?.into_inner(),
+            )
+        }
+    };
+    use v1::replay_trace_response::Item;
+    let (mut frames, mut events) = (vec![], vec![]);
+    let mut stream = play(v1::ReplayTraceRequest { speed: Some(0.0), ..Default::default() }).await.unwrap();
+    while let Some(reply) = stream.message().await.unwrap() {
+        match reply.item.unwrap() {
+            Item::Frame(frame) => frames.push(frame),
+            Item::Event(event) => events.push(event),
+        }
+    }
+    assert_eq!((frames, events), (done.frames.clone(), done.events.clone()));
+    let part = v1::ReplayTraceRequest {
+        speed: Some(100.0),
+        from: 0.2,
+        to: Some(0.4),
+        r#loop: true,
+        ..Default::default()
+    };
+    let mut stream = play(part).await.unwrap();
+    let mut seen = vec![];
+    while seen.iter().filter(|round| **round == 2).count() < 6 {
+        let reply = stream.message().await.unwrap().unwrap();
+        assert!((0.2..=0.4).contains(&reply.time), "{}", reply.time);
+        if matches!(reply.item, Some(Item::Frame(_))) {
+            seen.push(reply.round);
+        }
+    }
+    assert!(seen.is_sorted() && seen.iter().filter(|round| **round == 0).count() == 6, "{seen:?}");
+    drop(stream);
+    let wrong =
+        v1::ReplayTraceRequest { speed: Some(f64::NAN), from: -1.0, to: Some(-2.0), ..Default::default() };
+    assert_eq!(fields(&play(wrong).await.err().unwrap()), ["speed", "from", "to"]);
+    let endless = v1::ReplayTraceRequest { speed: Some(0.0), r#loop: true, ..Default::default() };
+    assert_eq!(fields(&play(endless).await.err().unwrap()), ["loop"]);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_oldest_traces_go_first_and_none_that_is_read() {
+    const DAY: u64 = 86_400_000;
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("small", 20)).await.unwrap();
+    for seed in 0..4 {
+        service.reasoning().simulate(simulate(&video, seed)).await.unwrap();
+        tokio::time::sleep(Duration::from_millis(2)).await;
+    }
+    assert_eq!(service.engine.retain(u64::MAX).await.unwrap(), [String::new(); 0], "off by default");
+    service.stop().await;
+
+    let open = |retention| Engine::open(folder.path(), CAPACITY).unwrap().retaining(retention);
+    let engine = open(Retention { max_bytes: Some(1), ..Retention::default() });
+    let mut records = engine.traces(Default::default(), "", 99).await.unwrap();
+    records.sort_by_key(|r| r.stored_ms);
+    let now = records[4].stored_ms;
+    let (read, lease) = engine.trace(&records[1].id).await.unwrap();
+    let removed = engine.retain(now).await.unwrap();
+    let others = [0, 2, 3, 4].map(|k| records[k].id.clone());
+    assert_eq!(removed, others, "oldest first");
+    assert_eq!(engine.read_trace(&read, 0).await.unwrap().len() as u64, read.size_bytes.min(256 << 10));
+    assert!(engine.trace(&records[0].id).await.is_err());
+    drop((lease, engine));
+
+    let engine = open(Retention { max_age: Some(Duration::from_secs(86_400)), ..Retention::default() });
+    assert!(engine.retain(now + DAY - 1000).await.unwrap().is_empty());
+    assert_eq!(engine.retain(now + DAY).await.unwrap(), [records[1].id.clone()]);
+    assert_eq!(std::fs::read_dir(folder.path().join("traces")).unwrap().count(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_disk_that_fails_fails_the_request_with_the_reason_and_the_service_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("small", 20)).await.unwrap();
+    let kept = service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner();
+    let (traces, away) = (folder.path().join("traces"), folder.path().join("away"));
+    // Whoever runs this may write into any folder that is one: so it is none.
+    std::fs::rename(&traces, &away).unwrap();
+    std::fs::write(&traces, b"").unwrap();
+    let failed = service.reasoning().simulate(simulate(&video, 1)).await.unwrap_err();
+    assert_eq!(failed.code(), Code::Unavailable, "{failed:?}");
+    assert!(failed.message().contains("directory"), "{failed:?}");
+    assert_eq!(service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner(), kept);
+    std::fs::remove_file(&traces).unwrap();
+    std::fs::rename(&away, &traces).unwrap();
+    assert_eq!(verified(&service).await.len(), 2, "nothing of the failed request is listed");
+    service.reasoning().simulate(simulate(&video, 1)).await.unwrap();
+    assert_eq!(verified(&service).await.len(), 3);
+    service.stop().await;
+}
