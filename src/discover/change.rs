@@ -5,7 +5,7 @@ use super::force::{Free, Lens, Seen, fit_forces};
 use super::inquire::{readings, stuck};
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, pooled_noise, revise};
-use super::screen::{at_values, region, screen, with_effect, with_nuisance};
+use super::screen::{Base, at_values, region, screen, with_effect, with_nuisance};
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit};
@@ -231,7 +231,8 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
             Ok(Proposal { models: at_values(&models, &free, &seen.values), added: Some(name.clone()) })
         }
         Change::Add(name) => {
-            let base = fit_forces(lens, &models);
+            let (free, seen) = fit_forces(lens, &models);
+            let base = Base::new(lens, &models, free, seen);
             let mut best: Option<(f64, Proposal)> = None;
             let absent = |e: &&EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
             for entry in named(name).filter(absent) {
@@ -249,7 +250,7 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
 fn with_library(
     lens: &Lens,
     models: &[Model],
-    base: &(Vec<Free>, Seen),
+    base: &Base,
     entry: &'static EffectEntry,
     stop: Stop,
 ) -> Result<(f64, Vec<Model>), FitError> {
@@ -257,7 +258,7 @@ fn with_library(
     if let Some(candidate) = screen(lens, models, base, entry, &region) {
         return Ok((candidate.gain, candidate.models));
     }
-    let begun = at_values(models, &base.0, &base.1.values);
+    let begun = at_values(models, &base.free, &base.seen.values);
     let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
     if entry.spec.name == "sticky_contact" {
         return Ok((0.0, stuck(&begun, entry, &region)));

@@ -22,6 +22,9 @@ const STEP: f64 = 1e-3;
 /// The same for lengths that a search begins with (m): the edge of a patch lies between two frames.
 const STRIDE: f64 = 0.04;
 
+/// Objects of which one may be an exception.
+const FEW_TRACKS: usize = 4;
+
 /// What the force lens looks at: free stretches of all scenes.
 pub struct Lens<'a> {
     pub scenes: &'a [Scene],
@@ -111,6 +114,32 @@ impl<'a> Lens<'a> {
     /// How many residuals there are, less what each stretch's start takes.
     pub fn degrees_of_freedom(&self) -> usize {
         self.stretches.iter().map(|s| 2 * s.frames.len().saturating_sub(2)).sum()
+    }
+
+    /// All rows but these.
+    pub fn rest(&self, rows: &[Range<usize>]) -> Vec<Range<usize>> {
+        let all = self.stretches.iter().map(|s| s.first_row..s.first_row + 2 * s.frames.len());
+        all.filter(|r| !rows.contains(r)).collect()
+    }
+
+    /// Chi-square and degrees of freedom of each object that moves.
+    pub fn by_track(&self, residual: &DVector<f64>) -> Vec<(f64, f64)> {
+        let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
+        for s in &self.stretches {
+            let sum = sums.entry((s.scene, s.body)).or_default();
+            sum.0 += residual.rows(s.first_row, 2 * s.frames.len()).norm_squared();
+            sum.1 += 2.0 * (s.frames.len() as f64 - 2.0);
+        }
+        sums.into_values().collect()
+    }
+
+    /// Reduced chi-square of all objects but the worst, where there are others to compare with.
+    pub fn typical(&self, residual: &DVector<f64>) -> f64 {
+        let mut tracks = self.by_track(residual);
+        tracks.sort_by(|a, b| (b.0 - b.1).total_cmp(&(a.0 - a.1)));
+        let others = tracks.get(usize::from(tracks.len() >= FEW_TRACKS)..).unwrap_or_default();
+        let (chi_square, degrees) = others.iter().fold((0.0, 0.0), |(a, b), t| (a + t.0, b + t.1));
+        chi_square / f64::max(degrees, 1.0)
     }
 
     /// Measured minus integrated, in deviations, place and velocity of each stretch projected out.

@@ -6,11 +6,11 @@ use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, 
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::outcome::{Discovery, Found, Ranked, Smallest, Verdict, reported};
+use super::outcome::{Discovery, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 use super::path::Jump;
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
-use super::search::{FreeMotion, PROOF, search, search_on};
+use super::search::{CLEAN, FreeMotion, PROOF, search, search_on};
 use crate::effects::formula::Formula;
 use crate::effects::{EffectEntry, Region, effect};
 use crate::fit::{Fit, FitError, FitOptions};
@@ -217,10 +217,20 @@ fn conclude(
         revisions.extend(stuck);
     }
     if let Some(c) = proven {
+        let object = c.object.map(f64::from).map(Value::Number);
+        let object = object.map(|id| Reported {
+            name: "object_id".into(),
+            unit: String::new(),
+            value: id.clone(),
+            low: id.clone(),
+            high: id,
+        });
+        let mut parameters = reported(c.entry, &c.values, &c.sd);
+        parameters.extend(object);
         effects.push(Found {
             kind: c.entry.kind.to_string(),
             effect: c.entry.spec.name.to_string(),
-            parameters: reported(c.entry, &c.values, &c.sd),
+            parameters,
         });
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
@@ -230,13 +240,14 @@ fn conclude(
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
     let explained =
         proven.is_some() && revisions.last().is_some_and(|r| r.reduced_chi_square < super::MISFIT);
-    let misfit = motion.reduced_chi_square() > super::MISFIT && !explained;
+    let misfit = motion.typical > super::MISFIT && !explained;
     let law_beside = |models: &[Model], most: usize| {
         let (free, seen) = fit_forces(lens, models);
         residual_law(lens, models, &free, &seen, most)
     };
-    // Two laws of the library may be the image of one that it lacks.
-    let compromise = (motion.found.len() > 1).then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
+    // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
+    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
+    let compromise = doubtful.then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
     let outside = misfit || compromise.is_some() || (lost && effects.is_empty());
     let formula = compromise
@@ -375,7 +386,7 @@ fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
-        Verdict::OutsideLibrary if left <= super::MISFIT => {
+        Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
             "between contacts the motion is explained, what contacts do is not; film single contacts".into()
         }
         Verdict::OutsideLibrary => {

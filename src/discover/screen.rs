@@ -38,11 +38,12 @@ pub struct Candidate {
     pub added: usize,
     /// Fall of the lens's cost against the model without it.
     pub gain: f64,
-    /// Fall of chi-square on what was left out, summed, and the number of parts that gained.
+    /// Fall of the cost on what was left out, summed: the law's numbers are of the other parts, all else suits the part.
     pub held_out: f64,
     /// Chi-square of what was left out, summed.
     pub left_out: f64,
-    pub folds_gained: usize,
+    /// Fall of chi-square on all tracks but the one that gains most.
+    pub elsewhere: f64,
     pub chi_square: f64,
     /// The models with the candidate at these values, shared parameters refitted.
     pub models: Vec<Model>,
@@ -125,19 +126,34 @@ pub fn with_effect(models: &[Model], entry: &EffectEntry, values: &[f64], region
     models.iter().map(one).collect()
 }
 
+/// The models' free parameters as all parts see them, and as each part that can be left out sees them alone.
+pub struct Base {
+    pub free: Vec<Free>,
+    pub seen: Seen,
+    alone: Vec<Seen>,
+}
+
+impl Base {
+    pub fn new(lens: &Lens, models: &[Model], free: Vec<Free>, seen: Seen) -> Self {
+        let one = |fold| lens.solve(models, &free, &seen.values, PROOFS, &lens.rest(fold));
+        let alone = lens.folds.iter().map(|fold| one(fold)).collect();
+        Base { free, seen, alone }
+    }
+}
+
 /// The best that one effect can do beside the models' free parameters, as `base` has them. `None` where the lens is
 /// blind to it.
 pub fn screen(
     lens: &Lens,
     models: &[Model],
-    base: &(Vec<Free>, Seen),
+    base: &Base,
     entry: &'static EffectEntry,
     region: &Region,
 ) -> Option<Candidate> {
     if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
         return None;
     }
-    let (free, seen) = base;
+    let Base { free, seen, alone } = base;
     let fitted = at_values(models, free, &seen.values);
     let projector = lens.projector(&fitted, free, &seen.values)?;
     let mut tried: Vec<(f64, Vec<f64>)> = vec![];
@@ -162,14 +178,25 @@ pub fn screen(
     let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, &fitted, entry, values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
-    let (mut held_out, mut left_out, mut folds_gained) = (0.0, 0.0, 0);
-    for fold in &lens.folds {
-        let without = lens.solve(&fitted, free, &seen.values, PROOFS, fold);
-        let candidate = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
-        left_out += candidate.left_out;
-        held_out += without.left_out - candidate.left_out;
-        folds_gained += usize::from(without.left_out > candidate.left_out);
+    // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
+    // no other part shows) is no matter of the law.
+    let others_own: Vec<Free> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
+    let (mut held_out, mut left_out) = (0.0, 0.0);
+    for (fold, alone) in lens.folds.iter().zip(alone) {
+        let elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        let law = at_values(&with, &free_with, &elsewhere.values);
+        let here = lens.solve(&law, &others_own, &values_of(&law, &others_own), PROOFS, &lens.rest(fold));
+        held_out += alone.cost - here.cost;
+        left_out += here.chi_square - here.left_out;
     }
+    let tracks = lens.by_track(&lens.residual(&with, &flats(&with, &free_with, &seen_with.values)));
+    let falls: Vec<f64> = lens
+        .by_track(&projector.residual)
+        .iter()
+        .zip(&tracks)
+        .map(|(before, after)| before.0 - after.0)
+        .collect();
+    let most = falls.iter().copied().fold(0.0, f64::max);
     Some(Candidate {
         entry,
         values: added.iter().map(|&k| seen_with.values[k]).collect(),
@@ -178,7 +205,7 @@ pub fn screen(
         gain: seen.cost - seen_with.cost,
         held_out,
         left_out,
-        folds_gained,
+        elsewhere: falls.iter().sum::<f64>() - most,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })

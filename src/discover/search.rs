@@ -1,7 +1,7 @@
 //! The search in free motion: laws of force added one at a time while the proof holds.
 
-use super::force::{Free, Lens, Seen, fit_forces};
-use super::screen::{Candidate, at_values, region, screen, sought};
+use super::force::{Free, Lens, Seen, fit_forces, flats};
+use super::screen::{Base, Candidate, at_values, region, screen, sought};
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -15,6 +15,12 @@ const RICHER: f64 = 10.0;
 const NEARLY: f64 = 0.9;
 /// Laws within this of each other cannot be told apart.
 const ALIKE: f64 = 6.0;
+/// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
+const ELSEWHERE: f64 = 10.0;
+/// Share of the misfit beyond noise that laws must explain to be named, where more than `CLEAN` of it (reduced
+/// chi-square) remains.
+const MOSTLY: f64 = 0.7;
+pub const CLEAN: f64 = 0.15;
 /// First choices that are tried with a second effect beside them.
 const FIRST_CHOICES: usize = 3;
 
@@ -34,6 +40,8 @@ pub struct FreeMotion {
     /// Of the models without any effect added.
     pub base: Seen,
     pub degrees_of_freedom: f64,
+    /// What remains of all objects but the worst (reduced chi-square): one may have met something.
+    pub typical: f64,
 }
 
 impl FreeMotion {
@@ -62,24 +70,35 @@ pub fn search_on(
     most: usize,
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
-    let (Some(first), true) = (begun.found.first().cloned(), most > 1) else { return Ok(begun) };
+    let Some(first) = begun.found.first().cloned() else { return Ok(begun) };
     let (ranked, alike) = (begun.ranked, begun.alike);
+    let most = most.max(1);
     let mut greedy = one_after_another(lens, models, most, Some(first), stop)?;
     if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
         // The first pick may be a compromise of two: begin with the next ones too.
         let first = greedy.found[0].entry.spec.name;
-        let others = ranked.iter().map(|(_, c)| c).filter(|c| c.entry.spec.name != first);
-        for other in others.take(FIRST_CHOICES).cloned() {
+        let others = ranked.iter().filter(|(score, c)| c.entry.spec.name != first && proven(lens, *score, c));
+        for (_, other) in others.take(FIRST_CHOICES).cloned() {
             let pair = one_after_another(lens, models, most, Some(other), stop)?;
             if pair.priced() + RICHER < greedy.priced() {
                 greedy = pair;
             }
         }
     }
+    if !explains(&greedy) {
+        greedy = one_after_another(lens, models, 0, None, stop)?;
+    }
     // The round that chose the first effect is the one that ranks the library.
-    greedy.alike = if greedy.found.len() > 1 { vec![] } else { alike };
+    greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
     Ok(greedy)
+}
+
+/// Whether what was found leaves noise, or explains most of what noise does not: where a model is far from the noise
+/// anyway, any law takes up some of what is wrong.
+fn explains(free: &FreeMotion) -> bool {
+    let excess = |seen: &Seen| seen.chi_square / free.degrees_of_freedom - 1.0;
+    excess(&free.seen) < CLEAN || excess(&free.seen) < (1.0 - MOSTLY) * excess(&free.base)
 }
 
 /// Whether noise explains what is left.
@@ -87,21 +106,25 @@ fn explained(free: &FreeMotion) -> bool {
     free.reduced_chi_square() < super::MISFIT
 }
 
-/// Whether a candidate is worth its price and certain, and what was left out gains too (with one part there is
-/// nothing to leave out).
+/// Whether a candidate is worth its price and certain, shows on more than one object, and what was left out gains too
+/// (with one part there is nothing to leave out).
 fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
-    score > PROOF && c.certain() && (c.held_out > 0.0 || lens.folds.len() < 2)
+    let alone = lens.folds.len() < 2;
+    score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.elsewhere > ELSEWHERE))
 }
 
 /// All candidates beside the models, best first.
-fn round(lens: &Lens, models: &[Model], base: &(Vec<Free>, Seen)) -> Vec<(f64, Candidate)> {
+fn round(lens: &Lens, models: &[Model], base: &Base) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
     let candidates: Vec<Candidate> = sought(models, lens.scenes)
         .into_par_iter()
         .filter_map(|entry| screen(lens, models, base, entry, &region))
         .collect();
-    let least = candidates.iter().map(|c| c.chi_square / degrees).fold(f64::INFINITY, f64::min).max(1.0);
+    // What remains is in units of the best that holds elsewhere: a law that suits one object alone is none.
+    let holds = |c: &&Candidate| lens.folds.len() < 2 || c.elsewhere > ELSEWHERE;
+    let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);
+    let least = (remains / degrees).max(1.0);
     let score = |c: &Candidate| c.gain / least - c.added as f64 * degrees.ln();
     let mut ranked: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -137,6 +160,7 @@ fn one_after_another(
         alike: vec![],
         base: seen.clone(),
         degrees_of_freedom: lens.degrees_of_freedom().max(1) as f64,
+        typical: 0.0,
     };
     let mut given = first;
     for number in 0..most {
@@ -144,7 +168,8 @@ fn one_after_another(
         let winner = match given.take() {
             Some(candidate) => candidate,
             None => {
-                let ranked = round(lens, &state.models, &(free, seen));
+                let base = Base::new(lens, &state.models, free, seen);
+                let ranked = round(lens, &state.models, &base);
                 let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c)).cloned();
                 if number == 0 || state.ranked.is_empty() {
                     state.ranked = ranked.clone();
@@ -169,5 +194,7 @@ fn one_after_another(
         (state.free, state.seen) = (free.clone(), seen.clone());
         state.found.push(winner);
     }
+    let residual = lens.residual(&state.models, &flats(&state.models, &state.free, &state.seen.values));
+    state.typical = lens.typical(&residual);
     Ok(state)
 }

@@ -147,6 +147,22 @@ fn the_loop_adds_the_law_and_the_error_falls_to_the_noise() {
 }
 
 #[test]
+fn what_befalls_one_object_alone_is_no_law() {
+    let mut scenes = film(&launches(), None);
+    for (s, time) in scenes[2].tracks[0].samples.iter_mut().zip(0..) {
+        let t = f64::from(time) * 0.04;
+        s.position += vec2(-0.02, 0.02).scaled(0.5 * t * t);
+    }
+    let lens = Lens::new(&scenes);
+    let models = with_nuisance(&models(&scenes));
+    let seen = search(&lens, &models, &never).expect("nobody stops it");
+    let seen = search_on(&lens, &models, seen, 2, &never).expect("nobody stops it");
+    let names: Vec<&str> = seen.found.iter().map(|c| c.entry.spec.name).collect();
+    assert!(names.is_empty(), "{names:?}");
+    assert!(seen.typical < seen.reduced_chi_square());
+}
+
+#[test]
 fn equal_masses_cannot_tell_wind_from_tilt_and_the_experiment_can() {
     let mut equal = launches();
     equal.iter_mut().flatten().for_each(|l| l.1 = 1.0);
