@@ -291,6 +291,20 @@ fn intervention(r: &mut Report, path: &str, given: v1::Intervention) -> Option<I
             let start = Start { time, state, rolling: shape.is_ball() };
             Intervention::Add { body: BodySpec { id: g.object_id, material: g.material, shape, mass, start } }
         }
+        Kind::ScaleRestitution(g) => {
+            let range = [0.0, FACTOR_RANGE[1]];
+            let factor = r.range(&format!("{path}.scale_restitution.factor"), g.factor, range, "");
+            Intervention::ScaleRestitution { id: g.object_id, factor }
+        }
+        Kind::ScaleVelocity(g) => {
+            let range = [-FACTOR_RANGE[1], FACTOR_RANGE[1]];
+            let factor = r.range(&format!("{path}.scale_velocity.factor"), g.factor, range, "");
+            Intervention::ScaleVelocity { id: g.object_id, factor }
+        }
+        Kind::Shift(g) => {
+            let by = r.vector(&format!("{path}.shift.by"), g.by, MAX_POSITION, "m");
+            Intervention::Shift { id: g.object_id, by }
+        }
         Kind::SwitchEffect(g) => Intervention::SwitchEffect { name: g.effect, on: g.on },
     })
 }

@@ -44,11 +44,19 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         bar.set_style(style);
     }
     let (mut answers, mut scores, mut refused) = (Map::new(), Scores::default(), vec![]);
+    let mut unread = vec![];
     for folder in &folders {
-        let scene = input::scene(folder)?;
-        bar.set_message(scene.name.clone());
         let path = folder.join(QUESTIONS);
-        let questions = questions(&path)?;
+        let read = input::scene(folder).and_then(|scene| Ok((scene, questions(&path)?)));
+        let (scene, questions) = match read {
+            Ok(read) => read,
+            Err(error) => {
+                unread.push(error);
+                bar.inc(1);
+                continue;
+            }
+        };
+        bar.set_message(scene.name.clone());
         let video = connection.post(&scene).await.map_err(|e| e.at(&scene.name))?;
         let fitted = connection
             .fit(&video, model.clone(), FitMethod::Unspecified, |_| {})
@@ -64,12 +72,13 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
             });
             requests.push(AskRequest { model, ..asked });
         }
-        let mut given = Map::new();
+        let (mut given, mut probabilities) = (Map::new(), BTreeMap::new());
         let mut replies = connection.reasoning().ask_many(stream::iter(requests)).await?.into_inner();
         for question in &questions {
             match replies.message().await?.and_then(|reply| reply.result) {
                 Some(ask_many_response::Result::Response(reply)) => {
                     given.insert(question.id(), answer(&question.0, &reply));
+                    probabilities.insert(question.id(), believed(&reply));
                 }
                 Some(ask_many_response::Result::Error(error)) => {
                     refused.push(format!("{} question {}: {}", scene.name, question.id(), error.message));
@@ -78,7 +87,8 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
             }
         }
         for question in &questions {
-            scores.add(&question.0, given.get(&question.id()));
+            let probabilities = probabilities.get(&question.id()).map(Vec::as_slice);
+            scores.add(&question.0, given.get(&question.id()), probabilities.unwrap_or_default());
         }
         answers.insert(scene.name, Value::Object(given));
         bar.inc(1);
@@ -87,13 +97,22 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     if let Some(target) = &args.answers {
         output::json(target, &Value::Object(answers))?;
     }
-    let text =
-        scores.table() + &refused.iter().map(|line| format!("  no answer: {line}\n")).collect::<String>();
+    let refused: String = refused.iter().map(|line| format!("  no answer: {line}\n")).collect();
+    let text = format!("{}{}{refused}", scores.table(), scores.reliability());
     match args.answers.as_deref() {
         Some("-") => eprint!("{text}"),
         _ => output::print(&text)?,
     }
-    connection.close().await
+    connection.close().await?;
+    Failure::of(unread, folders.len())
+}
+
+/// How probable each choice is to be correct; of an open question, the answer given.
+fn believed(reply: &AskResponse) -> Vec<f64> {
+    match reply.choices[..] {
+        [] => vec![reply.probability],
+        _ => reply.choices.iter().map(|c| c.probability).collect(),
+    }
 }
 
 /// The folders with questions that the paths stand for.
@@ -199,36 +218,47 @@ impl Share {
     }
 }
 
-/// By type of question: options and questions.
+/// Upper ends of the bins of the reliability table.
+const BINS: [f64; 7] = [0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0];
+
+/// By type of question: options and questions; and how well the probabilities hold.
 #[derive(Default)]
-struct Scores(BTreeMap<String, [Share; 2]>);
+struct Scores {
+    by_type: BTreeMap<String, [Share; 2]>,
+    /// What was said of an option's probability, and whether it came true.
+    said: Vec<(f64, bool)>,
+}
 
 impl Scores {
     /// Counts what has a right answer; what was not answered is wrong.
-    fn add(&mut self, question: &Value, given: Option<&Value>) {
+    fn add(&mut self, question: &Value, given: Option<&Value>, probabilities: &[f64]) {
         let same = |given: Option<&Value>, right: &str| {
             given.is_some_and(|g| word(g).trim().eq_ignore_ascii_case(right.trim()))
         };
         let mut options = vec![];
+        let mut said = probabilities.iter();
         for choice in list(&question["choices"]) {
             let Some(right) = choice["answer"].as_str() else { return };
+            self.said.extend(said.next().map(|p| (*p, right.eq_ignore_ascii_case("correct"))));
             options.push(same(given.and_then(|g| g.get(word(&choice["choice_id"]))), right));
         }
         if options.is_empty() {
             if question["answer"].is_null() {
                 return;
             }
-            options.push(same(given, &word(&question["answer"])));
+            let right = same(given, &word(&question["answer"]));
+            self.said.extend(said.next().map(|p| (*p, right)));
+            options.push(right);
         }
         for name in [question["question_type"].as_str().unwrap_or("untyped"), "all"] {
-            let [of_options, of_questions] = self.0.entry(name.to_string()).or_default();
+            let [of_options, of_questions] = self.by_type.entry(name.to_string()).or_default();
             options.iter().for_each(|right| of_options.add(*right));
             of_questions.add(options.iter().all(|right| *right));
         }
     }
 
     fn table(&self) -> String {
-        let (all, types): (Vec<_>, Vec<_>) = self.0.iter().partition(|(name, _)| *name == "all");
+        let (all, types): (Vec<_>, Vec<_>) = self.by_type.iter().partition(|(name, _)| *name == "all");
         let row =
             |(name, shares): (&String, &[Share; 2])| vec![name.clone(), shares[0].text(), shares[1].text()];
         let rows: Vec<Vec<String>> = types.into_iter().chain(all).map(row).collect();
@@ -236,6 +266,30 @@ impl Scores {
             return "  the questions come without answers to compare with\n".into();
         }
         output::table(&["type", "per option [95 %]", "per question [95 %]"], &rows)
+    }
+
+    /// The reliability diagram as a table (DeGroot and Fienberg 1983), with the Brier score.
+    fn reliability(&self) -> String {
+        if self.said.is_empty() {
+            return String::new();
+        }
+        let mut rows = vec![];
+        let mut low = 0.0;
+        for high in BINS {
+            let within = |p: f64| p <= high && (p > low || low == 0.0);
+            let bin: Vec<(f64, bool)> = self.said.iter().filter(|(p, _)| within(*p)).copied().collect();
+            if !bin.is_empty() {
+                let mut share = Share::default();
+                bin.iter().for_each(|(_, came)| share.add(*came));
+                let mean = bin.iter().map(|(p, _)| p).sum::<f64>() / bin.len() as f64;
+                rows.push(vec![format!("{:.1} %", 100.0 * mean), share.text()]);
+            }
+            low = high;
+        }
+        let miss = |(p, came): &(f64, bool)| (p - f64::from(u8::from(*came))).powi(2);
+        let brier = self.said.iter().map(miss).sum::<f64>() / self.said.len() as f64;
+        let table = output::table(&["said", "came true [95 %]"], &rows);
+        format!("\n{table}  Brier score {brier:.4}\n")
     }
 }
 
@@ -249,11 +303,13 @@ mod tests {
         let several = json!({ "question_type": "predictive", "choices": choices });
         let open = json!({ "question_type": "descriptive", "answer": "2" });
         let mut scores = Scores::default();
-        scores.add(&several, Some(&json!({ "0": "correct", "1": "correct" })));
-        scores.add(&several, Some(&json!({ "0": "correct", "1": "wrong" })));
-        scores.add(&open, Some(&json!("2")));
-        scores.add(&open, None);
-        scores.add(&json!({ "question_type": "descriptive" }), Some(&json!("3")));
+        scores.add(&several, Some(&json!({ "0": "correct", "1": "correct" })), &[0.9, 0.6]);
+        scores.add(&several, Some(&json!({ "0": "correct", "1": "wrong" })), &[0.9, 0.1]);
+        scores.add(&open, Some(&json!("2")), &[1.0]);
+        scores.add(&open, None, &[]);
+        scores.add(&json!({ "question_type": "descriptive" }), Some(&json!("3")), &[1.0]);
+        assert_eq!(scores.said, [(0.9, true), (0.6, false), (0.9, true), (0.1, false), (1.0, true)]);
+        assert!(scores.reliability().ends_with("Brier score 0.0780\n"), "{}", scores.reliability());
         insta::assert_snapshot!(scores.table(), @r"
           type                per option [95 %]       per question [95 %]
           ───────────────────────────────────────────────────────────────

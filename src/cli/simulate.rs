@@ -4,7 +4,9 @@ use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output};
-use crate::api::v1::intervention::{Kind, Remove, ScaleMass, SetVelocity};
+use crate::api::v1::intervention::{
+    Kind, Remove, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
+};
 use crate::api::v1::{EventKind, Intervention, SimulateRequest, SimulateResponse, SimulatedEvent, Vector};
 use crate::scene::Scene;
 use serde_json::{Value, json};
@@ -26,6 +28,15 @@ pub struct Args {
     /// Gives an object another velocity at its start (m/s).
     #[arg(long, value_name = "ID=VX,VY", value_parser = input::id_and_vector, allow_hyphen_values = true)]
     velocity: Vec<(u32, [f64; 2])>,
+    /// Moves an object's start (m).
+    #[arg(long, value_name = "ID=DX,DY", value_parser = input::id_and_vector, allow_hyphen_values = true)]
+    shift: Vec<(u32, [f64; 2])>,
+    /// Multiplies what an object gives back in contacts.
+    #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
+    restitution: Vec<(u32, f64)>,
+    /// Switches an effect of the model off.
+    #[arg(long, value_name = "EFFECT")]
+    without: Vec<String>,
     /// Frames from frame 0 on [default: those observed and 60 more].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
@@ -84,7 +95,20 @@ fn interventions(args: &Args) -> Vec<Intervention> {
     let velocity = args.velocity.iter().map(|&(object_id, [x, y])| {
         Kind::SetVelocity(SetVelocity { object_id, velocity: Some(Vector { x, y }) })
     });
-    remove.chain(mass).chain(velocity).map(|kind| Intervention { kind: Some(kind) }).collect()
+    let shift = args
+        .shift
+        .iter()
+        .map(|&(object_id, [x, y])| Kind::Shift(Shift { object_id, by: Some(Vector { x, y }) }));
+    let restitution = args
+        .restitution
+        .iter()
+        .map(|&(object_id, factor)| Kind::ScaleRestitution(ScaleRestitution { object_id, factor }));
+    let without = args
+        .without
+        .iter()
+        .map(|effect| Kind::SwitchEffect(SwitchEffect { effect: effect.clone(), on: false }));
+    let edits = remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(without);
+    edits.map(|kind| Intervention { kind: Some(kind) }).collect()
 }
 
 fn word(event: &SimulatedEvent) -> &'static str {

@@ -61,6 +61,7 @@ pub fn places(edited: &Model, interventions: &[Intervention]) -> Result<(), Engi
     for (i, intervention) in interventions.iter().enumerate() {
         let kind = match intervention {
             Intervention::Place { .. } => "place",
+            Intervention::Shift { .. } => "shift",
             Intervention::Add { .. } => "add",
             _ => continue,
         };
@@ -80,7 +81,8 @@ pub fn places(edited: &Model, interventions: &[Intervention]) -> Result<(), Engi
                     "is {distance:.3} m from object {}, which needs {needed:.3} m; choose a free place",
                     other.id
                 );
-                return Err(EngineError::invalid(format!("interventions[{i}].{kind}.position"), message));
+                let field = if kind == "shift" { "by" } else { "position" };
+                return Err(EngineError::invalid(format!("interventions[{i}].{kind}.{field}"), message));
             }
         }
     }

@@ -269,6 +269,11 @@ fn words(intervention: &Intervention) -> String {
     match intervention {
         Intervention::Remove { id } => format!("object {id} removed"),
         Intervention::ScaleMass { id, factor } => format!("mass of object {id} times {factor}"),
+        Intervention::ScaleRestitution { id, factor } => {
+            format!("restitution of object {id} times {factor}")
+        }
+        Intervention::ScaleVelocity { id, factor } => format!("velocity of object {id} times {factor}"),
+        Intervention::Shift { id, by } => format!("object {id} starts ({}, {}) m off", by.x, by.y),
         Intervention::SetVelocity { id, velocity: v } => {
             format!("object {id} starts with ({}, {}) m/s", v.x, v.y)
         }
@@ -283,7 +288,10 @@ pub fn refused(index: usize, intervention: &Intervention, error: &InterventionEr
     let kind = match intervention {
         Intervention::Remove { .. } => "remove",
         Intervention::ScaleMass { .. } => "scale_mass",
+        Intervention::ScaleRestitution { .. } => "scale_restitution",
         Intervention::SetVelocity { .. } => "set_velocity",
+        Intervention::ScaleVelocity { .. } => "scale_velocity",
+        Intervention::Shift { .. } => "shift",
         Intervention::Place { .. } => "place",
         Intervention::Add { .. } => "add",
         Intervention::SwitchEffect { .. } => "switch_effect",
@@ -291,7 +299,8 @@ pub fn refused(index: usize, intervention: &Intervention, error: &InterventionEr
     let field = match error {
         InterventionError::UnknownObject { .. } | InterventionError::DuplicateObject { .. } => "object_id",
         InterventionError::UnknownEffect { .. } => "effect",
-        InterventionError::BadValue { what, .. } if what.starts_with("mass") => "factor",
+        InterventionError::BadValue { what, .. } if what.ends_with("factor") => "factor",
+        InterventionError::BadValue { what: "shift", .. } => "by",
         InterventionError::BadValue { what, .. } => what,
     };
     EngineError::invalid(format!("interventions[{index}].{kind}.{field}"), error.to_string())

@@ -73,6 +73,8 @@ fn spell(reads: &'static str, out: &mut Vec<String>) {
                 let free = OBJECTS.iter().find(|o| !out.join(" ").contains(**o)).unwrap_or(&OBJECTS[0]);
                 out.push(free.to_string());
             }
+            Some("number") => out.push("3".into()),
+            Some("length") => out.extend(["0.5".into(), "m".into()]),
             Some("some") => {
                 out.push(if out.ends_with(&["the".to_string()]) { "cube" } else { "cubes" }.into())
             }
@@ -161,9 +163,10 @@ impl Reader<'_> {
         match name {
             "S" => self.object(at).into_iter().collect(),
             "number" => match self.word(at) {
-                Some(w) if w.parse::<u32>().is_ok_and(|n| n > 0) => vec![(at + 1, vec![w.to_string()])],
+                Some(w) if positive(w).is_some() => vec![(at + 1, vec![w.to_string()])],
                 _ => vec![],
             },
+            "length" => self.length(at).into_iter().collect(),
             "some" => {
                 let some = self.objects(at);
                 if some.is_none() {
@@ -186,6 +189,18 @@ impl Reader<'_> {
 
     fn word(&self, at: usize) -> Option<&str> {
         self.words.get(at).map(String::as_str)
+    }
+
+    /// "0.5 m", "20 cm": a length in metres.
+    fn length(&self, at: usize) -> Option<Reading> {
+        let value = positive(self.word(at)?)?;
+        let metres = match self.word(at + 1)? {
+            "m" | "metre" | "metres" | "meter" | "meters" => value,
+            "cm" | "centimetres" | "centimeters" => value / 100.0,
+            "mm" | "millimetres" | "millimeters" => value / 1000.0,
+            _ => return None,
+        };
+        Some((at + 2, vec![metres.to_string()]))
     }
 
     /// "[the] blue rubber cube": one object, which at least one word describes.
@@ -228,8 +243,13 @@ impl Reader<'_> {
 fn words(text: &str) -> Vec<String> {
     let text = text.to_lowercase().replace(['\u{2019}', '\u{2018}', '`'], "'").replace("'s", " 's ");
     let text = text.replace("billiard ball", "ball");
-    let split = text.split(|c: char| !(c.is_alphanumeric() || c == '\''));
-    split.filter(|w| !w.is_empty()).map(str::to_string).collect()
+    let split = text.split(|c: char| !(c.is_alphanumeric() || c == '\'' || c == '.'));
+    split.map(|w| w.trim_matches('.')).filter(|w| !w.is_empty()).map(str::to_string).collect()
+}
+
+/// A finite number above 0.
+fn positive(word: &str) -> Option<f64> {
+    word.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0)
 }
 
 /// The vocabulary's word for a describing word, and its filter; none for "object".

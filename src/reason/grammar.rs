@@ -16,8 +16,8 @@ const fn form(phrase: &'static str, reads: &'static str, program: &'static str) 
 /// The collision of two objects.
 const PAIR: &str = "@events {S1} filter_collision {S2} filter_collision unique";
 
-/// `{S}` is one object ("the blue cube"), `{some}` any number of them ("blue cubes"), `{number}` is written in digits: see
-/// [`super::english`].
+/// `{S}` is one object ("the blue cube"), `{some}` any number of them ("blue cubes"), `{number}` and `{length}` are written in
+/// digits: see [`super::english`].
 /// The first form of a phrase is the one that examples use.
 pub(super) static FORMS: &[Form] = &[
     // What would have been.
@@ -41,19 +41,45 @@ pub(super) static FORMS: &[Form] = &[
         "{if} {asked} {will} {not} have happened",
         "all_events {if} filter_counterfact belong_to {not}",
     ),
-    form("if", "if {S} is|was|were removed", "{S}"),
+    form("if", "if {change}", "{change}"),
+    form("if", "if {change1} and {change2}", "{change1} {change2} both"),
     form("if", "without {S}", "{S}"),
-    form("if", "if {S} is|was|were {much} {mass}", "{S} {mass}"),
-    form("if", "if {S1} and {S2} are|were removed", "{S1} {S2} both"),
     form("if", "without {S1} and {S2}", "{S1} {S2} both"),
-    form("if", "if there was|were no {law}", "{law} switch_off"),
     form("if", "without {law}", "{law} switch_off"),
+    form("change", "{S} is|was|were removed", "{S}"),
+    form("change", "{S} is|was|were {much} {mass}", "{S} {mass}"),
+    form("change", "{S1} and {S2} are|were removed", "{S1} {S2} both"),
+    form("change", "there was|were no {law}", "{law} switch_off"),
+    form("change", "{S} moved|moves {speed}", "{S} {speed}"),
+    form("change", "{S} is|was|were {moving} {speed}", "{S} {speed}"),
+    form("change", "{S} is|was|were at rest", "{S} at_rest"),
+    form("change", "{S} did|does not move", "{S} at_rest"),
+    form("change", "{S} is|was|were {length} {further} {way}", "{S} {length} {way} shift"),
+    form("change", "{S} is|was|were {factor} times as bouncy|elastic", "{S} {factor} scale_restitution"),
     form("mass", "heavier", "apply_heavier"),
     form("mass", "lighter", "apply_lighter"),
     form("mass", "{factor} times as heavy", "{factor} scale_mass"),
     form("mass", "{factor} times heavier", "{factor} scale_mass"),
     form("mass", "twice as heavy", "2 scale_mass"),
     form("mass", "half as heavy", "0.5 scale_mass"),
+    form("speed", "{factor} times as fast", "{factor} scale_velocity"),
+    form("speed", "{factor} times faster", "{factor} scale_velocity"),
+    form("speed", "twice as fast", "2 scale_velocity"),
+    form("speed", "half as fast", "0.5 scale_velocity"),
+    form("speed", "in the opposite direction", "reverse"),
+    form("speed", "the other way", "reverse"),
+    form("moving", "moving", ""),
+    form("moving", "", ""),
+    form("further", "further|farther", ""),
+    form("further", "", ""),
+    form("way", "to the left", "left"),
+    form("way", "to the right", "right"),
+    form("way", "to the top", "top"),
+    form("way", "to the bottom", "bottom"),
+    form("way", "left", "left"),
+    form("way", "right", "right"),
+    form("way", "up", "top"),
+    form("way", "down", "bottom"),
     form("factor", "{number}", "{number}"),
     form("factor", "three", "3"),
     form("factor", "five", "5"),
@@ -72,7 +98,27 @@ pub(super) static FORMS: &[Form] = &[
     form("will", "will|would", ""),
     form("not", "not", "negate"),
     form("not", "", ""),
+    form(
+        "question",
+        "will|would {S1} {meet} {S2} {if}",
+        "{if} filter_counterfact {S1} filter_collision {S2} filter_collision exist",
+    ),
+    form(
+        "question",
+        "will|would {S} {meet} {side} {if}",
+        "{if} filter_counterfact {S} {side} filter_side exist",
+    ),
+    form(
+        "question",
+        "how many collisions will|would {happen} {if}",
+        "{if} filter_counterfact objects filter_collision count",
+    ),
     // What comes next.
+    form(
+        "question",
+        "how many collisions will {happen} next",
+        "unseen_events objects filter_collision count",
+    ),
     form("question", "{asked} will happen|occur next", "unseen_events belong_to"),
     form("question", "what happens next", "unseen_events belong_to"),
     form(
@@ -150,6 +196,7 @@ pub(super) static FORMS: &[Form] = &[
     form("any", "are there any", ""),
     form("any", "is there any|a|an", ""),
     form("happen", "happen|occur", ""),
+    form("happen", "there be", ""),
     form("happen", "are there", ""),
     form("motion", "moving", "filter_moving"),
     form("motion", "stationary", "filter_stationary"),
@@ -173,6 +220,11 @@ pub(super) static FORMS: &[Form] = &[
         "thing",
         "the {order} object {to_collide} {S}",
         "events {S} filter_collision {order} filter_order {S} query_collision_partner",
+    ),
+    form(
+        "thing",
+        "the {order} {some} {to_collide} {S}",
+        "events {S} {some} filter_partner {order} filter_order {S} query_collision_partner",
     ),
     form(
         "thing",

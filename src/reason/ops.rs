@@ -2,6 +2,7 @@
 
 use super::ReasonError;
 use super::events::{Happening, Kind, Past, SIDES};
+use crate::num::{Vec2, vec2};
 use crate::scene::{Object, Scene};
 use crate::world::{Intervention, InterventionError};
 
@@ -61,6 +62,12 @@ pub fn filter_motion(past: &Past, objects: &[usize], frame: Option<usize>, movin
 pub fn filter_kind(events: &[Happening], kind: Kind, objects: &[usize]) -> Vec<Happening> {
     let fits = |e: &&Happening| e.kind == kind && e.objects.iter().any(|o| objects.contains(o));
     events.iter().filter(fits).cloned().collect()
+}
+
+/// Collisions of the object with one of the partners.
+pub fn filter_partner(events: &[Happening], object: usize, partners: &[usize]) -> Vec<Happening> {
+    let others = |e: &&Happening| e.objects.iter().any(|o| *o != object && partners.contains(o));
+    filter_kind(events, Kind::Collision, &[object]).iter().filter(others).cloned().collect()
 }
 
 pub fn filter_time(events: &[Happening], frame: Option<usize>, after: bool) -> Vec<Happening> {
@@ -123,16 +130,23 @@ pub fn partner(event: &Happening, object: usize) -> Result<usize, ReasonError> {
     other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
 }
 
-/// Removal of the object, or its mass times the factor.
-pub fn change(scene: &Scene, object: usize, factor: Option<f64>) -> Result<Intervention, ReasonError> {
-    let object = scene.objects.get(object).ok_or_else(|| ReasonError::NoSuchObject {
+/// The scene's id of an object.
+pub fn id(scene: &Scene, object: usize) -> Result<u32, ReasonError> {
+    let found = scene.objects.get(object).ok_or_else(|| ReasonError::NoSuchObject {
         phrase: format!("object {object}"),
         candidates: scene.objects.iter().map(phrase).collect(),
     })?;
-    Ok(match factor {
-        None => Intervention::Remove { id: object.id },
-        Some(factor) => Intervention::ScaleMass { id: object.id, factor },
-    })
+    Ok(found.id)
+}
+
+/// So many metres towards a side: x grows to the right, y to the top.
+pub fn towards(side: &str, length: f64) -> Vec2 {
+    match side {
+        "left" => vec2(-length, 0.0),
+        "right" => vec2(length, 0.0),
+        "top" => vec2(0.0, length),
+        _ => vec2(0.0, -length),
+    }
 }
 
 /// Switches off the effects of the model that together are what people call friction, or drag.

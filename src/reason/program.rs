@@ -29,7 +29,7 @@ macro_rules! ops {
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64) }
         /// Tokens and the operations they stand for: CLEVRER's with the aliases in use, and ours for billiards
-        /// and for more changes than CLEVRER makes; a number is a factor.
+        /// and for more changes than CLEVRER makes; a number is a factor, or a length in metres.
         pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
             ("first", Op::Order(0)), ("second", Op::Order(1)), ("last", Op::Order(usize::MAX)),
             ("gray", Op::Color("gray")), ("red", Op::Color("red")), ("blue", Op::Color("blue")),
@@ -67,6 +67,7 @@ ops! {
     FilterOut: "filter_out";
     FilterCollision: "filter_collision";
     FilterSide: "filter_side";
+    FilterPartner: "filter_partner";
     FilterBefore: "filter_before";
     FilterAfter: "filter_after";
     FilterStart: "filter_start";
@@ -80,6 +81,11 @@ ops! {
     ApplyHeavier: "apply_heavier";
     ApplyLighter: "apply_lighter";
     ScaleMass: "scale_mass";
+    ScaleVelocity: "scale_velocity";
+    ScaleRestitution: "scale_restitution";
+    AtRest: "at_rest";
+    Reverse: "reverse";
+    Shift: "shift";
     SwitchOff: "switch_off";
     Both: "both";
     QueryColor: "query_color";
@@ -187,6 +193,11 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             pop("objects or an object", &[Objects, Object])?;
             pop("events", &[Events])?
         }
+        Op::FilterPartner => {
+            pop("objects", &[Objects])?;
+            pop("an object", &[Object])?;
+            pop("events", &[Events])?
+        }
         Op::FilterBefore | Op::FilterAfter => {
             pop("an event or a frame", &[Event, Frame])?;
             pop("events", &[Events])?
@@ -213,7 +224,12 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             }
             Events
         }
-        Op::ScaleMass => {
+        Op::Shift => {
+            pop("left, right, top or bottom", &[Side])?;
+            pop("a length", &[Factor])?;
+            pop("an object", &[Object]).map(|_| Change)?
+        }
+        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => {
             pop("a factor", &[Factor])?;
             pop("an object", &[Object]).map(|_| Change)?
         }
@@ -222,7 +238,9 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             pop("an object or a change", &[Object, Change])?;
             pop("an object or a change", &[Object, Change]).map(|_| Change)?
         }
-        Op::ApplyHeavier | Op::ApplyLighter => pop("an object", &[Object]).map(|_| Change)?,
+        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => {
+            pop("an object", &[Object]).map(|_| Change)?
+        }
         Op::QueryColor | Op::QueryMaterial | Op::QueryShape => pop("an object", &[Object]).map(|_| Text)?,
     };
     stack.push(result);

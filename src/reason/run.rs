@@ -100,7 +100,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
     let scene = facts.scene;
     // An object by itself stands for its removal.
     let changes = |value| match value {
-        Object(object) => Ok(vec![ops::change(scene, object, None)?]),
+        Object(object) => Ok(vec![Intervention::Remove { id: ops::id(scene, object)? }]),
         Change(changes) => Ok(changes),
         _ => Err(untyped(op)),
     };
@@ -176,6 +176,12 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
                 _ => return Err(untyped(op)),
             }
         }
+        Op::FilterPartner => match (pop()?, pop()?, pop()?) {
+            (Objects(partners), Object(object), Events(events)) => {
+                Events(ops::filter_partner(&events, object, &partners))
+            }
+            _ => return Err(untyped(op)),
+        },
         Op::FilterBefore | Op::FilterAfter => {
             let frame = match pop()? {
                 Event(event) => Some(event.frame),
@@ -217,15 +223,34 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             (Object(object), Event(event)) => Object(ops::partner(&event, object)?),
             _ => return Err(untyped(op)),
         },
-        Op::ApplyHeavier | Op::ApplyLighter => match pop()? {
+        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => match pop()? {
             Object(object) => {
-                let factor = if op == Op::ApplyHeavier { ops::HEAVIER } else { ops::LIGHTER };
-                Change(vec![ops::change(scene, object, Some(factor))?])
+                let id = ops::id(scene, object)?;
+                Change(vec![match op {
+                    Op::ApplyHeavier => Intervention::ScaleMass { id, factor: ops::HEAVIER },
+                    Op::ApplyLighter => Intervention::ScaleMass { id, factor: ops::LIGHTER },
+                    Op::AtRest => Intervention::ScaleVelocity { id, factor: 0.0 },
+                    _ => Intervention::ScaleVelocity { id, factor: -1.0 },
+                }])
             }
             _ => return Err(untyped(op)),
         },
-        Op::ScaleMass => match (pop()?, pop()?) {
-            (Factor(factor), Object(object)) => Change(vec![ops::change(scene, object, Some(factor))?]),
+        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => match (pop()?, pop()?) {
+            (Factor(factor), Object(object)) => {
+                let id = ops::id(scene, object)?;
+                Change(vec![match op {
+                    Op::ScaleMass => Intervention::ScaleMass { id, factor },
+                    Op::ScaleVelocity => Intervention::ScaleVelocity { id, factor },
+                    _ => Intervention::ScaleRestitution { id, factor },
+                }])
+            }
+            _ => return Err(untyped(op)),
+        },
+        Op::Shift => match (pop()?, pop()?, pop()?) {
+            (Word(side), Factor(length), Object(object)) => {
+                let by = ops::towards(side, length);
+                Change(vec![Intervention::Shift { id: ops::id(scene, object)?, by }])
+            }
             _ => return Err(untyped(op)),
         },
         Op::SwitchOff => match pop()? {
@@ -290,6 +315,15 @@ fn describe_change(scene: &Scene, change: &Intervention) -> String {
         Intervention::Remove { id } => format!("without {}", name(id).unwrap_or_default()),
         Intervention::ScaleMass { id, factor } => {
             format!("the mass of {} times {factor}", name(id).unwrap_or_default())
+        }
+        Intervention::ScaleVelocity { id, factor } => {
+            format!("the velocity of {} times {factor}", name(id).unwrap_or_default())
+        }
+        Intervention::ScaleRestitution { id, factor } => {
+            format!("the restitution of {} times {factor}", name(id).unwrap_or_default())
+        }
+        Intervention::Shift { id, by } => {
+            format!("{} moved by ({}, {}) m", name(id).unwrap_or_default(), by.x, by.y)
         }
         Intervention::SwitchEffect { name, .. } => format!("without {name}"),
         other => format!("{other:?}"),

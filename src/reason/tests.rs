@@ -128,6 +128,39 @@ fn english_is_lenient_but_never_guesses() {
 }
 
 #[test]
+fn changes_beyond_the_paper_have_programs() {
+    let blue = "objects blue filter_color unique";
+    let check = |text: &str, program: &str| {
+        assert_eq!(question_program(text).unwrap().join(" "), program.replace("BLUE", blue), "{text}");
+    };
+    check(
+        "What will happen if the blue object is 1.5 times as fast?",
+        "all_events BLUE 1.5 scale_velocity filter_counterfact belong_to",
+    );
+    check(
+        "What would not happen if the blue object were moving the other way?",
+        "all_events BLUE reverse filter_counterfact belong_to negate",
+    );
+    check(
+        "What will happen if the blue one is 25 cm to the right and the blue one is removed?",
+        "all_events BLUE 0.25 right shift BLUE both filter_counterfact belong_to",
+    );
+    check(
+        "Would the blue ball hit the left side of the table if the blue object were at rest?",
+        "BLUE at_rest filter_counterfact objects blue filter_color sphere filter_shape unique left filter_side exist",
+    );
+    check(
+        "How many collisions would there be without the blue object?",
+        "BLUE filter_counterfact objects filter_collision count",
+    );
+    check(
+        "What color is the first cube to hit the blue object?",
+        "events BLUE objects cube filter_shape filter_partner first filter_order BLUE query_collision_partner \
+         query_color",
+    );
+}
+
+#[test]
 fn a_refusal_names_the_part_and_completes_what_it_understood() {
     let check = |text: &str, refused: &str, near: &str| match question_program(text) {
         Err(ReasonError::NotUnderstood { part, nearest }) => {
@@ -291,6 +324,10 @@ fn a_question_is_answered_from_english_and_from_its_program() {
         ("What would happen if the cube were 3 times as heavy?", 1),
         ("What would happen without the cube and the brown sphere?", 2),
         ("What would happen if there were no friction?", 3),
+        ("What would happen if the cube moved twice as fast?", 1),
+        ("If the cube did not move and the brown sphere were half as heavy, what would happen?", 2),
+        ("What would happen if the cube were 25 cm further left?", 1),
+        ("What would happen if the cube were 1.5 times as bouncy?", 1),
     ] {
         let answer = asked(text, &[pair]).unwrap();
         assert_eq!(answer.simulations[0].interventions.len(), edits, "{text}");

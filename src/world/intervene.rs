@@ -1,6 +1,7 @@
 //! Interventions: edits of a model that a counterfactual asks about.
 
 use super::model::{BodySpec, Model};
+use crate::effects::Scope;
 use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
 
@@ -16,16 +17,31 @@ pub enum Intervention {
         id: u32,
         factor: f64,
     },
+    /// Multiplies the factor of the object's own in the restitution of its contacts, where the model has one.
+    ScaleRestitution {
+        id: u32,
+        factor: f64,
+    },
     /// Sets the velocity at the body's start (m/s).
     SetVelocity {
         id: u32,
         velocity: Vec2,
+    },
+    /// Multiplies the velocity and the spin at the body's start; negative: the opposite direction.
+    ScaleVelocity {
+        id: u32,
+        factor: f64,
     },
     /// Sets the place at the body's start (m, rad).
     Place {
         id: u32,
         position: Vec2,
         yaw: Option<f64>,
+    },
+    /// Moves the place at the body's start (m).
+    Shift {
+        id: u32,
+        by: Vec2,
     },
     Add {
         body: BodySpec,
@@ -59,6 +75,7 @@ impl Intervention {
                 known: model.bodies.iter().map(|b| b.id).collect(),
             })
         };
+        let known = || model.effects.iter().map(|e| e.name.clone()).collect();
         match self {
             Intervention::Remove { id } => edited.remove_body(find(*id)?),
             Intervention::ScaleMass { id, factor } => {
@@ -71,10 +88,37 @@ impl Intervention {
                 }
                 edited.bodies[find(*id)?].mass *= factor;
             }
+            Intervention::ScaleRestitution { id, factor } => {
+                find(*id)?;
+                if !(factor.is_finite() && *factor >= 0.0) {
+                    return Err(InterventionError::BadValue {
+                        what: "restitution factor",
+                        value: *factor,
+                        more: " and at least 0",
+                    });
+                }
+                let own = edited.effects.iter_mut().filter(|e| e.on && e.name == "restitution");
+                let own = own.flat_map(|e| &mut e.parameters).find(|p| p.scope == Scope::Object);
+                let value = own.and_then(|p| {
+                    let at = p.labels.binary_search(&id.to_string()).ok()?;
+                    p.values.get_mut(at)
+                });
+                *value.ok_or_else(|| InterventionError::UnknownEffect {
+                    name: "restitution".to_string(),
+                    known: known(),
+                })? *= factor;
+            }
             Intervention::SetVelocity { id, velocity } => {
                 finite("velocity", velocity.x)?;
                 finite("velocity", velocity.y)?;
                 edited.bodies[find(*id)?].set_velocity(*velocity);
+            }
+            Intervention::ScaleVelocity { id, factor } => {
+                finite("velocity factor", *factor)?;
+                let start = &mut edited.bodies[find(*id)?].start.state;
+                start.velocity = start.velocity * *factor;
+                start.roll = start.roll * *factor;
+                start.spin *= factor;
             }
             Intervention::Place { id, position, yaw } => {
                 let start = &mut edited.bodies[find(*id)?].start;
@@ -86,6 +130,11 @@ impl Intervention {
                     start.state.yaw = *yaw;
                 }
             }
+            Intervention::Shift { id, by } => {
+                finite("shift", by.x)?;
+                finite("shift", by.y)?;
+                edited.bodies[find(*id)?].start.state.position += *by;
+            }
             Intervention::Add { body } => {
                 if find(body.id).is_ok() {
                     return Err(InterventionError::DuplicateObject { id: body.id });
@@ -93,7 +142,6 @@ impl Intervention {
                 edited.add_body(body.clone());
             }
             Intervention::SwitchEffect { name, on } => {
-                let known = || model.effects.iter().map(|e| e.name.clone()).collect();
                 match edited.effects.iter_mut().find(|e| e.name == *name) {
                     Some(effect) => effect.on = *on,
                     None => {
@@ -110,7 +158,10 @@ impl Intervention {
         match self {
             Intervention::Remove { id }
             | Intervention::ScaleMass { id, .. }
+            | Intervention::ScaleRestitution { id, .. }
             | Intervention::SetVelocity { id, .. }
+            | Intervention::ScaleVelocity { id, .. }
+            | Intervention::Shift { id, .. }
             | Intervention::Place { id, .. } => Some(*id),
             Intervention::Add { body } => Some(body.id),
             Intervention::SwitchEffect { .. } => None,
