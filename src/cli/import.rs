@@ -7,13 +7,14 @@ use super::{input, output};
 use crate::api;
 use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::scene::{
-    CLEVRER_CAMERA, Proposals, Scene, Scores, is_tracker, observed, parse, parse_proposals, parse_tracker,
+    CLEVRER_CAMERA, Proposals, Scene, Scores, is_tracker, observed, parse, parse_csv, parse_proposals,
+    parse_tracker,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
 /// Reads CLEVRER annotations (also with `image_center` in place of `location`), derender proposals (detections with masks or
-/// boxes), and the text that Tracker exports, each known by its content; writes DIR/NAME/observed.json.
+/// boxes), CSV with named columns and units, and the text that Tracker exports, each known by its content; writes DIR/NAME/observed.json.
 #[derive(clap::Args)]
 pub struct Args {
     #[arg(required = true, value_name = "FILE")]
@@ -93,9 +94,10 @@ async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(Strin
             named = names;
             ("tracker", of_scene(&scene))
         }
+        Kind::Csv => ("csv", of_scene(&parse_csv(&name, &text).map_err(bad)?)),
         Kind::Unknown => {
-            let message = "is neither a CLEVRER annotation (motion_trajectory), nor proposals (frames), nor Tracker's text (a header \
-                           with t, x and y)";
+            let message = "is neither a CLEVRER annotation (motion_trajectory), nor proposals (frames), nor CSV (a header with id, x, y \
+                           and t or frame), nor Tracker's text (a header with t, x and y)";
             return Err(Failure::input(message));
         }
     };
@@ -152,6 +154,7 @@ enum Kind {
     Annotation,
     Proposals,
     Tracker,
+    Csv,
     Unknown,
 }
 
@@ -161,7 +164,9 @@ fn kind(text: &str) -> Kind {
         Ok(root) if root.contains_key("frames") => Kind::Proposals,
         // Its own reader says what is wrong with the JSON.
         Err(_) if text.trim_start().starts_with('{') => Kind::Annotation,
+        Ok(_) => Kind::Unknown,
         _ if is_tracker(text) => Kind::Tracker,
+        _ if text.contains([',', ';', '\t']) && !text.trim_start().starts_with('[') => Kind::Csv,
         _ => Kind::Unknown,
     }
 }
@@ -250,6 +255,7 @@ mod tests {
         assert!(matches!(kind(r#"{"frames": []}"#), Kind::Proposals));
         assert!(matches!(kind(r#"{"frames": "#), Kind::Annotation));
         assert!(matches!(kind("mass A\nt\tx\ty\n0\t1\t2\n"), Kind::Tracker));
+        assert!(matches!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n"), Kind::Csv));
         assert!(matches!(kind("[1, 2]"), Kind::Unknown));
     }
 }
