@@ -375,30 +375,39 @@ impl Part<'_> {
     /// frames against that of independent ones, of which the fit has taken its leverage; `factor` L has the
     /// parameters' covariance L L^T.
     pub fn redundancy(&self, linear: &Linear, factor: &nalgebra::DMatrix<f64>) -> f64 {
-        let zero = || nalgebra::DVector::<f64>::zeros(factor.nrows());
-        let mut blocks: Vec<((usize, usize, usize), f64, usize, nalgebra::DVector<f64>)> = vec![];
+        /// Residuals of one coordinate of a body over a few frames: their sum, number and derivative.
+        struct Block {
+            key: Coordinate,
+            sum: f64,
+            count: usize,
+            slope: nalgebra::DVector<f64>,
+        }
+        let mut blocks: Vec<Block> = vec![];
         let mut rows = linear.rows();
         self.each_sample(self.scene.times.len(), |m, _| {
             for coordinate in 0..2 + usize::from(m.yaw.is_some()) {
                 let Some((residual, j, columns)) = rows.next() else { return };
-                let key = (m.body, coordinate, m.sample.frame / BLOCK);
+                let key = (m.body, m.sample.frame / BLOCK, coordinate);
                 // The coordinates of a sample come one after the other.
-                let known = blocks.iter().rposition(|b| b.0 == key).filter(|at| at + 3 >= blocks.len());
+                let known = blocks.iter().rposition(|b| b.key == key).filter(|at| at + 3 >= blocks.len());
                 let at = known.unwrap_or_else(|| {
-                    blocks.push((key, 0.0, 0, zero()));
+                    let slope = nalgebra::DVector::zeros(factor.nrows());
+                    blocks.push(Block { key, sum: 0.0, count: 0, slope });
                     blocks.len() - 1
                 });
-                let (_, sum, count, slope) = &mut blocks[at];
-                (*sum, *count) = (*sum + residual, *count + 1);
+                let block = &mut blocks[at];
+                block.sum += residual;
+                block.count += 1;
                 for &(k, lane) in columns {
-                    slope[k] += j[lane];
+                    block.slope[k] += j[lane];
                 }
             }
         });
-        let full = blocks.iter().filter(|b| 2 * b.2 > BLOCK);
-        let (found, expected) = full.fold((0.0, 0.0), |(found, expected), (_, sum, count, slope)| {
-            let leverage = factor.tr_mul(slope).norm_squared() / *count as f64;
-            (found + sum * sum / *count as f64, expected + (1.0 - leverage).max(0.0))
+        let full = blocks.iter().filter(|b| 2 * b.count > BLOCK);
+        let (found, expected) = full.fold((0.0, 0.0), |(found, expected), block| {
+            let count = block.count as f64;
+            let leverage = factor.tr_mul(&block.slope).norm_squared() / count;
+            (found + block.sum * block.sum / count, expected + (1.0 - leverage).max(0.0))
         });
         if expected < 1.0 { 1.0 } else { f64::max(1.0, found / expected) }
     }

@@ -287,7 +287,7 @@ fn each_sample_weighs_by_its_own_covariance_whatever_their_scale() {
     for (k, sample) in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).enumerate() {
         let z: f64 = StandardNormal.sample(&mut random);
         let along: f64 = if k % 2 == 0 { along } else { 0.0 };
-        sample.position = sample.position + vec2(z, z).scaled(along.sqrt());
+        sample.position += vec2(z, z).scaled(along.sqrt());
         let true_one = Covariance { xx: own + along, xy: along, yy: own + along };
         sample.covariance = Some(true_one.scaled(9.0));
         squares += true_one.mean() / 300.0;

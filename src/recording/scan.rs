@@ -297,15 +297,22 @@ pub fn scan<R: Read + Seek>(source: R, take: &mut dyn FnMut(Item)) -> Result<Rep
         report.lost(0, at, "the file does not begin as a trace does");
     }
     let mut ended = false;
+    // Where the last record began whose length no checksum covers: what comes after it may lie elsewhere.
+    let mut unsure = None;
     while at < file.size && !ended {
         let (record, next) = match file.record(at)? {
             Ok(found) => found,
             Err(what) => {
-                let sure = file.next_sure(at + 1)?;
-                report.lost(at, sure, what);
+                let from = unsure.take().unwrap_or(at);
+                let sure = file.next_sure(from + 1)?;
+                report.lost(at.min(sure), at.max(sure), what);
                 at = sure;
                 continue;
             }
+        };
+        unsure = match &record {
+            Whole::Chunk(_) | Whole::Other(Record::Attachment { .. }) => None,
+            Whole::Other(_) => Some(at),
         };
         match record {
             Whole::Chunk(records) => {

@@ -221,8 +221,11 @@ fn any_stretch_of_time_is_read_through_the_index() {
     assert_eq!(counted.collect::<BTreeMap<_, _>>(), scanned.counts);
 }
 
-/// What came back of a damaged file: every message's topic, time and content.
-fn salvaged(bytes: &[u8]) -> Option<(Report, Vec<(String, u64, Vec<u8>)>)> {
+/// Topic, time and content of a message.
+type Salvaged = (String, u64, Vec<u8>);
+
+/// What came back of a damaged file.
+fn salvaged(bytes: &[u8]) -> Option<(Report, Vec<Salvaged>)> {
     let mut messages = vec![];
     let report = scan(Cursor::new(bytes), &mut |item| {
         if let scan::Item::Message { topic, header, data } = item {

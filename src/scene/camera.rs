@@ -272,7 +272,7 @@ mod tests {
         let horizon = |pixel| CLEVRER_CAMERA.locate(pixel, 0.2, [0.5; 2]);
         // CLEVRER's camera looks down by 30 degrees: its horizon is at v = 160 - 525 tan 30 degrees, above the image.
         assert!(matches!(horizon([240.0, -143.2]), Err(LocateError::Horizon { .. })));
-        assert!(matches!(horizon([240.0, -139.0]), Ok(_)));
+        assert!(horizon([240.0, -139.0]).is_ok());
         assert!(matches!(horizon([240.0, -500.0]), Err(LocateError::Outside { .. })));
         assert!(matches!(horizon([f64::NAN, 1.0]), Err(LocateError::NotFinite { .. })));
     }

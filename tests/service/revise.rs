@@ -118,7 +118,8 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
         last = message.event;
     }
     let Some(Event::Comparison(c)) = last else { panic!("{last:?}") };
-    assert!(c.videos.iter().all(|v| v.reduced_chi_square < 1.3), "{}", c.summary);
+    let chi_squares: Vec<f64> = c.videos.iter().map(|v| v.reduced_chi_square).collect();
+    assert!(chi_squares.iter().all(|c| *c < 1.3), "{chi_squares:?} {}", c.summary);
 }
 
 #[tokio::test(flavor = "multi_thread")]
