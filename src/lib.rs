@@ -11,6 +11,7 @@ pub mod fit;
 pub mod num;
 pub mod reason;
 pub mod recording;
+pub mod report;
 pub mod scene;
 pub mod store;
 pub mod telemetry;

@@ -107,6 +107,12 @@ pub fn compare(
     Ok(Comparison { summary: summary(&compared), scenes: compared })
 }
 
+/// Residuals of a model by regime.
+pub fn failures(scene: &Scene, model: &Model) -> Vec<Regime> {
+    let noise = estimate_noise(scene);
+    regimes(scene, &paths(scene, &noise), &residuals(scene, model), noise.position)
+}
+
 fn residuals(scene: &Scene, model: &Model) -> Vec<Residual> {
     let rollout = trace(model, &scene.times);
     let of = |(object, track): (usize, &crate::scene::Track)| {

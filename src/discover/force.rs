@@ -372,7 +372,7 @@ fn damped_step(
 }
 
 /// All bodies that are seen, frame by frame.
-fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
+pub(super) fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
     let bodies = |f: usize| {
         let seen = paths.iter().enumerate();
         seen.filter_map(|(i, p)| Some((i, (*p.motion.get(f)?)?))).collect()
@@ -381,7 +381,7 @@ fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
 }
 
 /// Double integral of a piecewise linear acceleration from rest at the first frame.
-fn integral(scene: &Scene, frames: &[usize], acceleration: impl Fn(usize) -> Vec2) -> Vec<Vec2> {
+pub(super) fn integral(scene: &Scene, frames: &[usize], acceleration: impl Fn(usize) -> Vec2) -> Vec<Vec2> {
     let (mut place, mut velocity) = (Vec2::zero(), Vec2::zero());
     let mut all = vec![place];
     for pair in frames.windows(2) {

@@ -14,11 +14,12 @@ mod screen;
 mod search;
 #[cfg(test)]
 mod tests;
+mod unexplained;
 
 pub use change::{
     Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,
 };
-pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare};
+pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare, failures};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
 pub use force::{Lens, fit_forces, flats, free_parameters};
 pub use formula::{ResidualLaw, residual_law};
@@ -28,6 +29,7 @@ pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
 pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};
 pub use search::{FreeMotion, search, search_on};
+pub use unexplained::{Unexplained, unexplained};
 
 /// Reduced chi-square of the free motion above which structure remains.
 pub const MISFIT: f64 = 1.3;

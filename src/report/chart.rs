@@ -1,0 +1,184 @@
+//! Pictures as SVG: axes, scales, ticks. Colours are CSS classes, so that a page can be dark or light.
+
+use maud::{Markup, PreEscaped, Render, html};
+
+/// Colours and lines of pictures, light and dark.
+pub const STYLE: &str = include_str!("picture.css");
+/// Size of a chart, and the room of its axes (px).
+const WIDTH: f64 = 400.0;
+const HEIGHT: f64 = 250.0;
+const LEFT: f64 = 52.0;
+const RIGHT: f64 = 12.0;
+const TOP: f64 = 14.0;
+const BOTTOM: f64 = 42.0;
+
+/// A drawing with its name as a file, and what it shows.
+pub struct Picture {
+    pub name: String,
+    pub title: String,
+    pub caption: String,
+    pub size: [f64; 2],
+    pub body: Markup,
+}
+
+impl Picture {
+    /// As a part of a page.
+    pub fn figure(&self) -> Markup {
+        html! {
+            figure {
+                h3 { (self.title) }
+                (self.svg(html! {}))
+                @if !self.caption.is_empty() { figcaption { (self.caption) } }
+            }
+        }
+    }
+
+    /// As a file of its own, for light paper.
+    pub fn file(&self) -> String {
+        self.svg(html! { style { (PreEscaped(STYLE)) } rect class="paper" width="100%" height="100%" {} }).into_string()
+    }
+
+    pub fn svg(&self, head: Markup) -> Markup {
+        let [w, h] = self.size;
+        html! {
+            svg xmlns="http://www.w3.org/2000/svg" class="picture" viewBox={ "0 0 " (px(w)) " " (px(h)) } role="img"
+                aria-label=(self.title) { title { (self.title) } (head) (self.body) }
+        }
+    }
+}
+
+/// A length or place in a drawing: never NaN, never infinite.
+pub fn px(v: f64) -> impl Render {
+    let v = if v.is_finite() { v.clamp(-1e5, 1e5) } else { 0.0 };
+    let text = format!("{v:.1}");
+    PreEscaped(text.strip_suffix(".0").map(str::to_string).unwrap_or(text))
+}
+
+/// Points as the data of a path; a point that is absent interrupts it.
+pub fn line(points: impl Iterator<Item = Option<(f64, f64)>>) -> String {
+    let (mut out, mut down) = (String::new(), false);
+    for point in points {
+        match point.filter(|(x, y)| x.is_finite() && y.is_finite()) {
+            Some((x, y)) => {
+                out += if down { "L" } else { "M" };
+                out += &format!("{} {}", px(x).render().into_string(), px(y).render().into_string());
+                down = true;
+            }
+            None => down = false,
+        }
+    }
+    out
+}
+
+/// Points as dots of one path.
+pub fn dots(points: impl Iterator<Item = (f64, f64)>) -> String {
+    let finite = points.filter(|(x, y)| x.is_finite() && y.is_finite());
+    finite.map(|(x, y)| format!("M{} {}h0", px(x).render().into_string(), px(y).render().into_string())).collect()
+}
+
+/// One axis: its range, what it measures, and whether it counts powers of ten.
+pub struct Axis {
+    pub low: f64,
+    pub high: f64,
+    pub label: String,
+    pub logarithmic: bool,
+}
+
+impl Axis {
+    /// Around the values, with zero in view where `zero` says so.
+    pub fn around(label: &str, values: impl Iterator<Item = f64>, zero: bool) -> Axis {
+        let start = if zero { (0.0, 0.0) } else { (f64::INFINITY, f64::NEG_INFINITY) };
+        let (low, high) = values.filter(|v| v.is_finite()).fold(start, |(l, h), v| (l.min(v), h.max(v)));
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let margin = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1e-3) };
+        let keep = |edge: f64, moved: f64| if zero && edge == 0.0 { 0.0 } else { moved };
+        let (low, high) = (keep(low, low - margin), keep(high, high + margin));
+        Axis { low, high, label: label.into(), logarithmic: false }
+    }
+
+    /// Whole powers of ten around positive values.
+    pub fn decades(label: &str, values: impl Iterator<Item = f64>) -> Axis {
+        let start = (f64::INFINITY, 0.0f64);
+        let good = values.filter(|v| v.is_finite() && *v > 0.0);
+        let (low, high) = good.fold(start, |(l, h), v| (l.min(v), h.max(v)));
+        let (low, high) = if low <= high { (low.max(1e-4 * high), high) } else { (1.0, 10.0) };
+        let (low, high) = (10f64.powf(low.log10().floor()), 10f64.powf(high.log10().ceil()));
+        Axis { low, high: if high > low { high } else { 10.0 * low }, label: label.into(), logarithmic: true }
+    }
+
+    fn share(&self, v: f64) -> f64 {
+        if self.logarithmic {
+            let (low, high) = (self.low.log10(), self.high.log10());
+            return (v.max(self.low).log10() - low) / (high - low);
+        }
+        (v - self.low) / (self.high - self.low)
+    }
+
+    fn ticks(&self) -> Vec<f64> {
+        if self.logarithmic {
+            let (low, high) = (self.low.log10().round() as i32, self.high.log10().round() as i32);
+            return (low..=high).map(|p| 10f64.powi(p)).collect();
+        }
+        let rough = (self.high - self.low) / 5.0;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
+        let first = (self.low / step).ceil() as i64;
+        (first..first + 12).map(|k| k as f64 * step).take_while(|v| *v <= self.high + 1e-9 * step).collect()
+    }
+}
+
+/// A number for people: three digits, no more zeros than it needs.
+pub fn number(v: f64) -> String {
+    if !v.is_finite() {
+        return "–".into();
+    }
+    let size = v.abs();
+    if size != 0.0 && !(1e-3..1e5).contains(&size) {
+        return format!("{v:.1e}").replace('-', "−");
+    }
+    let digits = if size == 0.0 { 0 } else { (2 - size.log10().floor() as i32).clamp(0, 5) as usize };
+    let text = format!("{v:.digits$}");
+    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    if text == "-0" { "0".into() } else { text.replace('-', "−") }
+}
+
+/// Two axes and the place between them.
+pub struct Chart {
+    pub x: Axis,
+    pub y: Axis,
+}
+
+impl Chart {
+    pub fn at(&self, x: f64, y: f64) -> (f64, f64) {
+        let inner = (WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM);
+        (LEFT + inner.0 * self.x.share(x), TOP + inner.1 * (1.0 - self.y.share(y).clamp(-0.02, 1.02)))
+    }
+
+    /// Where the data stand: left, top, right, bottom (px).
+    pub fn inside() -> [f64; 4] {
+        [LEFT, TOP, WIDTH - RIGHT, HEIGHT - BOTTOM]
+    }
+
+    /// The axes with what is drawn between them.
+    pub fn picture(&self, name: &str, title: &str, caption: &str, data: Markup) -> Picture {
+        let [left, top, right, bottom] = Self::inside();
+        let body = html! {
+            @for tick in self.y.ticks() {
+                @let (_, y) = self.at(self.x.low, tick);
+                line class="grid" x1=(px(left)) x2=(px(right)) y1=(px(y)) y2=(px(y)) {}
+                text class="small" x=(px(left - 6.0)) y=(px(y + 4.0)) text-anchor="end" { (number(tick)) }
+            }
+            @for tick in self.x.ticks() {
+                @let (x, _) = self.at(tick, self.y.low);
+                line class="axis" x1=(px(x)) x2=(px(x)) y1=(px(bottom)) y2=(px(bottom + 4.0)) {}
+                text class="small" x=(px(x)) y=(px(bottom + 17.0)) text-anchor="middle" { (number(tick)) }
+            }
+            line class="axis" x1=(px(left)) x2=(px(right)) y1=(px(bottom)) y2=(px(bottom)) {}
+            (data)
+            text x=(px(0.5 * (left + right))) y=(px(HEIGHT - 6.0)) text-anchor="middle" { (self.x.label) }
+            text x=(px(-0.5 * (top + bottom))) y="12" text-anchor="middle" transform="rotate(-90)" { (self.y.label) }
+        };
+        let size = [WIDTH, HEIGHT];
+        Picture { name: name.into(), title: title.into(), caption: caption.into(), size, body }
+    }
+}

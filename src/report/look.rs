@@ -1,0 +1,158 @@
+//! The numbers that the pictures show: simulations of the first and the last model, and what they leave unexplained.
+
+use super::Report;
+use crate::discover::{Unexplained, failures, unexplained};
+use crate::fit::{Fit, estimate_noise};
+use crate::scene::Scene;
+use crate::world::{EventKind, Model, Trace, trace};
+use std::collections::BTreeMap;
+
+/// Frames after the video that are predicted.
+pub const FUTURE: usize = 60;
+/// Lags of the autocorrelation.
+const LAGS: usize = 25;
+/// Deviation of the edges of the 99 % band of a normal law.
+pub const NINETY_NINE: f64 = 2.576;
+
+/// A model on all videos.
+pub struct Stage {
+    /// One a video, with [`FUTURE`] frames after it.
+    pub runs: Vec<Trace>,
+    /// One a video.
+    pub residuals: Vec<Vec<Residual>>,
+    pub unexplained: Vec<Unexplained>,
+    /// Of the residuals from lag 0 on, both coordinates and all tracks pooled.
+    pub autocorrelation: Vec<f64>,
+    /// Share of the motion that the model gives, `1 - |measured - simulated| / |measured - its mean|` (%): the fit
+    /// percentage of system identification. At most 100.
+    pub fit_percent: f64,
+    /// Root mean square residual (m) and positions of each regime.
+    pub regimes: Vec<(String, f64, usize)>,
+}
+
+/// One residual of a position.
+pub struct Residual {
+    pub object: usize,
+    pub frame: usize,
+    /// Measured (m).
+    pub at: [f64; 2],
+    /// Measured minus simulated (m).
+    pub off: [f64; 2],
+}
+
+impl Residual {
+    pub fn size(&self) -> f64 {
+        self.off[0].hypot(self.off[1])
+    }
+}
+
+/// All of a report that is computed.
+pub struct Views {
+    /// Without any effect added, and with all of them; one where nothing was added.
+    pub stages: Vec<Stage>,
+    /// Measurement noise of each video (m).
+    pub noise: Vec<f64>,
+    /// Positions of all tracks: the band of the autocorrelation.
+    pub count: usize,
+}
+
+impl Views {
+    pub fn of(report: &Report) -> Views {
+        let revisions = &report.discovery.revisions;
+        let ends = match &revisions[..] {
+            [] => vec![],
+            [only] => vec![only],
+            [first, .., last] => vec![first, last],
+        };
+        let stages = ends.iter().map(|r| stage(report.scenes, &r.fit)).collect();
+        let noise = report.scenes.iter().map(|s| estimate_noise(s).position).collect();
+        let tracks = report.scenes.iter().flat_map(|s| &s.tracks);
+        Views { stages, noise, count: tracks.map(|t| t.samples.len()).sum() }
+    }
+
+    /// Times at which objects collide in the last model, within the video (s).
+    pub fn contacts(&self, video: usize, scene: &Scene) -> Vec<f64> {
+        let end = scene.times.last().copied().unwrap_or(0.0);
+        let run = self.stages.last().and_then(|s| s.runs.get(video));
+        let events = run.into_iter().flat_map(|r| &r.events).filter(|e| e.kind == EventKind::Collision);
+        events.map(|e| e.time).filter(|t| *t <= end).collect()
+    }
+}
+
+fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
+    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let run = |(scene, model): (&Scene, &Model)| {
+        let times: Vec<f64> = (0..scene.times.len() + FUTURE).map(|f| scene.time_of(f)).collect();
+        trace(model, &times)
+    };
+    let runs: Vec<Trace> = scenes.iter().zip(&models).map(run).collect();
+    let residuals: Vec<Vec<Residual>> = scenes.iter().zip(&runs).map(|(s, r)| residuals(s, r)).collect();
+    Stage {
+        unexplained: unexplained(scenes, &models),
+        autocorrelation: autocorrelation(scenes, &residuals),
+        fit_percent: fit_percent(scenes, &residuals),
+        regimes: regimes(scenes, &models),
+        residuals,
+        runs,
+    }
+}
+
+pub fn residuals(scene: &Scene, run: &Trace) -> Vec<Residual> {
+    let mut all = vec![];
+    for (object, track) in scene.tracks.iter().enumerate() {
+        for s in &track.samples {
+            let state = run.states.get(s.frame).and_then(|row| row.get(object).copied().flatten());
+            if let Some(state) = state {
+                let d = s.position - state.position;
+                let at = [s.position.x, s.position.y];
+                all.push(Residual { object, frame: s.frame, at, off: [d.x, d.y] });
+            }
+        }
+    }
+    all
+}
+
+fn autocorrelation(scenes: &[Scene], residuals: &[Vec<Residual>]) -> Vec<f64> {
+    let mut products = [0.0; LAGS + 1];
+    for (scene, all) in scenes.iter().zip(residuals) {
+        for object in 0..scene.objects.len() {
+            let own: Vec<&Residual> = all.iter().filter(|r| r.object == object).collect();
+            for (lag, sum) in products.iter_mut().enumerate() {
+                let pairs = own.iter().zip(own.iter().skip(lag)).filter(|(a, b)| b.frame == a.frame + lag);
+                *sum += pairs.map(|(a, b)| a.off[0] * b.off[0] + a.off[1] * b.off[1]).sum::<f64>();
+            }
+        }
+    }
+    let whole = products[0].max(f64::MIN_POSITIVE);
+    products.iter().map(|p| p / whole).collect()
+}
+
+fn fit_percent(scenes: &[Scene], residuals: &[Vec<Residual>]) -> f64 {
+    let squares: f64 = residuals.iter().flatten().map(|r| r.size().powi(2)).sum();
+    let mut motion = 0.0;
+    for samples in scenes.iter().flat_map(|s| &s.tracks).map(|t| &t.samples) {
+        let count = samples.len().max(1) as f64;
+        let (x, y) = samples.iter().fold((0.0, 0.0), |(x, y), s| (x + s.position.x, y + s.position.y));
+        let (x, y) = (x / count, y / count);
+        motion += samples.iter().map(|s| (s.position.x - x).powi(2) + (s.position.y - y).powi(2)).sum::<f64>();
+    }
+    100.0 * (1.0 - (squares / motion.max(f64::MIN_POSITIVE)).sqrt())
+}
+
+fn regimes(scenes: &[Scene], models: &[Model]) -> Vec<(String, f64, usize)> {
+    let mut order = vec![];
+    let mut sums: BTreeMap<String, (f64, usize)> = BTreeMap::new();
+    for regime in scenes.iter().zip(models).flat_map(|(s, m)| failures(s, m)) {
+        if !order.contains(&regime.regime) {
+            order.push(regime.regime.clone());
+        }
+        let sum = sums.entry(regime.regime).or_default();
+        sum.0 += regime.rmse * regime.rmse * regime.frames as f64;
+        sum.1 += regime.frames;
+    }
+    let pooled = |name: String| {
+        let (squares, frames) = sums.get(&name).copied().unwrap_or_default();
+        (name, (squares / frames.max(1) as f64).sqrt(), frames)
+    };
+    order.into_iter().map(pooled).collect()
+}

@@ -1,0 +1,394 @@
+//! The page: what was missing in one glance, then the proof, piece by piece. No network, works without its script.
+
+use super::chart::{Picture, STYLE, number};
+use super::look::Views;
+use super::plots::{class, label, step, word};
+use super::table::{self, Side, name, player};
+use super::{Answered, Report};
+use crate::discover::{Found, Reported, Value, Verdict};
+use crate::effects::effect;
+use crate::fit::Estimate;
+use crate::reason::Step;
+use crate::scene::Scene;
+use crate::world::trace;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+const PAGE_STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
+
+pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
+    let [headline, _] = words(report);
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                // Nothing may be fetched, whatever a name holds.
+                meta http-equiv="Content-Security-Policy"
+                    content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+                title { (headline) " – vrdp" }
+                style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
+            }
+            body {
+                main {
+                    (head(report, views, pictures))
+                    (see(report, views, pictures))
+                    (fails(views, pictures))
+                    (ranked(report, pictures))
+                    (parameters(report))
+                    @if !report.answers.is_empty() { (answers(report)) }
+                    @if !report.traces.is_empty() { (traces(report)) }
+                }
+                script { (PreEscaped(SCRIPT)) }
+            }
+        }
+    };
+    page.into_string()
+}
+
+/// Headline, and the verdict in one sentence.
+fn words(report: &Report) -> [String; 2] {
+    let found = report.discovery;
+    let names: Vec<String> = found.effects.iter().map(|e| label(&e.kind, &e.effect)).collect();
+    let names = names.join(" and ");
+    match found.verdict {
+        Verdict::EffectFound => {
+            [format!("Missing: {names}"), "The model lacked a physical effect. It was found and added.".into()]
+        }
+        Verdict::Ambiguous => [
+            "Something is missing, these videos cannot tell what".into(),
+            "Several laws explain it equally well; see what to film next.".into(),
+        ],
+        Verdict::Adequate => {
+            ["Nothing is missing".into(), "The model explains the videos to within the noise of the tracks.".into()]
+        }
+        Verdict::OutsideLibrary => [
+            "Something is missing that no known law explains".into(),
+            "What remains has structure; it is given below as a formula.".into(),
+        ],
+        Verdict::NotIdentifiable => {
+            ["These videos do not tell".into(), "There is too little motion or data to judge the model.".into()]
+        }
+    }
+}
+
+fn picture<'p>(pictures: &'p [Picture], name: &str) -> Option<&'p Picture> {
+    pictures.iter().find(|p| p.name == name)
+}
+
+/// Those whose names begin so, in order.
+fn figures(pictures: &[Picture], start: &str) -> Markup {
+    html! { @for p in pictures.iter().filter(|p| p.name.starts_with(start)) { (p.figure()) } }
+}
+
+fn mm(v: f64) -> String {
+    format!("{} mm", number(1e3 * v))
+}
+
+fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
+    let found = report.discovery;
+    let [headline, verdict] = words(report);
+    let ends = found.revisions.first().zip(found.revisions.last());
+    let many = views.stages.len() > 1;
+    let tile = |class: &str, title: &str, value: String, text: String| html! {
+        div class={ "tile " (class) } { span { (title) } strong { (value) } span class="text" { (text) } }
+    };
+    let noises = |v: f64| format!("{} times the noise", number(v / found.noise_sigma.max(f64::MIN_POSITIVE)));
+    html! {
+        header {
+            p class="kind" { "vrdp report · " (count(report.scenes.len(), "video")) }
+            h1 { (headline) }
+            p class="verdict" { (verdict) }
+            @for e in &found.effects {
+                p { strong { (label(&e.kind, &e.effect)) } @if let Some(entry) = effect(&e.effect) { ": " (entry.spec.doc) } }
+                ul { @for p in &e.parameters { li { (reported(p)) } } }
+            }
+            @if let Some((first, last)) = ends {
+                div class="tiles" {
+                    @if many { (tile("was", "Error before", mm(first.rmse), noises(first.rmse))) }
+                    (tile("is", if many { "Error after" } else { "Error" }, mm(last.rmse), noises(last.rmse)))
+                    (tile("noise", "Noise floor", mm(found.noise_sigma), "as good as it can get".into()))
+                    (tile("", "Motion explained", percent(views), "share of the measured motion".into()))
+                }
+            }
+            @if let Some(worst) = worst(views) { p class="verdict" { (worst) } }
+            p class="quiet" { (found.reason) }
+            @for kinds in &found.ambiguous { p { "Cannot be told apart: " strong { (kinds.join(", ").replace('_', " ")) } "." } }
+            @if let Some(e) = &found.experiment {
+                p { "Film next: a " (e.shape) " of " (number(e.mass)) " kg from (" (number(e.position.x)) ", "
+                    (number(e.position.y)) ") m at (" (number(e.velocity.x)) ", " (number(e.velocity.y)) ") m/s; after "
+                    (number(e.time)) " s the laws differ by " (number(e.sigmas)) " sigmas." }
+            }
+            @if let Some(formula) = &found.formula { p { "What remains: " code { (formula) } } }
+            div class="figures wide" { @if let Some(p) = picture(pictures, "ladder") { (p.figure()) } (rungs(report)) }
+        }
+    }
+}
+
+fn count(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+fn percent(views: &Views) -> String {
+    let shares: Vec<String> = views.stages.iter().map(|s| format!("{:.1} %", s.fit_percent)).collect();
+    shares.join(" → ")
+}
+
+/// Where the first model fails most, in words.
+fn worst(views: &Views) -> Option<String> {
+    let first = views.stages.first().filter(|_| views.stages.len() > 1)?;
+    let last = views.stages.last()?;
+    let (name, before, _) = first.regimes.iter().max_by(|a, b| {
+        let weight = |r: &(String, f64, usize)| r.1 * r.1 * r.2 as f64;
+        weight(a).total_cmp(&weight(b))
+    })?;
+    let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
+    Some(format!("The first model failed most where the motion is “{name}”: {} there, {} now.", mm(*before), mm(after)))
+}
+
+/// The ladder as a table.
+fn rungs(report: &Report) -> Markup {
+    html! {
+        div class="scroll" { table {
+            thead { tr { th { "Revision" } th { "error" } th { "held out" } th { "other videos" } th { "chi-square" } } }
+            tbody {
+                @for (k, r) in report.discovery.revisions.iter().enumerate() {
+                    tr { th { (step(k, r.effect.as_deref())) } td { (mm(r.rmse)) } td { (mm(r.held_out_rmse)) }
+                        td { (mm(r.left_out_rmse)) } td { (number(r.reduced_chi_square)) } }
+                }
+                tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} td {} td { "1" } }
+            }
+        } }
+    }
+}
+
+fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
+    let several = report.scenes.len() > 1;
+    html! {
+        section aria-labelledby="see" {
+            h2 id="see" { "See it" }
+            p { "The table from above. Dots: measured; lines: simulated from the first frame on, dashed after the video. \
+                 Filled bodies are simulated, dashed outlines measured: where they part, the model is wrong." }
+            @if several {
+                p class="scripted" { label { "Video " select class="choose" {
+                    @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) { (scene.name) } }
+                } } }
+            }
+            @for (k, scene) in report.scenes.iter().enumerate() {
+                div class="video" {
+                    @if several { h3 { (scene.name) } }
+                    (legend(scene))
+                    @let sides: Vec<Side> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(Side {
+                        title: capital(word(views.stages.len(), n)), run: stage.runs.get(k)?,
+                        class: class(views.stages.len(), n), measured: true,
+                    })).collect();
+                    @let time = picture(pictures, &format!("residual-time-{}", k + 1));
+                    (player(&format!("video-{}", k + 1), scene, &sides, html! {
+                        div class="figures wide" { @if let Some(p) = time { (p.figure()) } }
+                    }))
+                }
+            }
+        }
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |c| c.to_uppercase().collect::<String>() + letters.as_str())
+}
+
+fn legend(scene: &Scene) -> Markup {
+    html! {
+        ul class="legend" {
+            @for (k, object) in scene.objects.iter().enumerate() {
+                li { span class="swatch" style={ "background:" (table::colour(&object.color, k)) } {} (name(object)) }
+            }
+        }
+    }
+}
+
+fn fails(views: &Views, pictures: &[Picture]) -> Markup {
+    html! {
+        section aria-labelledby="fails" {
+            h2 id="fails" { "Where it fails, and on what that depends" }
+            (regimes(views))
+            div class="figures" {
+                (figures(pictures, "residual-map")) (figures(pictures, "residual-acceleration"))
+                (figures(pictures, "autocorrelation")) (figures(pictures, "cause"))
+            }
+        }
+    }
+}
+
+fn regimes(views: &Views) -> Markup {
+    let Some(first) = views.stages.first() else { return html! {} };
+    html! {
+        div class="scroll" { table {
+            thead { tr { th { "Motion" } @for k in 0..views.stages.len() { th { "error " (word(views.stages.len(), k)) } }
+                th { "positions" } } }
+            tbody {
+                @for (name, before, frames) in &first.regimes {
+                    tr { th { (name) } td { (mm(*before)) }
+                        @if views.stages.len() > 1 {
+                            @let after = views.stages.last().and_then(|s| s.regimes.iter().find(|r| r.0 == *name));
+                            td { (after.map_or("–".into(), |r| mm(r.1))) }
+                        }
+                        td { (frames) } }
+                }
+            }
+        } }
+    }
+}
+
+fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
+    let found = report.discovery;
+    if found.ranked.is_empty() && found.smallest.is_empty() {
+        return html! {};
+    }
+    html! {
+        section aria-labelledby="ranked" {
+            h2 id="ranked" { "Candidates and their evidence" }
+            @if !found.ranked.is_empty() {
+                div class="figures wide" {
+                    (figures(pictures, "candidates"))
+                    div class="scroll" { table {
+                        thead { tr { th { "Candidate" } th { "log evidence" } th { "error on other videos" } } }
+                        tbody { @for r in found.ranked.iter().take(12) {
+                            tr { th { (label(&r.kind, &r.effect)) } td { (number(r.log_evidence)) } td { (mm(r.held_out_rmse)) } }
+                        } }
+                    } }
+                }
+            }
+            @if !found.smallest.is_empty() {
+                h3 { "The smallest effect of each kind that would have been seen" }
+                div class="scroll" { table {
+                    thead { tr { th { "Kind" } th { "Parameter" } th { "would have been seen from" } } }
+                    tbody { @for s in &found.smallest {
+                        tr { th { (s.kind.replace('_', " ")) } td { (s.parameter) } td { (number(s.value)) " " (s.unit) } }
+                    } }
+                } }
+            }
+        }
+    }
+}
+
+fn reported(p: &Reported) -> Markup {
+    let text = |v: &Value| match v {
+        Value::Number(v) => number(*v),
+        Value::Vector([x, y]) => format!("({}, {})", number(*x), number(*y)),
+        Value::Word(word) => word.clone(),
+    };
+    html! {
+        (p.name) " = " strong { (text(&p.value)) " " (p.unit) }
+        @if !matches!(p.value, Value::Word(_)) { span class="quiet" { " 95 % interval " (text(&p.low)) " to " (text(&p.high)) } }
+    }
+}
+
+fn estimate(e: &Estimate) -> Markup {
+    let unit = if e.unit == "1" { "" } else { &e.unit };
+    html! {
+        td class=[(!e.identified).then_some("open")] {
+            (number(e.value)) " ± " (number(1.96 * e.sd)) " " (unit) @if !e.identified { " (not identified)" }
+        }
+    }
+}
+
+fn parameters(report: &Report) -> Markup {
+    let Some(last) = report.discovery.revisions.last() else { return html! {} };
+    let added = |name: &str| report.discovery.effects.iter().any(|e: &Found| e.effect == name);
+    html! {
+        section aria-labelledby="parameters" {
+            h2 id="parameters" { "Parameters of the last model" }
+            p { "With their 95 % intervals. What is marked “not identified” the videos do not determine: the value is the \
+                 prior's." }
+            @for (k, scene) in report.scenes.iter().enumerate() {
+                details open[k == 0] {
+                    summary { (scene.name) }
+                    div class="scroll" { table {
+                        thead { tr { th { "Object" } th { "mass" } th { "restitution" } } }
+                        tbody { @for o in last.fit.objects(k) {
+                            tr { th { (scene.objects.iter().find(|s| s.id == o.id).map_or(o.id.to_string(), name)) }
+                                (estimate(&o.mass)) (estimate(&o.restitution)) }
+                        } }
+                    } }
+                    div class="scroll" { table {
+                        thead { tr { th { "Effect" } th { "parameter" } th { "of" } th { "value" } } }
+                        tbody { @for s in last.fit.shared(k) {
+                            @for (label, value) in s.labels.iter().zip(&s.values) {
+                                tr class=[added(&s.effect).then_some("added")] {
+                                    th { (s.effect.replace('_', " ")) } td { (s.parameter.replace('_', " ")) } td { (label) }
+                                    (estimate(value)) }
+                            }
+                        } }
+                    } }
+                }
+            }
+        }
+    }
+}
+
+fn answers(report: &Report) -> Markup {
+    html! {
+        section aria-labelledby="answers" {
+            h2 id="answers" { "Questions" }
+            @for (k, answered) in report.answers.iter().enumerate() { (answer(k, answered)) }
+        }
+    }
+}
+
+fn answer(k: usize, answered: &Answered) -> Markup {
+    let Answered { question, scene, model, answer } = *answered;
+    let frames = answer.simulations.iter().map(|s| s.best.states.len()).max().unwrap_or(0);
+    let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
+    let factual = trace(model, &times);
+    let imagined = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
+    let mut sides =
+        vec![Side { title: "As it is, and goes on".into(), run: &factual, class: "", measured: true }];
+    sides.extend(imagined.enumerate().map(|(n, s)| Side {
+        title: if n == 0 { "Imagined".into() } else { format!("Imagined ({})", n + 1) },
+        run: &s.best,
+        class: "",
+        measured: false,
+    }));
+    html! {
+        article {
+            h3 { "“" (question) "”" }
+            p class="quiet" { (scene.name) }
+            @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.trail)) }
+            @for choice in &answer.choices {
+                p { strong { (if choice.correct { "✓ yes" } else { "✗ no" }) } " (" (share(choice.probability)) ") " (choice.choice) }
+                (trail(&choice.trail))
+            }
+            p { (answer.explanation) }
+            @if frames > 0 { (legend(scene)) (player(&format!("answer-{}", k + 1), scene, &sides, html! {})) }
+            div class="figures" { @for p in table::of_answer(k, answered) { (p.figure()) } }
+        }
+    }
+}
+
+fn share(p: f64) -> String {
+    format!("{:.0} %", 100.0 * p)
+}
+
+/// Steps but for words of the question that stand for themselves.
+fn trail(steps: &[Step]) -> Markup {
+    html! {
+        details { summary { "How it came about" } ol { @for s in steps.iter().filter(|s| s.token != s.result) {
+            li { code { (s.token) } " " (s.result) }
+        } } }
+    }
+}
+
+fn traces(report: &Report) -> Markup {
+    html! {
+        section aria-labelledby="traces" {
+            h2 id="traces" { "Traces" }
+            p { "Every simulation above, number by number, as MCAP files for Foxglove or Rerun." }
+            ul class="traces" { @for t in report.traces {
+                li { (t.about) ": " @match &t.href { Some(href) => { a href=(href) { (t.name) } }, None => { code { (t.name) } } } }
+            } }
+        }
+    }
+}

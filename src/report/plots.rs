@@ -1,0 +1,356 @@
+//! What the residuals look like: against time, over the table, against themselves and against what may cause them; and
+//! what was done about it.
+
+use super::Report;
+use super::chart::{Axis, Chart, Picture, dots, line, number, px};
+use super::look::{NINETY_NINE, Residual, Stage, Views};
+use super::table::View;
+use crate::discover::Unexplained;
+use crate::scene::Scene;
+use maud::{Markup, html};
+
+/// Candidates that are drawn.
+const CANDIDATES: usize = 8;
+/// Groups of equal number along a cause.
+const GROUPS: usize = 8;
+/// Bars: width of names, of a row, of the picture (px).
+const NAMES: f64 = 150.0;
+const ROW: f64 = 36.0;
+const WIDTH: f64 = 400.0;
+/// Length of the longest usual arrow (px).
+const ARROW: f64 = 34.0;
+
+/// The classes of the first and the last model.
+pub fn class(stages: usize, stage: usize) -> &'static str {
+    if stages > 1 && stage == 0 { "before" } else { "after" }
+}
+
+/// How the models are called.
+pub fn word(stages: usize, stage: usize) -> &'static str {
+    match (stages, stage) {
+        (1, _) => "the model",
+        (_, 0) => "without it",
+        _ => "with it",
+    }
+}
+
+/// All pictures but those of the table from above.
+pub fn all(report: &Report, views: &Views) -> Vec<Picture> {
+    let mut all = vec![ladder(report)];
+    for (k, scene) in report.scenes.iter().enumerate() {
+        all.push(against_time(k, scene, views));
+    }
+    for (k, stage) in views.stages.iter().enumerate() {
+        all.push(map(k, report, views, stage));
+    }
+    for (k, stage) in views.stages.iter().enumerate() {
+        all.push(quiver(k, report, views, stage));
+    }
+    all.push(autocorrelation(views));
+    if let Some(first) = views.stages.first() {
+        all.extend(causes(first));
+    }
+    if !report.discovery.ranked.is_empty() {
+        all.push(candidates(report));
+    }
+    all
+}
+
+/// Errors of the revisions as bars, and the noise as a line.
+fn ladder(report: &Report) -> Picture {
+    let noise = report.discovery.noise_sigma;
+    let revisions = &report.discovery.revisions;
+    let most = revisions.iter().flat_map(|r| [r.rmse, r.held_out_rmse]).fold(noise, f64::max).max(f64::MIN_POSITIVE);
+    let at = |v: f64| NAMES + (WIDTH - NAMES - 72.0) * v / most;
+    let height = 22.0 + ROW * revisions.len() as f64 + 24.0;
+    let bar = |y: f64, v: f64, class: &str| html! {
+        rect class={ "filled " (class) } x=(px(NAMES)) y=(px(y)) width=(px(at(v) - NAMES)) height="11" {}
+        text class="small" x=(px(at(v).max(at(noise)) + 5.0)) y=(px(y + 9.5)) { (number(1e3 * v)) " mm" }
+    };
+    let body = html! {
+        @for (k, r) in revisions.iter().enumerate() {
+            @let y = 14.0 + ROW * k as f64;
+            @let class = class(revisions.len(), k);
+            text class="bold" x="4" y=(px(y + 16.0)) { (step(k, r.effect.as_deref())) }
+            (bar(y, r.rmse, class))
+            (bar(y + 13.0, r.held_out_rmse, &format!("{class} pale")))
+        }
+        line class="floor" x1=(px(at(noise))) x2=(px(at(noise))) y1="8" y2=(px(height - 20.0)) {}
+        text class="small" x=(px(at(noise))) y=(px(height - 6.0)) text-anchor="middle" {
+            "noise floor " (number(1e3 * noise)) " mm"
+        }
+    };
+    Picture {
+        name: "ladder".into(),
+        title: "Error of each revision of the model".into(),
+        caption: "Root mean square position error. Dark: all frames; pale: the last quarter of each video, predicted by \
+                  a fit that has not seen it."
+            .into(),
+        size: [WIDTH, height],
+        body,
+    }
+}
+
+/// What a revision changes.
+pub fn step(number: usize, effect: Option<&str>) -> String {
+    match (number, effect) {
+        (0, _) | (_, None) => "as it began".into(),
+        (_, Some(effect)) => format!("+ {}", effect.replace('_', " ")),
+    }
+}
+
+fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
+    let noise = views.noise.get(video).copied().unwrap_or(0.0);
+    let residuals: Vec<&[Residual]> =
+        views.stages.iter().filter_map(|s| s.residuals.get(video)).map(Vec::as_slice).collect();
+    let frames = scene.times.len();
+    let seen: Vec<usize> =
+        (0..frames).map(|f| residuals.first().map_or(0, |r| r.iter().filter(|r| r.frame == f).count())).collect();
+    let rms = |of: &[Residual]| -> Vec<Option<f64>> {
+        let one = |f: usize| {
+            let (sum, n) = of.iter().filter(|r| r.frame == f).fold((0.0, 0), |(s, n), r| (s + r.size().powi(2), n + 2));
+            (n > 0).then(|| 1e3 * (sum / n as f64).sqrt())
+        };
+        (0..frames).map(one).collect()
+    };
+    let curves: Vec<Vec<Option<f64>>> = residuals.iter().map(|r| rms(r)).collect();
+    let band: Vec<(f64, f64)> = seen.iter().map(|n| (1e3 * noise * edge(2 * n, -1.0), 1e3 * noise * edge(2 * n, 1.0))).collect();
+    let values = curves.iter().flatten().flatten().copied().chain(band.iter().flat_map(|b| [b.0, b.1]));
+    let chart = Chart {
+        x: Axis { low: 0.0, high: scene.times.last().copied().unwrap_or(1.0).max(1e-3), label: "time (s)".into(), logarithmic: false },
+        y: Axis::decades("residual (mm)", values),
+    };
+    let at = |f: usize, v: f64| chart.at(scene.time_of(f), v);
+    let upper = band.iter().enumerate().map(|(f, b)| Some(at(f, b.1)));
+    let lower = band.iter().enumerate().rev().map(|(f, b)| Some(at(f, b.0)));
+    let [left, top, right, bottom] = Chart::inside();
+    let end = scene.times.last().copied().unwrap_or(1.0).max(1e-3);
+    let own = |stage: usize, object: usize| {
+        let of = residuals.get(stage).copied().unwrap_or_default();
+        let mut places: Vec<Option<(f64, f64)>> = vec![None; frames];
+        for r in of.iter().filter(|r| r.object == object) {
+            if let Some(slot) = places.get_mut(r.frame) {
+                *slot = Some(at(r.frame, 1e3 * r.size() / std::f64::consts::SQRT_2));
+            }
+        }
+        line(places.into_iter())
+    };
+    let data = html! {
+        path class="band" d={ (line(upper.chain(lower))) "Z" } {}
+        @for t in views.contacts(video, scene) {
+            @let (x, _) = chart.at(t, 1.0);
+            line class="contact" x1=(px(x)) x2=(px(x)) y1=(px(top)) y2=(px(bottom)) {}
+        }
+        @for (k, curve) in curves.iter().enumerate() {
+            @let class = class(curves.len(), k);
+            @for object in 0..scene.objects.len() { path class={ (class) " faint" } d=(own(k, object)) {} }
+            path class=(class) d=(line(curve.iter().enumerate().map(|(f, v)| v.map(|v| at(f, v))))) {}
+        }
+        line class="cursor moves" data-left=(px(left)) data-right=(px(right)) data-end=(end) x1=(px(left)) x2=(px(left))
+            y1=(px(top)) y2=(px(bottom)) {}
+        (legend(curves.len()))
+    };
+    let caption = "Thick: all objects; thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
+    chart.picture(&format!("residual-time-{}", video + 1), "Error against time", caption, data)
+}
+
+/// Edge of the 99 % interval of the root mean square of `n` normal numbers (Wilson-Hilferty).
+fn edge(n: usize, side: f64) -> f64 {
+    let n = n.max(1) as f64;
+    let cube = 1.0 - 2.0 / (9.0 * n) + side * NINETY_NINE * (2.0 / (9.0 * n)).sqrt();
+    cube.max(0.05).powi(3).sqrt()
+}
+
+fn legend(stages: usize) -> Markup {
+    let [left, top, right, _] = Chart::inside();
+    html! {
+        @if stages > 1 {
+            @for k in 0..stages {
+                @let x = left + 8.0 + 0.5 * (right - left) * k as f64;
+                line class=(class(stages, k)) x1=(px(x)) x2=(px(x + 18.0)) y1=(px(top - 5.0)) y2=(px(top - 5.0)) {}
+                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) { (word(stages, k)) }
+            }
+        }
+    }
+}
+
+fn map(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
+    const STEPS: [(f64, &str, &str); 4] =
+        [(0.0, "hot1", "< 3"), (3.0, "hot2", "3 to 6"), (6.0, "hot3", "6 to 12"), (12.0, "hot4", "> 12 sigmas")];
+    let view = View::around(report.scenes.iter(), &[]);
+    let noise = report.discovery.noise_sigma.max(f64::MIN_POSITIVE);
+    let of = |step: usize| {
+        let (low, high) = (STEPS[step].0, STEPS.get(step + 1).map_or(f64::INFINITY, |s| s.0));
+        let all = stage.residuals.iter().flatten();
+        let own = all.filter(move |r| (low..high).contains(&(r.size() / noise)));
+        dots(own.map(|r| view.at(r.at[0], r.at[1])))
+    };
+    let [w, h] = view.size;
+    let body = html! {
+        @for step in 0..STEPS.len() { path class={ "dots " (STEPS[step].1) } d=(of(step)) {} }
+        @for (n, (_, class, text)) in STEPS.iter().enumerate() {
+            @let x = 12.0 + 84.0 * n as f64;
+            path class={ "dots " (class) } style="stroke-width:9" d={ "M" (px(x)) " " (px(h + 15.0)) "h0" } {}
+            text class="small" x=(px(x + 9.0)) y=(px(h + 19.0)) { (text) }
+        }
+        rect class="axis" x="0.5" y="0.5" width=(px(w - 1.0)) height=(px(h - 1.0)) {}
+    };
+    Picture {
+        name: format!("residual-map-{}", k + 1),
+        title: format!("Where it is off, {}", word(views.stages.len(), k)),
+        caption: "Each measured position of all videos, by how far the simulation is away.".into(),
+        size: [w, h + 26.0],
+        body,
+    }
+}
+
+fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
+    let view = View::around(report.scenes.iter(), &[]);
+    // The same scale for both models.
+    let first = views.stages.first().map_or(&[][..], |s| &s.unexplained);
+    let mut sizes: Vec<f64> = first.iter().map(|u| u.acceleration.norm()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let usual = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1.0).max(1e-9);
+    let scale = ARROW / usual;
+    let arrow = |u: &Unexplained| {
+        let (x, y) = view.at(u.position.x, u.position.y);
+        let size = u.acceleration.norm().max(1e-12);
+        let shown = (scale * size).min(2.0 * ARROW) / size;
+        let (dx, dy) = (u.acceleration.x * shown, -u.acceleration.y * shown);
+        let tip = (x + dx, y + dy);
+        let barb = |c: f64, s: f64| (tip.0 - 0.28 * (c * dx - s * dy), tip.1 - 0.28 * (s * dx + c * dy));
+        line([Some((x, y)), Some(tip), None, Some(barb(0.87, 0.5)), Some(tip), Some(barb(0.87, -0.5))].into_iter())
+    };
+    let sure = |u: &&Unexplained| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
+    let (strong, weak): (Vec<&Unexplained>, Vec<&Unexplained>) = stage.unexplained.iter().partition(sure);
+    let [w, h] = view.size;
+    let round = 10f64.powf(usual.log10().floor());
+    let body = html! {
+        @for u in &weak { path class="mute" d=(arrow(u)) {} }
+        @for u in &strong { path class=(class(views.stages.len(), k)) d=(arrow(u)) {} }
+        line class="cursor" x1="10" x2=(px(10.0 + scale * round)) y1=(px(h - 12.0)) y2=(px(h - 12.0)) {}
+        text class="small" x="10" y=(px(h - 17.0)) { (number(round)) " m/s²" }
+        rect class="axis" x="0.5" y="0.5" width=(px(w - 1.0)) height=(px(h - 1.0)) {}
+    };
+    Picture {
+        name: format!("residual-acceleration-{}", k + 1),
+        title: format!("Acceleration that is missing, {}", word(views.stages.len(), k)),
+        caption: format!(
+            "Measured minus model, over about a second of free motion each. Coloured: beyond 99 % of the noise ({} of {}); \
+             gray: within.",
+            strong.len(),
+            stage.unexplained.len()
+        ),
+        size: [w, h],
+        body,
+    }
+}
+
+fn autocorrelation(views: &Views) -> Picture {
+    let curves: Vec<&[f64]> = views.stages.iter().map(|s| s.autocorrelation.as_slice()).collect();
+    // Two coordinates a position.
+    let band = NINETY_NINE / (2.0 * views.count.max(1) as f64).sqrt();
+    let values = curves.iter().flat_map(|c| c.iter().copied()).chain([-band, band]);
+    let lags = curves.iter().map(|c| c.len()).max().unwrap_or(2).saturating_sub(1) as f64;
+    let chart = Chart {
+        x: Axis { low: 0.0, high: lags.max(1.0), label: "lag (frames)".into(), logarithmic: false },
+        y: Axis::around("autocorrelation", values, true),
+    };
+    let ((left, high), (right, low)) = (chart.at(0.0, band), chart.at(lags.max(1.0), -band));
+    let data = html! {
+        rect class="band" x=(px(left)) y=(px(high)) width=(px(right - left)) height=(px((low - high).max(2.0))) {}
+        @for (k, curve) in curves.iter().enumerate() {
+            @let points: Vec<(f64, f64)> = curve.iter().enumerate().map(|(l, v)| chart.at(l as f64, *v)).collect();
+            path class=(class(curves.len(), k)) d=(line(points.iter().map(|p| Some(*p)))) {}
+            path class={ "dots " (class(curves.len(), k)) } d=(dots(points.into_iter())) {}
+        }
+        (legend(curves.len()))
+    };
+    let caption = "How a residual resembles the one some frames later: noise is within the green 99 % band, a missing law \
+                   is not.";
+    chart.picture("autocorrelation", "Is what remains noise?", caption, data)
+}
+
+/// The missing acceleration against speed, time and place.
+fn causes(first: &Stage) -> Vec<Picture> {
+    type Cause = (&'static str, &'static str, fn(&Unexplained) -> f64);
+    const CAUSES: [Cause; 4] = [
+        ("speed", "speed (m/s)", |u| u.velocity.norm()),
+        ("time", "time (s)", |u| u.time),
+        ("x", "x (m)", |u| u.position.x),
+        ("y", "y (m)", |u| u.position.y),
+    ];
+    let all = &first.unexplained;
+    let along = |u: &Unexplained| u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9);
+    let across = |u: &Unexplained| u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9);
+    let parts: [(&str, &dyn Fn(&Unexplained) -> f64); 2] = [("before", &along), ("after", &across)];
+    let one = |(name, label, cause): &Cause| {
+        let values = all.iter().flat_map(|u| [along(u), across(u)]);
+        let chart = Chart {
+            x: Axis::around(label, all.iter().map(cause), *name == "speed"),
+            y: Axis::around("missing (m/s²)", values, true),
+        };
+        let mut sorted: Vec<&Unexplained> = all.iter().collect();
+        sorted.sort_by(|a, b| cause(a).total_cmp(&cause(b)));
+        let group = sorted.len().div_ceil(GROUPS).max(1);
+        let means = |part: &dyn Fn(&Unexplained) -> f64| -> Vec<(f64, f64)> {
+            let mean = |of: &[&Unexplained]| {
+                // Each counts by how well it is known.
+                let weight = |u: &Unexplained| 1.0 / (u.sd * u.sd).max(1e-12);
+                let whole: f64 = of.iter().map(|u| weight(u)).sum();
+                let value: f64 = of.iter().map(|u| weight(u) * part(u)).sum::<f64>() / whole;
+                let place: f64 = of.iter().map(|u| cause(u)).sum::<f64>() / of.len() as f64;
+                chart.at(place, value)
+            };
+            sorted.chunks(group).map(mean).collect()
+        };
+        let [left, top, right, _] = Chart::inside();
+        let (_, zero) = chart.at(chart.x.low, 0.0);
+        let data = html! {
+            line class="axis" x1=(px(left)) x2=(px(right)) y1=(px(zero)) y2=(px(zero)) {}
+            @for (n, (class, part)) in parts.iter().enumerate() {
+                path class={ "dots pale " (class) } d=(dots(all.iter().map(|u| chart.at(cause(u), part(u))))) {}
+                path class=(class) d=(line(means(part).into_iter().map(Some))) {}
+                @let x = left + 8.0 + 0.5 * (right - left) * n as f64;
+                line class=(class) x1=(px(x)) x2=(px(x + 18.0)) y1=(px(top - 5.0)) y2=(px(top - 5.0)) {}
+                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) {
+                    @if n == 0 { "along the velocity" } @else { "to its left" }
+                }
+            }
+        };
+        let caption = format!("A line that leaves zero depends on {}.", if name.len() == 1 { "the place" } else { name });
+        chart.picture(&format!("cause-{name}"), &format!("What is missing, against {name}"), &caption, data)
+    };
+    CAUSES.iter().map(one).collect()
+}
+
+fn candidates(report: &Report) -> Picture {
+    let shown: Vec<_> = report.discovery.ranked.iter().take(CANDIDATES).collect();
+    let most = shown.iter().map(|r| r.log_evidence).fold(1.0, f64::max);
+    let height = 10.0 + 24.0 * shown.len() as f64 + 4.0;
+    let body = html! {
+        @for (k, r) in shown.iter().enumerate() {
+            @let y = 8.0 + 24.0 * k as f64;
+            @let width = (WIDTH - NAMES - 62.0) * (r.log_evidence / most).clamp(0.0, 1.0);
+            @let chosen = report.discovery.effects.iter().any(|e| e.effect == r.effect);
+            text class=[chosen.then_some("bold")] x="4" y=(px(y + 12.0)) { (label(&r.kind, &r.effect)) }
+            rect class={ "filled after" @if !chosen { " pale" } } x=(px(NAMES)) y=(px(y)) width=(px(width)) height="15" {}
+            text class="small" x=(px(NAMES + width + 5.0)) y=(px(y + 12.0)) { (number(r.log_evidence)) }
+        }
+    };
+    Picture {
+        name: "candidates".into(),
+        title: "Which law explains it best".into(),
+        caption: "Log evidence (nats) of each candidate against the model without it, the price of its parameters paid; 5 \
+                  is strong. Bold: what was added."
+            .into(),
+        size: [WIDTH, height],
+        body,
+    }
+}
+
+/// A candidate in words; kind alone where the two are the same.
+pub fn label(kind: &str, effect: &str) -> String {
+    let name = if kind == crate::discover::FORMULA { effect } else { kind };
+    name.replace('_', " ")
+}
