@@ -2,6 +2,7 @@
 
 mod camera;
 mod reply;
+mod report;
 mod request;
 mod server;
 mod services;

@@ -1,7 +1,7 @@
 //! The four services: each call is converted, handed to the engine, and converted back.
 
 use super::status::{error, status};
-use super::{camera, reply, request, study, trace, v1, video};
+use super::{camera, reply, report, request, study, trace, v1, video};
 use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Update, Waiting};
 use crate::scene::calibrate;
 use futures_util::stream::{self, BoxStream, StreamExt};
@@ -12,10 +12,10 @@ use tonic::{Request, Response, Status, Streaming};
 /// Questions of one stream that are worked on at a time.
 const QUESTIONS_AT_ONCE: usize = 4;
 /// How often the progress of a fit is told though it has not changed: a watcher sees that it is alive.
-const HEARTBEAT: Duration = Duration::from_secs(1);
+pub(super) const HEARTBEAT: Duration = Duration::from_secs(1);
 
 type Reply<T> = Result<Response<T>, Status>;
-type Items<T> = BoxStream<'static, Result<T, Status>>;
+pub(super) type Items<T> = BoxStream<'static, Result<T, Status>>;
 
 /// All services over one engine.
 #[derive(Clone)]
@@ -139,6 +139,13 @@ impl v1::models_server::Models for Services {
         let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
         let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+    }
+
+    type WriteReportStream = Items<v1::WriteReportResponse>;
+
+    async fn write_report(&self, request: Request<v1::WriteReportRequest>) -> Reply<Self::WriteReportStream> {
+        let asked = report::asked(&self.0, request.into_inner()).await.map_err(status)?;
+        Ok(Response::new(report::written(self.0.clone(), asked)))
     }
 
     type AddEffectStream = Items<v1::AddEffectResponse>;

@@ -2,10 +2,11 @@
 
 use super::connect::Connection;
 use super::error::Failure;
-use super::{Target, ask, discover, fit, ladder, output, revise, simulate, study};
+use super::{Target, ask, discover, fit, ladder, output, report, revise, simulate, study};
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
     AskResponse, DiscoverEffectsRequest, FitMethod, Formula, Revision, SimulateRequest, StudyRequest,
+    WriteReportRequest,
 };
 use crate::scene::parse;
 use std::path::{Path, PathBuf};
@@ -77,6 +78,12 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     }
     let study = study::request(&connection, &scenes, None).await?;
     let videos = study.videos.clone();
+    let shown = WriteReportRequest {
+        study: Some(study.clone()),
+        questions: vec![ask::request(video, COUNTERFACTUAL.0, COUNTERFACTUAL.1)],
+        trace_prefix: "traces/".into(),
+        ..Default::default()
+    };
     let request = DiscoverEffectsRequest { study: Some(study), ..Default::default() };
     let found = discover::search(&connection, request).await?;
     output::print(&format!(
@@ -97,6 +104,11 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     let title = "Error of each revision of the model";
     output::file(&drawing, ladder::svg(title, &drawn, found.noise_sigma).as_bytes())?;
     output::print(&format!("Drawing: {}\n", drawing.display()))?;
+    let page = report::write(&connection, shown).await?;
+    let (file, svg, linked) =
+        (args.out.join("report.html"), args.out.join("pictures"), args.out.join("traces"));
+    let said = report::save(&connection, &page, &file, Some(&svg), Some(&linked)).await?;
+    output::print(&format!("\n7  See it: open the report in a browser\n\n{said}\n\n"))?;
     let traces: String = traces.iter().map(|path| format!("  {}\n", path.display())).collect();
     output::print(&format!("Traces (open them in Foxglove or Rerun):\n{traces}"))?;
     connection.close().await

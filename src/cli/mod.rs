@@ -16,6 +16,7 @@ mod input;
 mod ladder;
 mod output;
 mod replay;
+mod report;
 mod revise;
 mod score;
 mod serve;
@@ -66,6 +67,8 @@ enum Command {
     Diagnose(diagnose::Args),
     /// Finds the missing effects of a set-up, adds them, and shows the error fall.
     Discover(discover::Args),
+    /// One page with pictures: where the model fails, what was missing, and how far the error falls.
+    Report(report::Args),
     /// Estimates a camera from points known in the image and in the world.
     Calibrate(calibrate::Args),
     /// Turns files of others into scenes.
@@ -113,6 +116,7 @@ async fn run(cli: Cli) -> Result<(), Failure> {
         Command::Compare(args) => compare::run(&cli.target, args).await,
         Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
         Command::Discover(args) => discover::run(&cli.target, args).await,
+        Command::Report(args) => report::run(&cli.target, args).await,
         Command::Calibrate(args) => calibrate::run(&cli.target, args).await,
         Command::Import(args) => import::run(&cli.target, args).await,
         Command::Revise(args) => revise::run(&cli.target, args).await,

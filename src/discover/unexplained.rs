@@ -57,7 +57,15 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
                     });
                     if let Some((acceleration, sd)) = curvature(differences, sigma) {
                         let (position, velocity) = (here.position, here.velocity);
-                        found.push(Unexplained { scene: index, object, time, position, velocity, acceleration, sd });
+                        found.push(Unexplained {
+                            scene: index,
+                            object,
+                            time,
+                            position,
+                            velocity,
+                            acceleration,
+                            sd,
+                        });
                     }
                 }
             }

@@ -5,6 +5,7 @@ mod joint;
 mod memo;
 mod pool;
 mod replay;
+mod report;
 mod revision;
 mod shelf;
 mod start;
@@ -16,6 +17,7 @@ pub use joint::Others;
 pub use memo::{Update, Waiting};
 pub use pool::Control;
 pub use replay::{MAX_REPLAYS, Played, Replay, ReplayOptions};
+pub use report::{Page, Query};
 pub use revision::Step;
 pub use shelf::{Lease, Retention};
 pub use start::{Choice, ChoiceKind};
@@ -143,7 +145,7 @@ pub struct Simulated {
 #[derive(Debug)]
 pub struct Answered {
     pub model: String,
-    /// Without its simulations.
+    /// Its simulations without their ensembles.
     pub answer: Answer,
     pub traces: Vec<String>,
 }
@@ -194,7 +196,10 @@ impl Engine {
                 let best = &s.imagined.best;
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
             }),
-            answers: Memo::new(CACHED_BYTES, |_| BASE_BYTES),
+            answers: Memo::new(CACHED_BYTES, |a| {
+                let states = a.answer.simulations.iter().map(|s| s.best.states.len() * s.best.ids.len());
+                BASE_BYTES + STATE_BYTES * states.sum::<usize>()
+            }),
             backlog: Arc::default(),
             shelf: shelf::Shelf::default(),
             replays: Arc::new(tokio::sync::Semaphore::new(MAX_REPLAYS)),
@@ -397,9 +402,10 @@ impl Engine {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
-                for imagined in std::mem::take(&mut answer.simulations) {
-                    check::finite(&imagined)?;
-                    files.push(trace::simulation(&scene, &fitted, &imagined, options.seed, &request)?);
+                for imagined in &mut answer.simulations {
+                    check::finite(imagined)?;
+                    files.push(trace::simulation(&scene, &fitted, imagined, options.seed, &request)?);
+                    imagined.ensemble = vec![];
                 }
                 Ok((answer, backlog.admit(files, stop)?))
             };

@@ -35,7 +35,8 @@ impl Picture {
 
     /// As a file of its own, for light paper.
     pub fn file(&self) -> String {
-        self.svg(html! { style { (PreEscaped(STYLE)) } rect class="paper" width="100%" height="100%" {} }).into_string()
+        self.svg(html! { style { (PreEscaped(STYLE)) } rect class="paper" width="100%" height="100%" {} })
+            .into_string()
     }
 
     pub fn svg(&self, head: Markup) -> Markup {
@@ -73,7 +74,9 @@ pub fn line(points: impl Iterator<Item = Option<(f64, f64)>>) -> String {
 /// Points as dots of one path.
 pub fn dots(points: impl Iterator<Item = (f64, f64)>) -> String {
     let finite = points.filter(|(x, y)| x.is_finite() && y.is_finite());
-    finite.map(|(x, y)| format!("M{} {}h0", px(x).render().into_string(), px(y).render().into_string())).collect()
+    finite
+        .map(|(x, y)| format!("M{} {}h0", px(x).render().into_string(), px(y).render().into_string()))
+        .collect()
 }
 
 /// One axis: its range, what it measures, and whether it counts powers of ten.
@@ -121,7 +124,8 @@ impl Axis {
         }
         let rough = (self.high - self.low) / 5.0;
         let power = 10f64.powf(rough.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
+        let step =
+            [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
         let first = (self.low / step).ceil() as i64;
         (first..first + 12).map(|k| k as f64 * step).take_while(|v| *v <= self.high + 1e-9 * step).collect()
     }

@@ -50,6 +50,8 @@ impl Residual {
 pub struct Views {
     /// Without any effect added, and with all of them; one where nothing was added.
     pub stages: Vec<Stage>,
+    /// What they are called, such as `without coriolis`.
+    pub names: Vec<String>,
     /// Measurement noise of each video (m).
     pub noise: Vec<f64>,
     /// Positions of all tracks: the band of the autocorrelation.
@@ -67,7 +69,16 @@ impl Views {
         let stages = ends.iter().map(|r| stage(report.scenes, &r.fit)).collect();
         let noise = report.scenes.iter().map(|s| estimate_noise(s).position).collect();
         let tracks = report.scenes.iter().flat_map(|s| &s.tracks);
-        Views { stages, noise, count: tracks.map(|t| t.samples.len()).sum() }
+        let added = match &report.discovery.effects[..] {
+            [only] => super::plots::label(&only.kind, &only.effect),
+            [] => "it".into(),
+            _ => "them".into(),
+        };
+        let names = match ends.len() {
+            2 => vec![format!("without {added}"), format!("with {added}")],
+            _ => vec!["the model".into()],
+        };
+        Views { stages, names, noise, count: tracks.map(|t| t.samples.len()).sum() }
     }
 
     /// Times at which objects collide in the last model, within the video (s).
@@ -134,7 +145,8 @@ fn fit_percent(scenes: &[Scene], residuals: &[Vec<Residual>]) -> f64 {
         let count = samples.len().max(1) as f64;
         let (x, y) = samples.iter().fold((0.0, 0.0), |(x, y), s| (x + s.position.x, y + s.position.y));
         let (x, y) = (x / count, y / count);
-        motion += samples.iter().map(|s| (s.position.x - x).powi(2) + (s.position.y - y).powi(2)).sum::<f64>();
+        motion +=
+            samples.iter().map(|s| (s.position.x - x).powi(2) + (s.position.y - y).powi(2)).sum::<f64>();
     }
     100.0 * (1.0 - (squares / motion.max(f64::MIN_POSITIVE)).sqrt())
 }

@@ -54,23 +54,26 @@ fn words(report: &Report) -> [String; 2] {
     let names: Vec<String> = found.effects.iter().map(|e| label(&e.kind, &e.effect)).collect();
     let names = names.join(" and ");
     match found.verdict {
-        Verdict::EffectFound => {
-            [format!("Missing: {names}"), "The model lacked a physical effect. It was found and added.".into()]
-        }
+        Verdict::EffectFound => [
+            format!("Missing: {names}"),
+            "The model lacked a physical effect. It was found and added.".into(),
+        ],
         Verdict::Ambiguous => [
             "Something is missing, these videos cannot tell what".into(),
             "Several laws explain it equally well; see what to film next.".into(),
         ],
-        Verdict::Adequate => {
-            ["Nothing is missing".into(), "The model explains the videos to within the noise of the tracks.".into()]
-        }
+        Verdict::Adequate => [
+            "Nothing is missing".into(),
+            "The model explains the videos to within the noise of the tracks.".into(),
+        ],
         Verdict::OutsideLibrary => [
             "Something is missing that no known law explains".into(),
             "What remains has structure; it is given below as a formula.".into(),
         ],
-        Verdict::NotIdentifiable => {
-            ["These videos do not tell".into(), "There is too little motion or data to judge the model.".into()]
-        }
+        Verdict::NotIdentifiable => [
+            "These videos do not tell".into(),
+            "There is too little motion or data to judge the model.".into(),
+        ],
     }
 }
 
@@ -92,10 +95,12 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
     let [headline, verdict] = words(report);
     let ends = found.revisions.first().zip(found.revisions.last());
     let many = views.stages.len() > 1;
-    let tile = |class: &str, title: &str, value: String, text: String| html! {
-        div class={ "tile " (class) } { span { (title) } strong { (value) } span class="text" { (text) } }
+    let tile = |class: &str, title: &str, value: String, text: String| {
+        html! {
+            div class={ "tile " (class) } { span { (title) } strong { (value) } span class="text" { (text) } }
+        }
     };
-    let noises = |v: f64| format!("{} times the noise", number(v / found.noise_sigma.max(f64::MIN_POSITIVE)));
+    let noises = |v: f64| format!("{:.1} times the noise", v / found.noise_sigma.max(f64::MIN_POSITIVE));
     html! {
         header {
             p class="kind" { "vrdp report · " (count(report.scenes.len(), "video")) }
@@ -145,7 +150,11 @@ fn worst(views: &Views) -> Option<String> {
         weight(a).total_cmp(&weight(b))
     })?;
     let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
-    Some(format!("The first model failed most where the motion is “{name}”: {} there, {} now.", mm(*before), mm(after)))
+    Some(format!(
+        "The first model failed most where the motion is “{name}”: {} there, {} now.",
+        mm(*before),
+        mm(after)
+    ))
 }
 
 /// The ladder as a table.
@@ -181,7 +190,7 @@ fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                     @if several { h3 { (scene.name) } }
                     (legend(scene))
                     @let sides: Vec<Side> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(Side {
-                        title: capital(word(views.stages.len(), n)), run: stage.runs.get(k)?,
+                        title: capital(word(views, n)), run: stage.runs.get(k)?,
                         class: class(views.stages.len(), n), measured: true,
                     })).collect();
                     @let time = picture(pictures, &format!("residual-time-{}", k + 1));
@@ -226,7 +235,7 @@ fn regimes(views: &Views) -> Markup {
     let Some(first) = views.stages.first() else { return html! {} };
     html! {
         div class="scroll" { table {
-            thead { tr { th { "Motion" } @for k in 0..views.stages.len() { th { "error " (word(views.stages.len(), k)) } }
+            thead { tr { th { "Motion" } @for k in 0..views.stages.len() { th { "error " (word(views, k)) } }
                 th { "positions" } } }
             tbody {
                 @for (name, before, frames) in &first.regimes {
@@ -288,6 +297,9 @@ fn reported(p: &Reported) -> Markup {
 
 fn estimate(e: &Estimate) -> Markup {
     let unit = if e.unit == "1" { "" } else { &e.unit };
+    if e.sd == 0.0 {
+        return html! { td { (number(e.value)) " " (unit) " (given)" } };
+    }
     html! {
         td class=[(!e.identified).then_some("open")] {
             (number(e.value)) " ± " (number(1.96 * e.sd)) " " (unit) @if !e.identified { " (not identified)" }

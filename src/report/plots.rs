@@ -25,13 +25,9 @@ pub fn class(stages: usize, stage: usize) -> &'static str {
     if stages > 1 && stage == 0 { "before" } else { "after" }
 }
 
-/// How the models are called.
-pub fn word(stages: usize, stage: usize) -> &'static str {
-    match (stages, stage) {
-        (1, _) => "the model",
-        (_, 0) => "without it",
-        _ => "with it",
-    }
+/// What a model is called.
+pub fn word(views: &Views, stage: usize) -> &str {
+    views.names.get(stage).map_or("the model", String::as_str)
 }
 
 /// All pictures but those of the table from above.
@@ -60,12 +56,15 @@ pub fn all(report: &Report, views: &Views) -> Vec<Picture> {
 fn ladder(report: &Report) -> Picture {
     let noise = report.discovery.noise_sigma;
     let revisions = &report.discovery.revisions;
-    let most = revisions.iter().flat_map(|r| [r.rmse, r.held_out_rmse]).fold(noise, f64::max).max(f64::MIN_POSITIVE);
+    let most =
+        revisions.iter().flat_map(|r| [r.rmse, r.held_out_rmse]).fold(noise, f64::max).max(f64::MIN_POSITIVE);
     let at = |v: f64| NAMES + (WIDTH - NAMES - 72.0) * v / most;
     let height = 22.0 + ROW * revisions.len() as f64 + 24.0;
-    let bar = |y: f64, v: f64, class: &str| html! {
-        rect class={ "filled " (class) } x=(px(NAMES)) y=(px(y)) width=(px(at(v) - NAMES)) height="11" {}
-        text class="small" x=(px(at(v).max(at(noise)) + 5.0)) y=(px(y + 9.5)) { (number(1e3 * v)) " mm" }
+    let bar = |y: f64, v: f64, class: &str| {
+        html! {
+            rect class={ "filled " (class) } x=(px(NAMES)) y=(px(y)) width=(px(at(v) - NAMES)) height="11" {}
+            text class="small" x=(px(at(v).max(at(noise)) + 5.0)) y=(px(y + 9.5)) { (number(1e3 * v)) " mm" }
+        }
     };
     let body = html! {
         @for (k, r) in revisions.iter().enumerate() {
@@ -83,7 +82,7 @@ fn ladder(report: &Report) -> Picture {
     Picture {
         name: "ladder".into(),
         title: "Error of each revision of the model".into(),
-        caption: "Root mean square position error. Dark: all frames; pale: the last quarter of each video, predicted by \
+        caption: "Root mean square position error. Strong: all frames; pale: the last quarter of each video, predicted by \
                   a fit that has not seen it."
             .into(),
         size: [WIDTH, height],
@@ -104,20 +103,28 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
     let residuals: Vec<&[Residual]> =
         views.stages.iter().filter_map(|s| s.residuals.get(video)).map(Vec::as_slice).collect();
     let frames = scene.times.len();
-    let seen: Vec<usize> =
-        (0..frames).map(|f| residuals.first().map_or(0, |r| r.iter().filter(|r| r.frame == f).count())).collect();
+    let seen: Vec<usize> = (0..frames)
+        .map(|f| residuals.first().map_or(0, |r| r.iter().filter(|r| r.frame == f).count()))
+        .collect();
     let rms = |of: &[Residual]| -> Vec<Option<f64>> {
         let one = |f: usize| {
-            let (sum, n) = of.iter().filter(|r| r.frame == f).fold((0.0, 0), |(s, n), r| (s + r.size().powi(2), n + 2));
+            let (sum, n) =
+                of.iter().filter(|r| r.frame == f).fold((0.0, 0), |(s, n), r| (s + r.size().powi(2), n + 2));
             (n > 0).then(|| 1e3 * (sum / n as f64).sqrt())
         };
         (0..frames).map(one).collect()
     };
     let curves: Vec<Vec<Option<f64>>> = residuals.iter().map(|r| rms(r)).collect();
-    let band: Vec<(f64, f64)> = seen.iter().map(|n| (1e3 * noise * edge(2 * n, -1.0), 1e3 * noise * edge(2 * n, 1.0))).collect();
+    let band: Vec<(f64, f64)> =
+        seen.iter().map(|n| (1e3 * noise * edge(2 * n, -1.0), 1e3 * noise * edge(2 * n, 1.0))).collect();
     let values = curves.iter().flatten().flatten().copied().chain(band.iter().flat_map(|b| [b.0, b.1]));
     let chart = Chart {
-        x: Axis { low: 0.0, high: scene.times.last().copied().unwrap_or(1.0).max(1e-3), label: "time (s)".into(), logarithmic: false },
+        x: Axis {
+            low: 0.0,
+            high: scene.times.last().copied().unwrap_or(1.0).max(1e-3),
+            label: "time (s)".into(),
+            logarithmic: false,
+        },
         y: Axis::decades("residual (mm)", values),
     };
     let at = |f: usize, v: f64| chart.at(scene.time_of(f), v);
@@ -148,9 +155,10 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
         }
         line class="cursor moves" data-left=(px(left)) data-right=(px(right)) data-end=(end) x1=(px(left)) x2=(px(left))
             y1=(px(top)) y2=(px(bottom)) {}
-        (legend(curves.len()))
+        (legend(views))
     };
-    let caption = "Thick: all objects; thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
+    let caption =
+        "Thick: all objects; thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
     chart.picture(&format!("residual-time-{}", video + 1), "Error against time", caption, data)
 }
 
@@ -161,22 +169,27 @@ fn edge(n: usize, side: f64) -> f64 {
     cube.max(0.05).powi(3).sqrt()
 }
 
-fn legend(stages: usize) -> Markup {
+fn legend(views: &Views) -> Markup {
     let [left, top, right, _] = Chart::inside();
+    let stages = views.stages.len();
     html! {
         @if stages > 1 {
             @for k in 0..stages {
                 @let x = left + 8.0 + 0.5 * (right - left) * k as f64;
                 line class=(class(stages, k)) x1=(px(x)) x2=(px(x + 18.0)) y1=(px(top - 5.0)) y2=(px(top - 5.0)) {}
-                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) { (word(stages, k)) }
+                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) { (word(views, k)) }
             }
         }
     }
 }
 
 fn map(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
-    const STEPS: [(f64, &str, &str); 4] =
-        [(0.0, "hot1", "< 3"), (3.0, "hot2", "3 to 6"), (6.0, "hot3", "6 to 12"), (12.0, "hot4", "> 12 sigmas")];
+    const STEPS: [(f64, &str, &str); 4] = [
+        (0.0, "hot1", "< 3"),
+        (3.0, "hot2", "3 to 6"),
+        (6.0, "hot3", "6 to 12"),
+        (12.0, "hot4", "> 12 sigmas"),
+    ];
     let view = View::around(report.scenes.iter(), &[]);
     let noise = report.discovery.noise_sigma.max(f64::MIN_POSITIVE);
     let of = |step: usize| {
@@ -197,7 +210,7 @@ fn map(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     };
     Picture {
         name: format!("residual-map-{}", k + 1),
-        title: format!("Where it is off, {}", word(views.stages.len(), k)),
+        title: format!("Where it is off, {}", word(views, k)),
         caption: "Each measured position of all videos, by how far the simulation is away.".into(),
         size: [w, h + 26.0],
         body,
@@ -219,7 +232,10 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
         let (dx, dy) = (u.acceleration.x * shown, -u.acceleration.y * shown);
         let tip = (x + dx, y + dy);
         let barb = |c: f64, s: f64| (tip.0 - 0.28 * (c * dx - s * dy), tip.1 - 0.28 * (s * dx + c * dy));
-        line([Some((x, y)), Some(tip), None, Some(barb(0.87, 0.5)), Some(tip), Some(barb(0.87, -0.5))].into_iter())
+        line(
+            [Some((x, y)), Some(tip), None, Some(barb(0.87, 0.5)), Some(tip), Some(barb(0.87, -0.5))]
+                .into_iter(),
+        )
     };
     let sure = |u: &&Unexplained| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
     let (strong, weak): (Vec<&Unexplained>, Vec<&Unexplained>) = stage.unexplained.iter().partition(sure);
@@ -234,7 +250,7 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     };
     Picture {
         name: format!("residual-acceleration-{}", k + 1),
-        title: format!("Acceleration that is missing, {}", word(views.stages.len(), k)),
+        title: format!("Acceleration that is missing, {}", word(views, k)),
         caption: format!(
             "Measured minus model, over about a second of free motion each. Coloured: beyond 99 % of the noise ({} of {}); \
              gray: within.",
@@ -264,7 +280,7 @@ fn autocorrelation(views: &Views) -> Picture {
             path class=(class(curves.len(), k)) d=(line(points.iter().map(|p| Some(*p)))) {}
             path class={ "dots " (class(curves.len(), k)) } d=(dots(points.into_iter())) {}
         }
-        (legend(curves.len()))
+        (legend(views))
     };
     let caption = "How a residual resembles the one some frames later: noise is within the green 99 % band, a missing law \
                    is not.";
@@ -318,7 +334,10 @@ fn causes(first: &Stage) -> Vec<Picture> {
                 }
             }
         };
-        let caption = format!("A line that leaves zero depends on {}.", if name.len() == 1 { "the place" } else { name });
+        let caption = format!(
+            "A line that leaves zero depends on {}.",
+            if name.len() == 1 { "the place" } else { name }
+        );
         chart.picture(&format!("cause-{name}"), &format!("What is missing, against {name}"), &caption, data)
     };
     CAUSES.iter().map(one).collect()

@@ -51,7 +51,9 @@ impl View {
         let reach = BEYOND * (high[0] - low[0]).max(high[1] - low[1]);
         let (least, most) = (low, high);
         for state in runs.iter().flat_map(|r| r.states.iter().flatten().flatten()) {
-            for (k, v) in [state.position.x, state.position.y].into_iter().enumerate().filter(|(_, v)| v.is_finite()) {
+            for (k, v) in
+                [state.position.x, state.position.y].into_iter().enumerate().filter(|(_, v)| v.is_finite())
+            {
                 low[k] = low[k].min(v.max(least[k] - reach));
                 high[k] = high[k].max(v.min(most[k] + reach));
             }
@@ -108,13 +110,19 @@ impl View {
     fn outline(&self, shape: &Shape) -> Markup {
         let r = |v: f64| px((v * self.scale).max(2.0));
         let mark = |v: f64| px(0.9 * (v * self.scale).max(2.0));
-        let rect = |l: f64, w: f64| html! {
-            rect x=(px(-l * self.scale)) y=(px(-w * self.scale)) width=(r(2.0 * l)) height=(r(2.0 * w)) {}
+        let rect = |l: f64, w: f64| {
+            html! {
+                rect x=(px(-l * self.scale)) y=(px(-w * self.scale)) width=(r(2.0 * l)) height=(r(2.0 * w)) {}
+            }
         };
         match *shape {
-            Shape::Ball { radius } => html! { circle r=(r(radius)) {} circle class="mark" r=(px(0.25 * radius * self.scale)) {} },
+            Shape::Ball { radius } => {
+                html! { circle r=(r(radius)) {} circle class="mark" r=(px(0.25 * radius * self.scale)) {} }
+            }
             Shape::Disc { radius } => html! { circle r=(r(radius)) {} line x2=(mark(radius)) {} },
-            Shape::Square { half_side } => html! { (rect(half_side, half_side)) line x2=(mark(half_side)) {} },
+            Shape::Square { half_side } => {
+                html! { (rect(half_side, half_side)) line x2=(mark(half_side)) {} }
+            }
             Shape::Rectangle { half_length, half_width } => {
                 html! { (rect(half_length, half_width)) line x2=(mark(half_length)) {} }
             }
@@ -212,10 +220,17 @@ pub fn player(id: &str, scene: &Scene, sides: &[Side], extra: Markup) -> Markup 
             @for (t, object) in &ghosts { g class="ghost" data-track=(t) { (view.outline(&object.shape)) } }
         };
         let caption = String::new();
-        drawn.push(Picture { name: String::new(), title: side.title.clone(), caption, size: view.size, body });
+        drawn.push(Picture {
+            name: String::new(),
+            title: side.title.clone(),
+            caption,
+            size: view.size,
+            body,
+        });
     }
     let times: Vec<f64> = (0..frames).map(|f| (1e3 * scene.time_of(f)).round() / 1e3).collect();
-    let data = json!({ "fps": scene.fps, "times": times, "observed": observed, "tracks": tracks }).to_string();
+    let data =
+        json!({ "fps": scene.fps, "times": times, "observed": observed, "tracks": tracks }).to_string();
     html! {
         div class="player" id=(id) {
             div class="sides" { @for picture in &drawn { (picture.figure()) } }
@@ -295,8 +310,11 @@ pub fn strobes(report: &Report, views: &Views) -> Vec<Picture> {
 pub fn of_answer(number: usize, answered: &Answered) -> Vec<Picture> {
     let simulations = answered.answer.simulations.iter().enumerate();
     let one = |(n, s): (usize, &crate::reason::Imagined)| {
-        let (word, file) =
-            if s.interventions.is_empty() { ("as it was, and goes on", "factual") } else { ("imagined", "counterfactual") };
+        let (word, file) = if s.interventions.is_empty() {
+            ("as it was, and goes on", "factual")
+        } else {
+            ("imagined", "counterfactual")
+        };
         let title = format!("{}: {word}", answered.scene.name);
         let added: Vec<&BodySpec> = s.model.bodies.iter().collect();
         strobe(&format!("answer-{}-{file}-{}", number + 1, n + 1), &title, answered.scene, &s.best, &added)

@@ -1,1 +1,144 @@
 //! Pictures without NaN, names that cannot break out, and a page that says what was found.
+
+use super::chart::{dots, line, number, px};
+use super::*;
+use crate::discover::{Found, Ranked, Reported, Revision, Value, Verdict};
+use crate::fit::{FitOptions, fit};
+use crate::num::{never, vec2};
+use crate::reason::{AskOptions, Question, ask};
+use crate::scene::{Object, Sample, Shape, Track, WorldKind};
+use crate::world::Preset;
+use maud::Render;
+use proptest::prelude::*;
+
+const FRAMES: usize = 40;
+/// Not to be obeyed by any browser.
+const HOSTILE: &str = "</script><script>alert(1)</script>\"'&";
+
+/// A disc that glides past a cube at rest, both badly named.
+fn scene() -> Scene {
+    let object =
+        |id, shape| Object { id, color: HOSTILE.into(), material: "rubber".into(), shape, mass: None };
+    let track = |speed: f64, y: f64| {
+        let sample = |frame| {
+            let jitter = 0.004 * ((7 * frame + 3) % 5) as f64;
+            let position = vec2(speed * frame as f64 / 25.0 + jitter, y - jitter);
+            Sample { frame, position, yaw: Some(0.0), covariance: None }
+        };
+        Track { samples: (0..FRAMES).map(sample).collect() }
+    };
+    Scene {
+        name: HOSTILE.into(),
+        setup: None,
+        world: WorldKind::Table,
+        fps: 25.0,
+        times: (0..FRAMES).map(|f| f as f64 / 25.0).collect(),
+        camera: None,
+        table: None,
+        noise_sigma: None,
+        objects: vec![object(0, Shape::Disc { radius: 0.2 }), object(1, Shape::Square { half_side: 0.2 })],
+        tracks: vec![track(1.0, 0.0), track(0.0, 2.0)],
+    }
+}
+
+fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
+    let scenes = [scene()];
+    let model = Preset::for_world(WorldKind::Table).model(&scenes[0]);
+    let fitted = fit(&scenes, &[model], &FitOptions::default(), &never).unwrap();
+    let revision = |k: usize| Revision {
+        effect: (k > 0).then(|| HOSTILE.to_string()),
+        fit: fitted.clone(),
+        rmse: 0.03 / (k + 1) as f64,
+        held_out_rmse: f64::NAN,
+        left_out_rmse: f64::INFINITY,
+        reduced_chi_square: 2.0,
+        apart: vec![],
+    };
+    let number = |v: f64| Value::Number(v);
+    let parameter = Reported {
+        name: HOSTILE.into(),
+        unit: "1/m".into(),
+        value: number(f64::NAN),
+        low: number(0.0),
+        high: number(1.0),
+    };
+    let effect = Found { kind: "vortex".into(), effect: HOSTILE.into(), parameters: vec![parameter] };
+    let ranked =
+        Ranked { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
+    let discovery = Discovery {
+        verdict,
+        effects: if revisions > 1 { vec![effect] } else { vec![] },
+        ranked: vec![ranked],
+        ambiguous: vec![vec![HOSTILE.into()]],
+        experiment: None,
+        formula: Some(HOSTILE.into()),
+        smallest: vec![],
+        noise_sigma: 0.0,
+        revisions: (0..revisions).map(revision).collect(),
+        reason: HOSTILE.into(),
+    };
+    let question =
+        Question::English { question: "What will happen if the cube is removed?".into(), choices: vec![] };
+    let answer =
+        ask(&scenes[0], &fitted, 0, &question, &AskOptions { rollouts: 2, seed: 0 }, &never).unwrap();
+    let model = &fitted.scenes[0].model;
+    let answers = [Answered { question: HOSTILE, scene: &scenes[0], model, answer: &answer }];
+    let href = Some(HOSTILE.to_string());
+    let traces = [TraceLink { name: HOSTILE.into(), href, about: HOSTILE.into() }];
+    report(&Report { scenes: &scenes, discovery: &discovery, answers: &answers, traces: &traces })
+}
+
+#[test]
+fn a_page_says_what_was_missing_and_shows_both_models() {
+    let (html, pictures) = made(Verdict::EffectFound, 2);
+    assert!(html.contains("<h1>Missing: vortex</h1>") && html.contains("without vortex"));
+    // Two objects, on two sides and beside the imagined one.
+    assert_eq!(html.matches("class=\"dots thin measured\"").count(), 2 * 3);
+    assert_eq!(html.matches("class=\"ghost\"").count(), 2 * 3);
+    assert_eq!(html.matches("type=\"range\"").count(), 2);
+    for name in [
+        "ladder",
+        "residual-time-1",
+        "residual-map-2",
+        "residual-acceleration-2",
+        "autocorrelation",
+        "cause-speed",
+    ] {
+        assert!(pictures.iter().any(|p| p.0 == format!("{name}.svg")), "{name}");
+    }
+    assert!(pictures.iter().any(|p| p.0 == "prediction-1.svg"));
+    assert!(pictures.iter().any(|p| p.0 == "answer-1-counterfactual-1.svg"));
+    let (html, _) = made(Verdict::Adequate, 1);
+    assert!(html.contains("<h1>Nothing is missing</h1>") && !html.contains("Error before"));
+    // Nothing was fitted at all.
+    assert!(made(Verdict::NotIdentifiable, 0).0.contains("These videos do not tell"));
+}
+
+#[test]
+fn names_stay_text_and_pictures_are_whole() {
+    let (html, pictures) = made(Verdict::EffectFound, 2);
+    assert!(!html.contains("<script>alert") && html.contains("&lt;script&gt;alert"));
+    // The page's own and one a player.
+    assert_eq!(html.matches("<script").count(), 1 + 2);
+    for (name, svg) in [("page".to_string(), html)].iter().chain(&pictures) {
+        let drawn = svg.split("<script").next().unwrap_or_default();
+        for wrong in ["NaN", "\"inf", " inf", "-inf"] {
+            assert!(!drawn.contains(wrong), "{name}: {wrong}");
+        }
+    }
+    for (name, svg) in &pictures {
+        let read = roxmltree::Document::parse(svg);
+        assert!(read.is_ok(), "{name}: {read:?}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn no_number_becomes_nan(x in proptest::num::f64::ANY, y in proptest::num::f64::ANY) {
+        let drawn = [px(x).render().into_string(), line([Some((x, y)), None, Some((1.0, y))].into_iter()),
+            dots([(x, y)].into_iter()), number(x)];
+        for text in drawn {
+            prop_assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
+        }
+    }
+}

@@ -33,6 +33,27 @@ async fn discover(service: &Running, videos: &[String]) -> v1::Discovery {
     panic!("the stream ended without a result");
 }
 
+async fn report(service: &Running, videos: &[String]) -> v1::Report {
+    use v1::write_report_response::Event;
+    let question = "What will happen if the gray sphere is removed?";
+    let request = v1::WriteReportRequest {
+        study: request(videos).study,
+        questions: vec![v1::AskRequest {
+            question: Some(v1::ask_request::Question::Text(question.into())),
+            ..Default::default()
+        }],
+        trace_prefix: "t/".into(),
+        ..Default::default()
+    };
+    let mut stream = service.models().write_report(request).await.unwrap().into_inner();
+    while let Some(message) = stream.message().await.unwrap() {
+        if let Some(Event::Report(report)) = message.event {
+            return report;
+        }
+    }
+    panic!("the stream ended without a page");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     let folder = tempfile::tempdir().unwrap();
@@ -52,6 +73,21 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     let frames = found.courses[0].frames.len();
     assert!(frames > 60 && found.courses[0].frames[frames - 1].objects.iter().any(|o| o.before != o.after));
 
+    let page = report(&service, &videos).await;
+    for text in
+        ["Missing: coriolis", "Error of each revision", "+ coriolis", "noise floor", "How it came about"]
+    {
+        assert!(page.html.contains(text), "{text}");
+    }
+    assert!(page.pictures.iter().any(|p| p.name == "ladder.svg" && p.svg.contains("+ coriolis")));
+    assert!(page.pictures.iter().any(|p| p.name.contains("counterfactual")));
+    for name in &page.traces {
+        assert!(page.html.contains(&format!("t/{}.mcap", name.trim_start_matches("traces/"))), "{name}");
+        assert!(!download(&service, name).await.is_empty());
+    }
+    assert!(page.traces.len() > videos.len(), "those of the answer are there too");
+    let asked = page.traces.len() - videos.len();
+
     // A revision is a model like any other, and all of it outlives the service.
     service.stop().await;
     let service = start(folder.path(), CAPACITY).await;
@@ -67,8 +103,8 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     };
     service.reasoning().simulate(simulate).await.unwrap();
     assert_eq!(discover(&service, &videos).await, found);
-    // One of each video's discovery and of the simulation; none of the fits that the search tried.
-    assert_eq!(verified(&service).await.len(), videos.len() + 1);
+    // One of each video's discovery, of the simulation and of the answer; none of the fits that the search tried.
+    assert_eq!(verified(&service).await.len(), videos.len() + asked + 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -112,6 +148,12 @@ async fn broken_studies_are_refused_with_the_field() {
         let refused = service.models().discover_effects(request).await.unwrap_err();
         assert_eq!(fields(&refused), [field]);
     }
+    let linked = v1::WriteReportRequest {
+        study: request(std::slice::from_ref(&video)).study,
+        trace_prefix: "javascript:alert(1)".into(),
+        ..Default::default()
+    };
+    assert_eq!(fields(&service.models().write_report(linked).await.unwrap_err()), ["trace_prefix"]);
     let unknown = format!("videos/{}", "0".repeat(32));
     let refused = service.models().discover_effects(request(&[unknown])).await.unwrap_err();
     assert_eq!(refused.code(), tonic::Code::NotFound);
