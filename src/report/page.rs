@@ -10,7 +10,6 @@ use crate::effects::effect;
 use crate::fit::Estimate;
 use crate::reason::Step;
 use crate::scene::Scene;
-use crate::world::trace;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const PAGE_STYLE: &str = include_str!("page.css");
@@ -298,7 +297,7 @@ fn reported(p: &Reported) -> Markup {
 fn estimate(e: &Estimate) -> Markup {
     let unit = if e.unit == "1" { "" } else { &e.unit };
     if e.sd == 0.0 {
-        return html! { td { (number(e.value)) " " (unit) " (given)" } };
+        return html! { td { (number(e.value)) " " (unit) " (fixed)" } };
     }
     html! {
         td class=[(!e.identified).then_some("open")] {
@@ -328,7 +327,7 @@ fn parameters(report: &Report) -> Markup {
                     div class="scroll" { table {
                         thead { tr { th { "Effect" } th { "parameter" } th { "of" } th { "value" } } }
                         tbody { @for s in last.fit.shared(k) {
-                            @for (label, value) in s.labels.iter().zip(&s.values) {
+                            @for (label, value) in s.labels.iter().zip(&s.values).filter(|(_, v)| v.sd > 0.0) {
                                 tr class=[added(&s.effect).then_some("added")] {
                                     th { (s.effect.replace('_', " ")) } td { (s.parameter.replace('_', " ")) } td { (label) }
                                     (estimate(value)) }
@@ -351,10 +350,9 @@ fn answers(report: &Report) -> Markup {
 }
 
 fn answer(k: usize, answered: &Answered) -> Markup {
-    let Answered { question, scene, model, answer } = *answered;
-    let frames = answer.simulations.iter().map(|s| s.best.states.len()).max().unwrap_or(0);
-    let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
-    let factual = trace(model, &times);
+    let Answered { question, scene, answer, .. } = *answered;
+    let factual = table::factual(answered);
+    let frames = factual.states.len();
     let imagined = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
     let mut sides =
         vec![Side { title: "As it is, and goes on".into(), run: &factual, class: "", measured: true }];
@@ -370,7 +368,7 @@ fn answer(k: usize, answered: &Answered) -> Markup {
             p class="quiet" { (scene.name) }
             @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.trail)) }
             @for choice in &answer.choices {
-                p { strong { (if choice.correct { "✓ yes" } else { "✗ no" }) } " (" (share(choice.probability)) ") " (choice.choice) }
+                p { strong { (if choice.correct { "✓ yes" } else { "✗ no" }) } " (" (share(if choice.correct { choice.probability } else { 1.0 - choice.probability })) " sure) " (choice.choice) }
                 (trail(&choice.trail))
             }
             p { (answer.explanation) }
@@ -397,7 +395,7 @@ fn traces(report: &Report) -> Markup {
     html! {
         section aria-labelledby="traces" {
             h2 id="traces" { "Traces" }
-            p { "Every simulation above, number by number, as MCAP files for Foxglove or Rerun." }
+            p { "The simulations above, number by number, as MCAP files for Foxglove or Rerun." }
             ul class="traces" { @for t in report.traces {
                 li { (t.about) ": " @match &t.href { Some(href) => { a href=(href) { (t.name) } }, None => { code { (t.name) } } } }
             } }

@@ -4,7 +4,7 @@ use super::chart::{Picture, dots, line, px};
 use super::look::{FUTURE, Views};
 use super::{Answered, Report};
 use crate::scene::{Object, Scene, Shape};
-use crate::world::{BodySpec, EventKind, Trace};
+use crate::world::{BodySpec, EventKind, Trace, trace};
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
@@ -306,18 +306,27 @@ pub fn strobes(report: &Report, views: &Views) -> Vec<Picture> {
     all
 }
 
-/// The simulations that an answer stands on.
+/// What the model of an answer gives without any change, as long as its simulations are.
+pub fn factual(answered: &Answered) -> Trace {
+    let frames = answered.answer.simulations.iter().map(|s| s.best.states.len()).max().unwrap_or(0);
+    let times: Vec<f64> = (0..frames).map(|f| answered.scene.time_of(f)).collect();
+    trace(answered.model, &times)
+}
+
+/// What is, and what would have been, for an answer.
 pub fn of_answer(number: usize, answered: &Answered) -> Vec<Picture> {
-    let simulations = answered.answer.simulations.iter().enumerate();
-    let one = |(n, s): (usize, &crate::reason::Imagined)| {
-        let (word, file) = if s.interventions.is_empty() {
-            ("as it was, and goes on", "factual")
-        } else {
-            ("imagined", "counterfactual")
-        };
-        let title = format!("{}: {word}", answered.scene.name);
-        let added: Vec<&BodySpec> = s.model.bodies.iter().collect();
-        strobe(&format!("answer-{}-{file}-{}", number + 1, n + 1), &title, answered.scene, &s.best, &added)
-    };
-    simulations.map(one).collect()
+    let Answered { scene, model, answer, .. } = *answered;
+    let name = |kind: &str| format!("answer-{}-{kind}", number + 1);
+    let mut all = vec![];
+    if !answer.simulations.is_empty() {
+        let title = format!("{}: as it is, and goes on", scene.name);
+        let bodies: Vec<&BodySpec> = model.bodies.iter().collect();
+        all.push(strobe(&name("factual"), &title, scene, &factual(answered), &bodies));
+    }
+    for (n, s) in answer.simulations.iter().filter(|s| !s.interventions.is_empty()).enumerate() {
+        let bodies: Vec<&BodySpec> = s.model.bodies.iter().collect();
+        let title = format!("{}: imagined", scene.name);
+        all.push(strobe(&name(&format!("counterfactual-{}", n + 1)), &title, scene, &s.best, &bodies));
+    }
+    all
 }
