@@ -4,13 +4,15 @@ use crate::api::Limits;
 use crate::engine::{Capacity, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
-use serde::{Deserialize, Deserializer, Serialize};
-use std::net::{SocketAddr, ToSocketAddrs};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How much later than the engine the server gives up on a call: the engine's error says more.
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
+/// Where the HTTP port is unless it is told otherwise.
+pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -18,6 +20,9 @@ pub struct Config {
     /// Address of the gRPC service; a name is resolved once, at the start.
     #[serde(deserialize_with = "resolved")]
     pub listen: SocketAddr,
+    /// Address of the HTTP port, on which metrics and reports are read; empty: none.
+    #[serde(deserialize_with = "resolved_or_none", serialize_with = "or_empty")]
+    pub http: Option<SocketAddr>,
     /// Serve beyond loopback though nothing is encrypted or authenticated.
     pub insecure: bool,
     /// One folder, one process.
@@ -41,6 +46,7 @@ impl Default for Config {
     fn default() -> Self {
         Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 50051)),
+            http: Some(DEFAULT_HTTP),
             insecure: false,
             data_dir: "vrdp-data".into(),
             workers: std::thread::available_parallelism().map_or(1, |n| n.get()),
@@ -59,6 +65,8 @@ impl Default for Config {
 pub struct Flags {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub listen: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub http: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub insecure: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -79,8 +87,20 @@ pub enum ConfigError {
 
 /// Reads `HOST:PORT`; of several addresses of a host an IPv4 one is preferred.
 fn resolved<'de, D: Deserializer<'de>>(from: D) -> Result<SocketAddr, D::Error> {
+    address(&String::deserialize(from)?)
+}
+
+fn resolved_or_none<'de, D: Deserializer<'de>>(from: D) -> Result<Option<SocketAddr>, D::Error> {
     let text = String::deserialize(from)?;
-    let wrong = |why: String| serde::de::Error::custom(format!("is {text:?}: {why}; give HOST:PORT"));
+    if text.is_empty() { Ok(None) } else { address(&text).map(Some) }
+}
+
+fn or_empty<S: Serializer>(address: &Option<SocketAddr>, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&address.map(|a| a.to_string()).unwrap_or_default())
+}
+
+fn address<E: serde::de::Error>(text: &str) -> Result<SocketAddr, E> {
+    let wrong = |why: String| E::custom(format!("is {text:?}: {why}; give HOST:PORT"));
     let found = text.to_socket_addrs().map_err(|e| wrong(e.to_string()))?;
     found.min_by_key(SocketAddr::is_ipv6).ok_or_else(|| wrong("no address found".into()))
 }
@@ -123,8 +143,9 @@ impl Config {
         within("workers", self.workers as u64, 1, 1024, "1 to 1024")?;
         within("queue", self.queue as u64, 0, 100_000, "0 to 100000")?;
         within("request_timeout_s", self.request_timeout_s, 1, 86_400, "1 to 86400")?;
-        if !self.insecure && !self.listen.ip().is_loopback() {
-            return Err(ConfigError::Exposed(self.listen));
+        let open = |address: &SocketAddr| !self.insecure && !address.ip().is_loopback();
+        if let Some(exposed) = [Some(self.listen), self.http].into_iter().flatten().find(open) {
+            return Err(ConfigError::Exposed(exposed));
         }
         Ok(())
     }
@@ -177,6 +198,11 @@ mod tests {
         check("quue = 3", Flags::default(), Err::<Never, _>("quue"));
         check("workers = 0", Flags::default(), Err::<Never, _>("workers is 0"));
         check("", listen("0.0.0.0:1"), Err::<Never, _>("--insecure"));
+        let http = |text: &str| Flags { http: Some(text.into()), ..Flags::default() };
+        check("", Flags::default(), Ok(|c: &Config| c.http == Some(DEFAULT_HTTP)));
+        check("http = '127.0.0.1:9'", Flags::default(), Ok(|c: &Config| c.http.unwrap().port() == 9));
+        check("http = '127.0.0.1:9'", http(""), Ok(|c: &Config| c.http.is_none()));
+        check("", http("0.0.0.0:1"), Err::<Never, _>("0.0.0.0:1"));
         let open = Flags { insecure: Some(true), ..listen("0.0.0.0:1") };
         check("", open, Ok(|c: &Config| c.insecure));
     }

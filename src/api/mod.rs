@@ -1,6 +1,9 @@
 //! The gRPC edge: the generated messages, their conversion, the services and their server.
 
+mod calls;
 mod camera;
+pub mod http;
+mod metrics;
 mod reply;
 mod request;
 mod server;

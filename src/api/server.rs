@@ -1,5 +1,6 @@
 //! The server: limits, health, reflection, and an end that loses nothing and does not hang.
 
+use super::calls::Calls;
 use super::services::Services;
 use super::{DESCRIPTORS, v1};
 use crate::engine::Engine;
@@ -76,6 +77,7 @@ pub async fn serve(
     };
     let draining = CancellationToken::new();
     let server = Server::builder()
+        .layer(Calls::new())
         .max_concurrent_streams(limits.streams)
         .timeout(limits.timeout)
         .http2_keepalive_interval(Some(Duration::from_secs(30)))

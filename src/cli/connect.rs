@@ -11,13 +11,14 @@ use crate::api::v1::{
     CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice, Video,
     fit_model_response,
 };
-use crate::config::{Config, Flags};
+use crate::config::{Config, DEFAULT_HTTP, Flags};
 use crate::engine::{Engine, EngineError};
 use crate::scene::Scene;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
+use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::{Channel, Endpoint};
@@ -28,6 +29,7 @@ const MAX_MESSAGE: usize = 64 << 20;
 /// A running service of this process.
 pub struct Service {
     pub address: SocketAddr,
+    pub http: Option<SocketAddr>,
     shutdown: CancellationToken,
     task: JoinHandle<Result<(), Failure>>,
 }
@@ -43,10 +45,14 @@ impl Service {
 /// Starts the service; it serves when this returns.
 pub async fn start(config: &Config) -> Result<Service, Failure> {
     let listen = config.listen;
-    let listener = tokio::net::TcpListener::bind(listen)
+    let listener = TcpListener::bind(listen)
         .await
         .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
     let address = listener.local_addr().map_err(Failure::other)?;
+    let http = match config.http {
+        Some(address) => http_listener(address).await?,
+        None => None,
+    };
     let engine = Engine::open(&config.data_dir, config.capacity()).map_err(|error| match error {
         EngineError::Store(error) => Failure::input(error.to_string()),
         error => Failure::other(error),
@@ -55,12 +61,34 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
     let house = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().keep_house()));
+    let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
+    let pages = http.map(|listener| {
+        let stop = shutdown.clone().cancelled_owned();
+        tokio::spawn(api::http::serve_http(listener, engine.clone(), stop))
+    });
     let task = tokio::spawn(async move {
         let served = api::serve(listener, engine, limits, stop).await.map_err(Failure::other);
         house.abort();
+        if let Some(pages) = pages {
+            pages.abort();
+        }
         served
     });
-    Ok(Service { address, shutdown, task })
+    Ok(Service { address, http: http_address, shutdown, task })
+}
+
+/// The HTTP port. Where nobody chose it, another service may have it already: then there is none.
+async fn http_listener(address: SocketAddr) -> Result<Option<TcpListener>, Failure> {
+    match TcpListener::bind(address).await {
+        Ok(listener) => Ok(Some(listener)),
+        Err(error) if address == DEFAULT_HTTP => {
+            tracing::warn!(%address, %error, "no HTTP port; choose another with --http");
+            Ok(None)
+        }
+        Err(error) => {
+            Err(Failure::input(format!("--http {address}: {error}; give a free HOST:PORT, or '' for none")))
+        }
+    }
 }
 
 /// A channel to a service elsewhere.
@@ -96,7 +124,12 @@ impl Connection {
             None => Some(TempDir::new().map_err(Failure::other)?),
         };
         let data_dir = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref()).map(Path::to_path_buf);
-        let flags = Flags { listen: Some("127.0.0.1:0".into()), data_dir, insecure: None };
+        let flags = Flags {
+            listen: Some("127.0.0.1:0".into()),
+            http: Some(String::new()),
+            data_dir,
+            ..Flags::default()
+        };
         let config = Config::load(None, flags).map_err(|e| Failure::input(e.to_string()))?;
         let service = start(&config).await?;
         let channel = remote(&format!("http://{}", service.address)).await?;

@@ -13,6 +13,9 @@ pub struct Args {
     /// Address of the gRPC service [default: 127.0.0.1:50051]
     #[arg(long, value_name = "HOST:PORT")]
     listen: Option<String>,
+    /// Address of the HTTP port with /metrics and /healthz; '': none [default: 127.0.0.1:8080]
+    #[arg(long, value_name = "HOST:PORT")]
+    http: Option<String>,
     /// Listen beyond loopback though nothing is encrypted.
     #[arg(long)]
     insecure: bool,
@@ -22,13 +25,14 @@ pub struct Args {
 }
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
-    let Args { listen, insecure, config } = args;
-    let flags = Flags { listen, insecure: insecure.then_some(true), data_dir: target.data_dir.clone() };
+    let Args { listen, http, insecure, config } = args;
+    let flags = Flags { listen, http, insecure: insecure.then_some(true), data_dir: target.data_dir.clone() };
     let config = Config::load(config.as_deref(), flags).map_err(|e| Failure::input(e.to_string()))?;
     telemetry::init(&config.log, config.log_json).map_err(Failure::input)?;
     tracing::info!(?config, "effective configuration");
     let service = start(&config).await?;
-    print(&format!("vrdp serves gRPC on {}\n", service.address))?;
+    let http = service.http.map(|address| format!("vrdp serves HTTP on {address}\n")).unwrap_or_default();
+    print(&format!("vrdp serves gRPC on {}\n{http}", service.address))?;
     interrupted().await?;
     service.stop().await
 }

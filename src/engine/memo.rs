@@ -1,7 +1,7 @@
 //! Results by key: each is worked out once however many ask at once, and recent ones stay in memory.
 
-use super::EngineError;
 use super::pool::Control;
+use super::{EngineError, figures};
 use moka::future::Cache;
 use std::collections::HashMap;
 use std::future::Future;
@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
 
 /// Smallest step of progress that is reported: a watcher needs no more.
 const PROGRESS_STEP: f64 = 0.005;
@@ -16,6 +17,8 @@ const PROGRESS_STEP: f64 = 0.005;
 type Outcome<T> = Result<Arc<T>, EngineError>;
 
 pub struct Memo<T> {
+    /// What the results are, for the figures.
+    kind: &'static str,
     cache: Cache<String, Arc<T>>,
     flights: Flights<T>,
 }
@@ -51,10 +54,10 @@ pub struct Waiting<T> {
 
 impl<T: Send + Sync + 'static> Memo<T> {
     /// Keeps results of up to `bytes` in memory, each as heavy as `weight` says.
-    pub fn new(bytes: u64, weight: fn(&T) -> usize) -> Self {
+    pub fn new(kind: &'static str, bytes: u64, weight: fn(&T) -> usize) -> Self {
         let weigher = move |_: &String, value: &Arc<T>| u32::try_from(weight(value)).unwrap_or(u32::MAX);
         let cache = Cache::builder().max_capacity(bytes).weigher(weigher).build();
-        Memo { cache, flights: Arc::default() }
+        Memo { kind, cache, flights: Arc::default() }
     }
 
     /// Joins the work under `key`, or starts it. It runs in a task of its own: no caller carries it.
@@ -67,6 +70,7 @@ impl<T: Send + Sync + 'static> Memo<T> {
         let mut flights = locked(&self.flights);
         if let Some(flight) = flights.get(&key).filter(|_| known.is_none()) {
             *locked(&flight.callers) += 1;
+            figures::result(self.kind, "flight");
             return self.waiting(key, flight.clone());
         }
         let stage = match &known {
@@ -80,6 +84,7 @@ impl<T: Send + Sync + 'static> Memo<T> {
         });
         let waiting = self.waiting(key.clone(), flight.clone());
         if known.is_some() {
+            figures::result(self.kind, "memory");
             return waiting;
         }
         flights.insert(key.clone(), flight.clone());
@@ -96,6 +101,7 @@ impl<T: Send + Sync + 'static> Memo<T> {
         };
         let control = Control { token: flight.token.clone(), deadline, progress: Arc::new(progress) };
         let (cache, flights, work) = (self.cache.clone(), self.flights.clone(), work(control));
+        let work = work.in_current_span();
         tokio::spawn(async move {
             // It may have been finished between our look into the cache and the lock.
             let task = match cache.get(&key).await {
@@ -196,7 +202,7 @@ mod tests {
 
     #[tokio::test]
     async fn equal_work_is_done_once_though_the_first_caller_leaves() {
-        let memo = Memo::<usize>::new(9, |_| 1);
+        let memo = Memo::<usize>::new("test", 9, |_| 1);
         let runs = Arc::new(AtomicUsize::new(0));
         let gate = Arc::new(tokio::sync::Semaphore::new(0));
         let mut callers = Vec::new();
@@ -220,7 +226,7 @@ mod tests {
 
     #[tokio::test]
     async fn work_that_nobody_waits_for_is_stopped_and_never_joined() {
-        let memo = Memo::<usize>::new(9, |_| 1);
+        let memo = Memo::<usize>::new("test", 9, |_| 1);
         let (send, receive) = tokio::sync::oneshot::channel();
         let first = memo.join("k".into(), later(), |control| async move {
             control.token.cancelled().await;

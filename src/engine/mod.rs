@@ -1,6 +1,7 @@
 //! Joins core and edges: finds or makes what a request needs, once, on the CPU pool, and keeps it.
 
 mod check;
+pub mod figures;
 mod joint;
 mod memo;
 mod pool;
@@ -14,7 +15,7 @@ mod trace;
 pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
 pub use memo::{Update, Waiting};
-pub use pool::Control;
+pub use pool::{Control, Load, panic_message};
 pub use replay::{MAX_REPLAYS, Played, Replay, ReplayOptions};
 pub use revision::Step;
 pub use shelf::{Lease, Retention};
@@ -187,14 +188,14 @@ impl Engine {
                 .max_capacity(CACHED_BYTES)
                 .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
                 .build(),
-            fits: Memo::new(CACHED_BYTES, fit_bytes),
-            joint_fits: Memo::new(CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
-            studies: Memo::new(CACHED_BYTES, |_| 64 * BASE_BYTES),
-            simulations: Memo::new(CACHED_BYTES, |s| {
+            fits: Memo::new("fit", CACHED_BYTES, fit_bytes),
+            joint_fits: Memo::new("joint_fit", CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
+            studies: Memo::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
+            simulations: Memo::new("simulation", CACHED_BYTES, |s| {
                 let best = &s.imagined.best;
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
             }),
-            answers: Memo::new(CACHED_BYTES, |_| BASE_BYTES),
+            answers: Memo::new("answer", CACHED_BYTES, |_| BASE_BYTES),
             backlog: Arc::default(),
             shelf: shelf::Shelf::default(),
             replays: Arc::new(tokio::sync::Semaphore::new(MAX_REPLAYS)),
@@ -206,6 +207,16 @@ impl Engine {
     /// Fits that were computed, and not found.
     pub fn fits_run(&self) -> u64 {
         self.fits_run.load(Ordering::Relaxed)
+    }
+
+    /// How busy it is.
+    pub fn load(&self) -> Load {
+        self.pool.load()
+    }
+
+    fn fitted_anew(&self) {
+        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        metrics::counter!(figures::FITS).increment(1);
     }
 
     fn deadline(&self) -> Instant {
@@ -296,9 +307,11 @@ impl Engine {
     ) -> Result<StoredFit, EngineError> {
         let key = format!("{video}/{id}");
         if let Some(found) = self.store.get(Kind::Fits, &key).await? {
+            figures::result("fit", "store");
             return Ok(found);
         }
-        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        self.fitted_anew();
+        figures::result("fit", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: crate::num::Stop| {
             let models = std::slice::from_ref(&model);
@@ -359,6 +372,7 @@ impl Engine {
         let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
         let engine = self.clone();
         let work = move |control| async move {
+            figures::result("simulation", "made");
             let (imagined, batch) = {
                 let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
                 let job = move |stop: crate::num::Stop| {
@@ -392,6 +406,7 @@ impl Engine {
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
         let work = move |control| async move {
+            figures::result("answer", "made");
             let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
             let job = move |stop: crate::num::Stop| {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;

@@ -1,7 +1,7 @@
 //! Trace files: encoded on the pool, published whole, listed and read back.
 
 use super::shelf::Lease;
-use super::{Discovered, Engine, EngineError, StoredFit};
+use super::{Discovered, Engine, EngineError, StoredFit, figures};
 use crate::fit::{Begin, FitError, FitOptions, beginning};
 use crate::num::Stop;
 use crate::reason::Imagined;
@@ -218,6 +218,8 @@ impl Engine {
             let _lease = self.shelf.lease_when_free(&record.id).await;
             let record = TraceRecord { stored_ms: now_ms(), ..record };
             self.store.put_blob(&record.id, bytes).await?;
+            metrics::counter!(figures::TRACES).increment(1);
+            metrics::counter!(figures::TRACE_BYTES).increment(record.size_bytes);
             self.put_of_video(Kind::Traces, &record.video, &record.id, &record).await?;
             ids.push(record.id);
         }

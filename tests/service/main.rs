@@ -5,6 +5,7 @@ mod discover;
 mod flow;
 mod garbage;
 mod harness;
+mod pages;
 mod revise;
 mod setup;
 mod sharing;
