@@ -2,6 +2,7 @@
 
 mod calls;
 mod camera;
+mod guard;
 pub mod http;
 mod metrics;
 mod reply;
@@ -13,6 +14,7 @@ mod study;
 mod trace;
 pub mod video;
 
+pub use guard::{Security, TokenError, Tokens};
 pub use server::{Limits, ServeError, serve};
 
 /// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.

@@ -135,7 +135,8 @@ fn short(mut message: String) -> String {
     message
 }
 
-fn plain(code: Code, message: String, reason: &str) -> Status {
+/// A status of a reason that a program can tell apart.
+pub fn plain(code: Code, message: String, reason: &str) -> Status {
     Status::with_error_details(code, message, info(reason))
 }
 

@@ -23,6 +23,12 @@ pub struct Memo<T> {
     flights: Flights<T>,
 }
 
+impl<T> Clone for Memo<T> {
+    fn clone(&self) -> Self {
+        Memo { kind: self.kind, cache: self.cache.clone(), flights: self.flights.clone() }
+    }
+}
+
 type Flights<T> = Arc<Mutex<HashMap<String, Arc<Flight<T>>>>>;
 
 /// One piece of work and those who wait for it.

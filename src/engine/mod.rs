@@ -12,6 +12,7 @@ mod start;
 mod study;
 mod trace;
 
+pub use crate::store::Tenant;
 pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
 pub use memo::{Update, Waiting};
@@ -29,7 +30,6 @@ use crate::reason::{
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
-
 use crate::world::Intervention;
 use memo::Memo;
 use moka::future::Cache;
@@ -159,9 +159,11 @@ pub struct SimulateOptions {
     pub seed: u64,
 }
 
+/// All tenants share one pool, one memory and one folder; an engine shows one tenant's part of it.
+#[derive(Clone)]
 pub struct Engine {
     store: Store,
-    pool: Pool,
+    pool: Arc<Pool>,
     job_timeout: Duration,
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
@@ -170,11 +172,11 @@ pub struct Engine {
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
     backlog: Arc<trace::Backlog>,
-    shelf: shelf::Shelf,
+    shelf: Arc<shelf::Shelf>,
     replays: Arc<tokio::sync::Semaphore>,
     /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
-    epoch: AtomicU64,
-    fits_run: AtomicU64,
+    epoch: Arc<AtomicU64>,
+    fits_run: Arc<AtomicU64>,
 }
 
 impl Engine {
@@ -182,7 +184,7 @@ impl Engine {
     pub fn open(data_dir: &Path, capacity: Capacity) -> Result<Engine, EngineError> {
         Ok(Engine {
             store: Store::open(data_dir)?,
-            pool: Pool::new(capacity.workers, capacity.queue)?,
+            pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
             job_timeout: capacity.job_timeout,
             scenes: Cache::builder()
                 .max_capacity(CACHED_BYTES)
@@ -197,11 +199,19 @@ impl Engine {
             }),
             answers: Memo::new("answer", CACHED_BYTES, |_| BASE_BYTES),
             backlog: Arc::default(),
-            shelf: shelf::Shelf::default(),
+            shelf: Arc::default(),
             replays: Arc::new(tokio::sync::Semaphore::new(MAX_REPLAYS)),
-            epoch: AtomicU64::new(0),
-            fits_run: AtomicU64::new(0),
+            epoch: Arc::default(),
+            fits_run: Arc::default(),
         })
+    }
+
+    /// The engine as a tenant sees it: what is another's does not exist.
+    pub fn of(self: &Arc<Self>, tenant: &Tenant) -> Arc<Engine> {
+        match tenant.is_nobody() {
+            true => self.clone(),
+            false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
+        }
     }
 
     /// Fits that were computed, and not found.
@@ -224,7 +234,7 @@ impl Engine {
     }
 
     fn key(&self, id: &str) -> String {
-        format!("{}/{id}", self.epoch.load(Ordering::SeqCst))
+        self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
     }
 
     /// Stores the scene that `make` gives (on the CPU pool) and returns its id; the same scene again changes nothing.

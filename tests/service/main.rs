@@ -7,6 +7,7 @@ mod garbage;
 mod harness;
 mod pages;
 mod revise;
+mod security;
 mod setup;
 mod sharing;
 mod traces;

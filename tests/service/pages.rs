@@ -29,7 +29,7 @@ async fn figures_are_read_over_http_and_know_no_video() {
     let service = start(folder.path(), CAPACITY).await;
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let pages = tokio::spawn(serve_http(listener, service.engine.clone(), std::future::pending()));
+    let pages = tokio::spawn(serve_http(listener, service.engine.clone(), None, std::future::pending()));
     assert!(get(address, "/healthz").await.starts_with("HTTP/1.1 200"));
     assert!(get(address, "/nothing").await.starts_with("HTTP/1.1 404"));
     let name = service.create(video("pages", 20)).await.unwrap();
