@@ -107,22 +107,24 @@ impl<T: Send + Sync + 'static> Memo<T> {
         };
         let control = Control { token: flight.token.clone(), deadline, progress: Arc::new(progress) };
         let (cache, flights, work) = (self.cache.clone(), self.flights.clone(), work(control));
-        let work = work.in_current_span();
-        tokio::spawn(async move {
+        let (kind, work) = (self.kind, work.in_current_span());
+        let finish = async move {
             // It may have been finished between our look into the cache and the lock.
             let task = match cache.get(&key).await {
                 Some(value) => Ok(Ok(value)),
                 None => tokio::spawn(work).await.map(|result| result.map(Arc::new)),
             };
             let outcome = task.unwrap_or_else(|error| {
-                Err(EngineError::Internal { id: "task".into(), message: error.to_string() })
+                tracing::error!(%error, kind, "the work around a job failed");
+                Err(EngineError::Internal { id: format!("task-{kind}"), message: error.to_string() })
             });
             if let Ok(value) = &outcome {
                 cache.insert(key.clone(), value.clone()).await;
             }
             forget(&flights, &key, &flight);
             flight.stage.send_replace(Stage::Done(outcome));
-        });
+        };
+        tokio::spawn(finish.in_current_span());
         waiting
     }
 

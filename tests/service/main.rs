@@ -2,6 +2,7 @@
 
 mod camera;
 mod discover;
+mod endure;
 mod flow;
 mod garbage;
 mod harness;
