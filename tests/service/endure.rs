@@ -49,6 +49,7 @@ impl Program {
             .args(["serve", "--listen", "127.0.0.1:0", "--http", "", "--data-dir"])
             .arg(data)
             .env("VRDP_LOG", "error")
+            .env_remove("VRDP_LONG_TESTS")
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
