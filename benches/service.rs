@@ -12,7 +12,7 @@ use tonic_health::pb::health_client::HealthClient;
 use vrdp::api::v1::models_client::ModelsClient;
 use vrdp::api::v1::reasoning_client::ReasoningClient;
 use vrdp::api::v1::videos_client::VideosClient;
-use vrdp::api::{Limits, serve, v1, video};
+use vrdp::api::{Limits, Security, serve, v1, video};
 use vrdp::engine::{Capacity, Engine};
 use vrdp::scene::parse;
 
@@ -25,7 +25,13 @@ async fn start() -> (Channel, String, tempfile::TempDir) {
     let engine = Arc::new(Engine::open(folder.path(), capacity).expect("an empty store opens"));
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let url = format!("http://{}", listener.local_addr().expect("it is bound"));
-    tokio::spawn(serve(listener, engine, Limits::default(), CancellationToken::new().cancelled_owned()));
+    tokio::spawn(serve(
+        listener,
+        engine,
+        Limits::default(),
+        Security::default(),
+        CancellationToken::new().cancelled_owned(),
+    ));
     let channel = Channel::from_shared(url).expect("a URL").connect().await.expect("it serves");
     let scene = parse("scene_00000", SCENE).expect("the committed scene is valid");
     let request =

@@ -1,16 +1,22 @@
 //! Settings: defaults, below a file, below the environment (`VRDP_`), below flags; unknown keys are refused.
 
-use crate::api::Limits;
+use crate::api::{Limits, Security, Tokens};
 use crate::engine::{Capacity, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
-use serde::{Deserialize, Deserializer, Serialize};
-use std::net::{SocketAddr, ToSocketAddrs};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
+use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
 
 /// How much later than the engine the server gives up on a call: the engine's error says more.
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
+/// Longest TLS handshake.
+const HANDSHAKE: Duration = Duration::from_secs(10);
+/// Where the HTTP port is unless it is told otherwise.
+pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -18,8 +24,17 @@ pub struct Config {
     /// Address of the gRPC service; a name is resolved once, at the start.
     #[serde(deserialize_with = "resolved")]
     pub listen: SocketAddr,
-    /// Serve beyond loopback though nothing is encrypted or authenticated.
+    /// Address of the HTTP port, on which metrics and reports are read; empty: none.
+    #[serde(deserialize_with = "resolved_or_none", serialize_with = "or_empty")]
+    pub http: Option<SocketAddr>,
+    /// Serve beyond loopback though not everything is encrypted and authenticated.
     pub insecure: bool,
+    /// PEM files: the certificate chain, its key, and the authority of clients, who then need a certificate.
+    pub tls_cert: Option<PathBuf>,
+    pub tls_key: Option<PathBuf>,
+    pub tls_client_ca: Option<PathBuf>,
+    /// Lines of TOKEN = TENANT; who calls then needs a token, and sees what is the tenant's.
+    pub tokens: Option<PathBuf>,
     /// One folder, one process.
     pub data_dir: PathBuf,
     /// CPU threads.
@@ -41,7 +56,12 @@ impl Default for Config {
     fn default() -> Self {
         Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 50051)),
+            http: Some(DEFAULT_HTTP),
             insecure: false,
+            tls_cert: None,
+            tls_key: None,
+            tls_client_ca: None,
+            tokens: None,
             data_dir: "vrdp-data".into(),
             workers: std::thread::available_parallelism().map_or(1, |n| n.get()),
             queue: 256,
@@ -60,9 +80,19 @@ pub struct Flags {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub listen: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub http: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub insecure: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub data_dir: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls_cert: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls_key: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tls_client_ca: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tokens: Option<PathBuf>,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -73,14 +103,33 @@ pub enum ConfigError {
     NoFile(PathBuf),
     #[error("configuration: {key} is {value}; it must be {allowed}")]
     Range { key: &'static str, value: u64, allowed: &'static str },
-    #[error("{0} can be reached from outside and nothing is encrypted; listen on loopback or say --insecure")]
+    #[error(
+        "{0} can be reached from outside; give --tls-cert and --tls-key, and --tokens or --tls-client-ca, so that \
+         nobody else gets in (the HTTP port has no such thing), or listen on loopback, or say --insecure"
+    )]
     Exposed(SocketAddr),
+    #[error("configuration: {key} is given without {needs}")]
+    Incomplete { key: &'static str, needs: &'static str },
+    #[error("configuration: {key} {path}: {problem}")]
+    File { key: &'static str, path: PathBuf, problem: String },
 }
 
 /// Reads `HOST:PORT`; of several addresses of a host an IPv4 one is preferred.
 fn resolved<'de, D: Deserializer<'de>>(from: D) -> Result<SocketAddr, D::Error> {
+    address(&String::deserialize(from)?)
+}
+
+fn resolved_or_none<'de, D: Deserializer<'de>>(from: D) -> Result<Option<SocketAddr>, D::Error> {
     let text = String::deserialize(from)?;
-    let wrong = |why: String| serde::de::Error::custom(format!("is {text:?}: {why}; give HOST:PORT"));
+    if text.is_empty() { Ok(None) } else { address(&text).map(Some) }
+}
+
+fn or_empty<S: Serializer>(address: &Option<SocketAddr>, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(&address.map(|a| a.to_string()).unwrap_or_default())
+}
+
+fn address<E: serde::de::Error>(text: &str) -> Result<SocketAddr, E> {
+    let wrong = |why: String| E::custom(format!("is {text:?}: {why}; give HOST:PORT"));
     let found = text.to_socket_addrs().map_err(|e| wrong(e.to_string()))?;
     found.min_by_key(SocketAddr::is_ipv6).ok_or_else(|| wrong("no address found".into()))
 }
@@ -123,8 +172,20 @@ impl Config {
         within("workers", self.workers as u64, 1, 1024, "1 to 1024")?;
         within("queue", self.queue as u64, 0, 100_000, "0 to 100000")?;
         within("request_timeout_s", self.request_timeout_s, 1, 86_400, "1 to 86400")?;
-        if !self.insecure && !self.listen.ip().is_loopback() {
-            return Err(ConfigError::Exposed(self.listen));
+        for (key, given, needs, other) in [
+            ("tls_cert", &self.tls_cert, "tls_key", &self.tls_key),
+            ("tls_key", &self.tls_key, "tls_cert", &self.tls_cert),
+            ("tls_client_ca", &self.tls_client_ca, "tls_cert", &self.tls_cert),
+        ] {
+            if given.is_some() && other.is_none() {
+                return Err(ConfigError::Incomplete { key, needs });
+            }
+        }
+        let open = |address: &SocketAddr| !self.insecure && !address.ip().is_loopback();
+        let known = self.tokens.is_some() || self.tls_client_ca.is_some();
+        let listen = (!(self.tls_cert.is_some() && known)).then_some(self.listen);
+        if let Some(exposed) = [listen, self.http].into_iter().flatten().find(open) {
+            return Err(ConfigError::Exposed(exposed));
         }
         Ok(())
     }
@@ -140,9 +201,37 @@ impl Config {
         Retention { max_age, max_bytes: on(self.trace_max_bytes) }
     }
 
+    /// Reads the files of certificates and tokens.
+    pub fn security(&self) -> Result<Security, ConfigError> {
+        let mut security = Security::default();
+        if let (Some(cert), Some(key)) = (&self.tls_cert, &self.tls_key) {
+            let identity = Identity::from_pem(read("tls_cert", cert)?, read("tls_key", key)?);
+            let mut tls = ServerTlsConfig::new().identity(identity).timeout(HANDSHAKE);
+            if let Some(ca) = &self.tls_client_ca {
+                tls = tls.client_ca_root(Certificate::from_pem(read("tls_client_ca", ca)?));
+            }
+            Server::builder().tls_config(tls.clone()).map_err(|error| {
+                let problem = std::error::Error::source(&error).map_or(error.to_string(), |e| e.to_string());
+                ConfigError::File { key: "tls_cert", path: cert.clone(), problem }
+            })?;
+            security.tls = Some(tls);
+        }
+        if let Some(path) = &self.tokens {
+            let wrong = |problem: String| ConfigError::File { key: "tokens", path: path.clone(), problem };
+            let tokens = Tokens::parse(&read("tokens", path)?).map_err(|e| wrong(e.to_string()))?;
+            security.tokens = Some(Arc::new(tokens));
+        }
+        Ok(security)
+    }
+
     pub fn limits(&self) -> Limits {
         Limits { timeout: self.capacity().job_timeout + TIMEOUT_MARGIN, ..Limits::default() }
     }
+}
+
+fn read(key: &'static str, path: &Path) -> Result<String, ConfigError> {
+    let wrong = |e: std::io::Error| ConfigError::File { key, path: path.into(), problem: e.to_string() };
+    std::fs::read_to_string(path).map_err(wrong)
 }
 
 #[cfg(test)]
@@ -177,6 +266,15 @@ mod tests {
         check("quue = 3", Flags::default(), Err::<Never, _>("quue"));
         check("workers = 0", Flags::default(), Err::<Never, _>("workers is 0"));
         check("", listen("0.0.0.0:1"), Err::<Never, _>("--insecure"));
+        let http = |text: &str| Flags { http: Some(text.into()), ..Flags::default() };
+        check("", Flags::default(), Ok(|c: &Config| c.http == Some(DEFAULT_HTTP)));
+        check("http = '127.0.0.1:9'", Flags::default(), Ok(|c: &Config| c.http.unwrap().port() == 9));
+        check("http = '127.0.0.1:9'", http(""), Ok(|c: &Config| c.http.is_none()));
+        check("", http("0.0.0.0:1"), Err::<Never, _>("0.0.0.0:1"));
+        check("tls_cert = 'a'", Flags::default(), Err::<Never, _>("tls_key"));
+        let tls = "tls_cert = 'a'\ntls_key = 'b'\n";
+        check(tls, listen("0.0.0.0:1"), Err::<Never, _>("--tokens"));
+        check(&format!("{tls}tokens = 'c'"), listen("0.0.0.0:1"), Ok(|c: &Config| c.security().is_err()));
         let open = Flags { insecure: Some(true), ..listen("0.0.0.0:1") };
         check("", open, Ok(|c: &Config| c.insecure));
     }

@@ -95,12 +95,45 @@ impl Db {
     }
 }
 
-/// An open data folder; one process at a time.
+/// Whose something is: each tenant has a store of its own in the same folder. By default nobody's in particular.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Tenant {
+    /// Before every key; `~` comes after all that begins an id, so that a tenant's rows stand together at the end.
+    prefix: Arc<str>,
+}
+
+impl Default for Tenant {
+    fn default() -> Self {
+        Tenant { prefix: "".into() }
+    }
+}
+
+impl Tenant {
+    /// A name of 1 to 40 of `a-z`, `0-9`, `-` and `_`.
+    pub fn new(name: &str) -> Option<Tenant> {
+        let plain = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'_';
+        let fine = (1..=40).contains(&name.len()) && name.bytes().all(plain);
+        fine.then(|| Tenant { prefix: format!("~{name}/").into() })
+    }
+
+    pub fn is_nobody(&self) -> bool {
+        self.prefix.is_empty()
+    }
+
+    fn owns(&self, key: &str) -> bool {
+        if self.is_nobody() { !key.starts_with('~') } else { key.starts_with(&*self.prefix) }
+    }
+}
+
+/// An open data folder; one process at a time. It shows one tenant's rows, by keys without the tenant.
 #[derive(Clone)]
 pub struct Store {
     db: Arc<Db>,
     blobs: Arc<LocalFileSystem>,
     gate: Arc<Semaphore>,
+    tenant: Tenant,
+    /// Shows the rows of all, by their whole keys.
+    everyone: bool,
 }
 
 impl Store {
@@ -138,14 +171,30 @@ impl Store {
         sweep(&traces)?;
         let blobs = LocalFileSystem::new_with_prefix(&traces).map_err(failed)?.with_fsync(true);
         let db = Db { path: folder.join("vrdp.redb"), open: RwLock::new(Some(db)) };
-        Ok(Store { db: Arc::new(db), blobs: Arc::new(blobs), gate: Arc::new(Semaphore::new(MAX_BLOCKING)) })
+        let (blobs, gate) = (Arc::new(blobs), Arc::new(Semaphore::new(MAX_BLOCKING)));
+        Ok(Store { db: Arc::new(db), blobs, gate, tenant: Tenant::default(), everyone: false })
+    }
+
+    /// The same folder, as a tenant sees it.
+    pub fn of(&self, tenant: &Tenant) -> Store {
+        Store { tenant: tenant.clone(), everyone: false, ..self.clone() }
+    }
+
+    /// The same folder with the rows of all tenants, by their whole keys.
+    pub fn of_everyone(&self) -> Store {
+        Store { tenant: Tenant::default(), everyone: true, ..self.clone() }
+    }
+
+    /// The whole key of one of the tenant's rows.
+    pub fn key(&self, key: &str) -> String {
+        format!("{}{key}", self.tenant.prefix)
     }
 
     pub async fn get<T>(&self, kind: Kind, key: &str) -> Result<Option<T>, StoreError>
     where
         T: DeserializeOwned + Send + 'static,
     {
-        let key = key.to_string();
+        let key = self.key(key);
         self.blocking(move |db| {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(kind.table()).map_err(failed)?;
@@ -168,7 +217,8 @@ impl Store {
         T: DeserializeOwned + Send + 'static,
         K: Fn(&T) -> bool + Send + 'static,
     {
-        let (prefix, after) = (prefix.to_string(), after.to_string());
+        let (prefix, after) = (self.key(prefix), self.key(after));
+        let (tenant, everyone) = (self.tenant.clone(), self.everyone);
         self.blocking(move |db| {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(kind.table()).map_err(failed)?;
@@ -177,12 +227,15 @@ impl Store {
             let mut found = Vec::new();
             for row in rows {
                 let (key, value) = row.map_err(failed)?;
-                if found.len() == limit || !key.value().starts_with(&prefix) {
+                let key = key.value();
+                let ours = everyone || tenant.owns(key);
+                if found.len() == limit || !ours || !key.starts_with(&prefix) {
                     break;
                 }
                 let value = decode(value.value())?;
                 if keep(&value) {
-                    found.push((key.value().to_string(), value));
+                    let key = key.strip_prefix(&*tenant.prefix).unwrap_or(key);
+                    found.push((key.to_string(), value));
                 }
             }
             Ok(found)
@@ -192,7 +245,7 @@ impl Store {
 
     /// Stores a video; durable when it returns.
     pub async fn put_video<T: Serialize>(&self, id: &str, value: &T) -> Result<(), StoreError> {
-        self.put(Kind::Videos, id.to_string(), value, None).await
+        self.put(Kind::Videos, self.key(id), value, None).await
     }
 
     /// Stores what belongs to a video, unless that was deleted meanwhile; durable when it returns.
@@ -206,7 +259,7 @@ impl Store {
     where
         T: Serialize,
     {
-        self.put(kind, key.to_string(), value, Some(video.to_string())).await
+        self.put(kind, self.key(key), value, Some(self.key(video))).await
     }
 
     async fn put<T: Serialize>(
@@ -236,24 +289,25 @@ impl Store {
 
     /// Deletes a video with all that belongs to it; `false` where there is none.
     pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
-        let video = id.to_string();
+        let (video, row, tenant) = (id.to_string(), self.key(id), self.tenant.clone());
         let (found, traces) = self
             .blocking(move |db| {
                 let write = begin(db)?;
                 let mut traces = Vec::new();
                 let found = {
                     let mut videos = write.open_table(Kind::Videos.table()).map_err(failed)?;
-                    videos.remove(video.as_str()).map_err(failed)?.is_some()
+                    videos.remove(row.as_str()).map_err(failed)?.is_some()
                 };
                 {
-                    let prefix = format!("{video}/");
+                    let prefix = format!("{row}/");
                     for kind in [Kind::Fits, Kind::Studies] {
                         let mut rows = write.open_table(kind.table()).map_err(failed)?;
                         rows.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
                     }
                     let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
-                    let of_video =
-                        |_: &str, value: &[u8]| decode::<OfVideo>(value).is_ok_and(|v| v.video == video);
+                    let of_video = |key: &str, value: &[u8]| {
+                        tenant.owns(key) && decode::<OfVideo>(value).is_ok_and(|v| v.video == video)
+                    };
                     for row in table.extract_if(of_video).map_err(failed)? {
                         traces.push(row.map_err(failed)?.0.value().to_string());
                     }
@@ -272,7 +326,7 @@ impl Store {
     pub async fn put_blob(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
         let _permit = self.gate.acquire().await.map_err(failed)?;
         let options = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
-        match self.blobs.put_opts(&blob(id), bytes.into(), options).await {
+        match self.blobs.put_opts(&blob(&self.key(id)), bytes.into(), options).await {
             Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
             Err(error) => Err(failed(error)),
         }
@@ -280,12 +334,12 @@ impl Store {
 
     /// Bytes `offset..offset + len` of a blob, less at its end.
     pub async fn read_blob(&self, id: &str, offset: u64, len: u64) -> Result<Bytes, StoreError> {
-        self.blobs.get_range(&blob(id), offset..offset + len).await.map_err(failed)
+        self.blobs.get_range(&blob(&self.key(id)), offset..offset + len).await.map_err(failed)
     }
 
     /// A blob to be read like a file.
     pub async fn open_blob(&self, id: &str) -> Result<File, StoreError> {
-        match self.blobs.get(&blob(id)).await.map_err(failed)?.payload {
+        match self.blobs.get(&blob(&self.key(id))).await.map_err(failed)?.payload {
             GetResultPayload::File(file, _) => Ok(file),
             GetResultPayload::Stream(_) => Err(StoreError::Failed(format!("blob {id} is no local file"))),
         }
@@ -293,18 +347,19 @@ impl Store {
 
     /// Deletes a trace: its record, so that it is listed no more, then its blob.
     pub async fn delete_trace(&self, id: &str) -> Result<(), StoreError> {
-        let key = id.to_string();
+        let key = self.key(id);
+        let row = key.clone();
         self.blocking(move |db| {
             let write = begin(db)?;
-            write.open_table(Kind::Traces.table()).map_err(failed)?.remove(&*key).map_err(failed)?;
+            write.open_table(Kind::Traces.table()).map_err(failed)?.remove(&*row).map_err(failed)?;
             write.commit().map_err(failed)
         })
         .await?;
-        self.delete_blob(id).await
+        self.delete_blob(&key).await
     }
 
-    async fn delete_blob(&self, id: &str) -> Result<(), StoreError> {
-        match self.blobs.delete(&blob(id)).await {
+    async fn delete_blob(&self, key: &str) -> Result<(), StoreError> {
+        match self.blobs.delete(&blob(key)).await {
             Err(object_store::Error::NotFound { .. }) | Ok(()) => Ok(()),
             Err(error) => Err(failed(error)),
         }
@@ -353,8 +408,9 @@ fn sweep(traces: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-fn blob(id: &str) -> BlobPath {
-    BlobPath::from(format!("{id}.mcap"))
+/// The file of a trace, by its whole key.
+fn blob(key: &str) -> BlobPath {
+    BlobPath::from(format!("{}.mcap", key.trim_start_matches('~').replace('/', ".")))
 }
 
 fn failed(error: impl std::fmt::Display) -> StoreError {
@@ -390,6 +446,39 @@ mod tests {
         assert_eq!(store.list(Kind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
         assert_eq!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap(), None);
         assert!(store.read_blob("t", 0, 1).await.is_err());
+    }
+
+    #[tokio::test]
+    async fn a_tenant_sees_and_deletes_its_own_only() {
+        let folder = tempfile::tempdir().unwrap();
+        let nobody = Store::open(folder.path()).unwrap();
+        let [a, b] = ["a", "b"].map(|name| nobody.of(&Tenant::new(name).unwrap()));
+        for (store, value) in [(&nobody, 0), (&a, 1), (&b, 2)] {
+            store.put_video("v", &value).await.unwrap();
+            let trace = serde_json::json!({ "video": "v" });
+            store.put_of_video(Kind::Traces, "v", "t", &trace).await.unwrap();
+            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
+        }
+        a.put_video("only", &3).await.unwrap();
+        for (store, values) in [(&nobody, vec![0]), (&a, vec![3, 1]), (&b, vec![2])] {
+            let listed = store.list(Kind::Videos, "", "", 9, |_: &i32| true).await.unwrap();
+            assert_eq!(listed.iter().map(|(_, v)| *v).collect::<Vec<_>>(), values);
+            assert!(listed.iter().all(|(key, _)| key == "v" || key == "only"));
+        }
+        assert_eq!(b.get::<i32>(Kind::Videos, "only").await.unwrap(), None);
+        assert_eq!(b.put_of_video(Kind::Fits, "only", "only/m", &1).await, Err(StoreError::VideoGone));
+        assert!(a.delete_video("v").await.unwrap());
+        assert!(a.read_blob("t", 0, 1).await.is_err());
+        for store in [&nobody, &b] {
+            assert!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap().is_some());
+            assert_eq!(store.read_blob("t", 0, 5).await.unwrap(), "whole");
+        }
+        let all = nobody.of_everyone().list(Kind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
+        let keys: Vec<String> = all.unwrap().into_iter().map(|(key, _)| key).collect();
+        assert_eq!(keys, ["t", "~b/t"]);
+        nobody.of_everyone().delete_trace("~b/t").await.unwrap();
+        assert!(b.read_blob("t", 0, 1).await.is_err() && nobody.read_blob("t", 0, 1).await.is_ok());
+        assert_eq!(["", "A", "a/b", "~a"].map(Tenant::new), [None, None, None, None]);
     }
 
     #[test]

@@ -1,6 +1,10 @@
 //! The gRPC edge: the generated messages, their conversion, the services and their server.
 
+mod calls;
 mod camera;
+mod guard;
+pub mod http;
+mod metrics;
 mod reply;
 mod report;
 mod request;
@@ -11,6 +15,7 @@ mod study;
 mod trace;
 pub mod video;
 
+pub use guard::{Security, TokenError, Tokens};
 pub use server::{Limits, ServeError, serve};
 
 /// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.

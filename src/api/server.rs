@@ -1,5 +1,7 @@
 //! The server: limits, health, reflection, and an end that loses nothing and does not hang.
 
+use super::calls::Calls;
+use super::guard::{Guard, Security};
 use super::services::Services;
 use super::{DESCRIPTORS, v1};
 use crate::engine::Engine;
@@ -54,6 +56,7 @@ pub async fn serve(
     listener: TcpListener,
     engine: Arc<Engine>,
     limits: Limits,
+    security: Security,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
     let services = Services(engine);
@@ -75,7 +78,13 @@ pub async fn serve(
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
     let draining = CancellationToken::new();
-    let server = Server::builder()
+    let mut server = Server::builder();
+    if let Some(tls) = security.tls {
+        server = server.tls_config(tls)?;
+    }
+    let server = server
+        .layer(Calls::new())
+        .layer(Guard(security.tokens))
         .max_concurrent_streams(limits.streams)
         .timeout(limits.timeout)
         .http2_keepalive_interval(Some(Duration::from_secs(30)))

@@ -2,7 +2,7 @@
 
 use super::status::{error, status};
 use super::{camera, reply, report, request, study, trace, v1, video};
-use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Update, Waiting};
+use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Tenant, Update, Waiting};
 use crate::scene::calibrate;
 use futures_util::stream::{self, BoxStream, StreamExt};
 use std::sync::{Arc, OnceLock};
@@ -21,9 +21,20 @@ pub(super) type Items<T> = BoxStream<'static, Result<T, Status>>;
 #[derive(Clone)]
 pub struct Services(pub Arc<Engine>);
 
+impl Services {
+    /// The engine as the caller's tenant sees it; `Guard` says who that is.
+    fn owner<T>(&self, request: &Request<T>) -> Arc<Engine> {
+        match request.extensions().get::<Tenant>() {
+            Some(tenant) => self.0.of(tenant),
+            None => self.0.clone(),
+        }
+    }
+}
+
 #[tonic::async_trait]
 impl v1::videos_server::Videos for Services {
     async fn create_video(&self, request: Request<v1::CreateVideoRequest>) -> Reply<v1::Video> {
+        let owner = self.owner(&request);
         let given = request.into_inner();
         let request_id = given.request_id.clone();
         let linking = Arc::new(OnceLock::new());
@@ -34,30 +45,33 @@ impl v1::videos_server::Videos for Services {
             let _ = told.set(report);
             Ok(scene)
         };
-        let (id, scene) = self.0.create_video(make).await.map_err(status)?;
+        let (id, scene) = owner.create_video(make).await.map_err(status)?;
         tracing::info!(video = id, request_id, "video created");
         let linking = linking.get().and_then(|r| r.as_ref()).map(camera::linking);
         Ok(Response::new(v1::Video { linking, ..video::video(&id, &scene, true) }))
     }
 
     async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> Reply<v1::Video> {
+        let owner = self.owner(&request);
         let id = request::video_id("name", &request.into_inner().name).map_err(status)?;
-        let scene = self.0.video(&id).await.map_err(status)?;
+        let scene = owner.video(&id).await.map_err(status)?;
         Ok(Response::new(video::video(&id, &scene, true)))
     }
 
     async fn list_videos(&self, request: Request<v1::ListVideosRequest>) -> Reply<v1::ListVideosResponse> {
+        let owner = self.owner(&request);
         let given = request.into_inner();
         let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
-        let mut rows = self.0.videos(&after, size + 1).await.map_err(status)?;
+        let mut rows = owner.videos(&after, size + 1).await.map_err(status)?;
         let next_page_token = cut(&mut rows, size, |(id, _)| id);
         let videos = rows.iter().map(|(id, scene)| video::video(id, scene, false)).collect();
         Ok(Response::new(v1::ListVideosResponse { videos, next_page_token }))
     }
 
     async fn delete_video(&self, request: Request<v1::DeleteVideoRequest>) -> Reply<()> {
+        let owner = self.owner(&request);
         let id = request::video_id("name", &request.into_inner().name).map_err(status)?;
-        self.0.delete_video(&id).await.map_err(status)?;
+        owner.delete_video(&id).await.map_err(status)?;
         Ok(Response::new(()))
     }
 
@@ -65,9 +79,10 @@ impl v1::videos_server::Videos for Services {
         &self,
         request: Request<v1::CalibrateCameraRequest>,
     ) -> Reply<v1::CalibrateCameraResponse> {
+        let owner = self.owner(&request);
         let (pairs, size) = camera::pairs(request.into_inner());
         let work = move || calibrate(&pairs, size).map_err(camera::uncalibrated);
-        let found = self.0.compute(work).await.map_err(status)?;
+        let found = owner.compute(work).await.map_err(status)?;
         Ok(Response::new(camera::calibration(&found)))
     }
 }
@@ -77,20 +92,21 @@ impl v1::models_server::Models for Services {
     type FitModelStream = Items<v1::FitModelResponse>;
 
     async fn fit_model(&self, request: Request<v1::FitModelRequest>) -> Reply<Self::FitModelStream> {
+        let owner = self.owner(&request);
         use v1::fit_model_response::Event;
         let given = request.into_inner();
         let (video, others, start, options) = request::fit(given).map_err(status)?;
-        let videos = self.0.together(&video, others).await.map_err(status)?;
+        let videos = owner.together(&video, others).await.map_err(status)?;
         let progress = |fraction| v1::FitModelResponse {
             event: Some(Event::Progress(v1::FitProgress { fraction })),
             others: vec![],
         };
         if videos.len() == 1 {
-            let waiting = self.0.fit(&video, &start, options).await.map_err(status)?;
+            let waiting = owner.fit(&video, &start, options).await.map_err(status)?;
             let done = |fit: &StoredFit| reply::fitted(fit, &[]);
             return Ok(updates(waiting, progress, move |fit| Some(done(fit))));
         }
-        let waiting = self.0.fit_together(videos, &start, options).await.map_err(status)?;
+        let waiting = owner.fit_together(videos, &start, options).await.map_err(status)?;
         let own = Arc::<str>::from(video);
         Ok(updates(waiting, progress, move |fits: &Vec<StoredFit>| {
             let fit = fits.iter().find(|f| *f.video == *own)?;
@@ -105,9 +121,10 @@ impl v1::models_server::Models for Services {
         &self,
         request: Request<v1::CompareModelsRequest>,
     ) -> Reply<Self::CompareModelsStream> {
+        let owner = self.owner(&request);
         use v1::compare_models_response::Event;
         let (videos, start) = study::request(request.into_inner().study).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, Inquiry::Compare).await.map_err(status)?;
+        let waiting = owner.study(&videos, &start, Inquiry::Compare).await.map_err(status)?;
         let event = |event| v1::CompareModelsResponse { event: Some(event) };
         let done = move |found: &Study| study::comparison(found).map(|c| event(Event::Comparison(c)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
@@ -119,9 +136,10 @@ impl v1::models_server::Models for Services {
         &self,
         request: Request<v1::DiagnoseModelRequest>,
     ) -> Reply<Self::DiagnoseModelStream> {
+        let owner = self.owner(&request);
         use v1::diagnose_model_response::Event;
         let (videos, start, inquiry) = study::diagnose(request.into_inner()).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiagnoseModelResponse { event: Some(event) };
         let done = move |found: &Study| study::diagnosis(found).map(|d| event(Event::Diagnosis(d)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
@@ -133,9 +151,10 @@ impl v1::models_server::Models for Services {
         &self,
         request: Request<v1::DiscoverEffectsRequest>,
     ) -> Reply<Self::DiscoverEffectsStream> {
+        let owner = self.owner(&request);
         use v1::discover_effects_response::Event;
         let (videos, start, inquiry) = study::discovery(request.into_inner()).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
         let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
@@ -151,9 +170,10 @@ impl v1::models_server::Models for Services {
     type AddEffectStream = Items<v1::AddEffectResponse>;
 
     async fn add_effect(&self, request: Request<v1::AddEffectRequest>) -> Reply<Self::AddEffectStream> {
+        let owner = self.owner(&request);
         use v1::add_effect_response::Event;
         let (videos, start, inquiry) = study::addition(request.into_inner()).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::AddEffectResponse { event: Some(event) };
         let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
@@ -165,25 +185,28 @@ impl v1::models_server::Models for Services {
         &self,
         request: Request<v1::RemoveEffectRequest>,
     ) -> Reply<Self::RemoveEffectStream> {
+        let owner = self.owner(&request);
         use v1::remove_effect_response::Event;
         let (videos, start, inquiry) = study::removal(request.into_inner()).map_err(status)?;
-        let waiting = self.0.study(&videos, &start, inquiry).await.map_err(status)?;
+        let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::RemoveEffectResponse { event: Some(event) };
         let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
         Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
     }
 
     async fn get_model(&self, request: Request<v1::GetModelRequest>) -> Reply<v1::Model> {
+        let owner = self.owner(&request);
         let (video, id) = request::model_name(&request.into_inner().name).map_err(status)?;
-        let fit = self.0.model(&video, &id).await.map_err(status)?;
+        let fit = owner.model(&video, &id).await.map_err(status)?;
         Ok(Response::new(reply::model(&fit)))
     }
 
     async fn list_models(&self, request: Request<v1::ListModelsRequest>) -> Reply<v1::ListModelsResponse> {
+        let owner = self.owner(&request);
         let given = request.into_inner();
         let video = request::video_id("parent", &given.parent).map_err(status)?;
         let (size, after) = request::page(given.page_size, given.page_token).map_err(status)?;
-        let mut rows = self.0.models(&video, &after, size + 1).await.map_err(status)?;
+        let mut rows = owner.models(&video, &after, size + 1).await.map_err(status)?;
         let next_page_token = cut(&mut rows, size, |fit| &fit.id);
         let models = rows.iter().map(reply::model).collect();
         Ok(Response::new(v1::ListModelsResponse { models, next_page_token }))
@@ -199,18 +222,21 @@ impl v1::reasoning_server::Reasoning for Services {
     type AskManyStream = Items<v1::AskManyResponse>;
 
     async fn simulate(&self, request: Request<v1::SimulateRequest>) -> Reply<v1::SimulateResponse> {
+        let owner = self.owner(&request);
         let (video, choice, options) = request::simulate(request.into_inner()).map_err(status)?;
-        let done = self.0.simulate(&video, &choice, options).await.map_err(status)?;
+        let done = owner.simulate(&video, &choice, options).await.map_err(status)?;
         Ok(Response::new(reply::simulation(&video, &done)))
     }
 
     async fn ask(&self, request: Request<v1::AskRequest>) -> Reply<v1::AskResponse> {
-        Ok(Response::new(answer(&self.0, request.into_inner()).await.map_err(status)?))
+        let owner = self.owner(&request);
+        Ok(Response::new(answer(&owner, request.into_inner()).await.map_err(status)?))
     }
 
     async fn ask_many(&self, request: Request<Streaming<v1::AskRequest>>) -> Reply<Self::AskManyStream> {
+        let owner = self.owner(&request);
         use v1::ask_many_response::Result as One;
-        let engine = self.0.clone();
+        let engine = owner.clone();
         let answers = request.into_inner().enumerate().map(move |(index, given)| {
             let engine = engine.clone();
             async move {
@@ -263,8 +289,9 @@ impl v1::traces_server::Traces for Services {
     type DownloadTraceStream = Items<v1::DownloadTraceResponse>;
 
     async fn list_traces(&self, request: Request<v1::ListTracesRequest>) -> Reply<v1::ListTracesResponse> {
+        let owner = self.owner(&request);
         let (filter, size, after) = trace::list(request.into_inner()).map_err(status)?;
-        let mut rows = self.0.traces(filter, &after, size + 1).await.map_err(status)?;
+        let mut rows = owner.traces(filter, &after, size + 1).await.map_err(status)?;
         let next_page_token = cut(&mut rows, size, |record| &record.id);
         let traces = rows.into_iter().map(trace::trace).collect();
         Ok(Response::new(v1::ListTracesResponse { traces, next_page_token }))
@@ -274,9 +301,10 @@ impl v1::traces_server::Traces for Services {
         &self,
         request: Request<v1::DownloadTraceRequest>,
     ) -> Reply<Self::DownloadTraceStream> {
+        let owner = self.owner(&request);
         let id = request::trace_id("name", &request.into_inner().name).map_err(status)?;
-        let held = Arc::new(self.0.trace(&id).await.map_err(status)?);
-        let engine = self.0.clone();
+        let held = Arc::new(owner.trace(&id).await.map_err(status)?);
+        let engine = owner.clone();
         let chunks = stream::unfold(Some(0), move |offset: Option<u64>| {
             let (engine, held) = (engine.clone(), held.clone());
             async move {
@@ -297,8 +325,9 @@ impl v1::traces_server::Traces for Services {
     type ReplayTraceStream = Items<v1::ReplayTraceResponse>;
 
     async fn replay_trace(&self, request: Request<v1::ReplayTraceRequest>) -> Reply<Self::ReplayTraceStream> {
+        let owner = self.owner(&request);
         let (id, options) = trace::replay(request.into_inner()).map_err(status)?;
-        let replay = self.0.replay(&id, options).await.map_err(status)?;
+        let replay = owner.replay(&id, options).await.map_err(status)?;
         let items = stream::unfold(replay, |mut replay| async move {
             let item = replay.next().await?;
             let reply = item.map(|(round, time, item)| trace::played(round, time, item)).map_err(status);

@@ -8,6 +8,7 @@ use crate::scene::Violation;
 use crate::store::StoreError;
 use std::collections::HashMap;
 use std::time::Duration;
+use tonic::metadata::MetadataValue;
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, FieldViolation, StatusExt};
 
@@ -37,7 +38,11 @@ pub fn status(error: EngineError) -> Status {
         EngineError::Overloaded { .. } => {
             let mut details = info("OVERLOADED");
             details.set_retry_info(Some(RETRY_AFTER));
-            Status::with_error_details(Code::ResourceExhausted, message, details)
+            let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
+            // Clients that retry by themselves read this, and not the details.
+            let wait = MetadataValue::from(RETRY_AFTER.as_millis() as u64);
+            status.metadata_mut().insert("grpc-retry-pushback-ms", wait);
+            status
         }
         EngineError::Cancelled => plain(Code::Cancelled, message, "CANCELLED"),
         EngineError::DeadlineExceeded => plain(Code::DeadlineExceeded, message, "DEADLINE_EXCEEDED"),
@@ -135,7 +140,8 @@ fn short(mut message: String) -> String {
     message
 }
 
-fn plain(code: Code, message: String, reason: &str) -> Status {
+/// A status of a reason that a program can tell apart.
+pub fn plain(code: Code, message: String, reason: &str) -> Status {
     Status::with_error_details(code, message, info(reason))
 }
 

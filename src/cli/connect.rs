@@ -2,6 +2,7 @@
 
 use super::Target;
 use super::error::Failure;
+use super::wire::{Wire, remote};
 use crate::api;
 use crate::api::v1::models_client::ModelsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
@@ -11,16 +12,16 @@ use crate::api::v1::{
     CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice, Video,
     fit_model_response,
 };
-use crate::config::{Config, Flags};
+use crate::config::{Config, DEFAULT_HTTP, Flags};
 use crate::engine::{Engine, EngineError};
 use crate::scene::Scene;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
+use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::{Channel, Endpoint};
 
 /// Largest message that a client takes: a long simulation, whole.
 const MAX_MESSAGE: usize = 64 << 20;
@@ -28,6 +29,7 @@ const MAX_MESSAGE: usize = 64 << 20;
 /// A running service of this process.
 pub struct Service {
     pub address: SocketAddr,
+    pub http: Option<SocketAddr>,
     shutdown: CancellationToken,
     task: JoinHandle<Result<(), Failure>>,
 }
@@ -43,10 +45,15 @@ impl Service {
 /// Starts the service; it serves when this returns.
 pub async fn start(config: &Config) -> Result<Service, Failure> {
     let listen = config.listen;
-    let listener = tokio::net::TcpListener::bind(listen)
+    let security = config.security().map_err(|e| Failure::input(e.to_string()))?;
+    let listener = TcpListener::bind(listen)
         .await
         .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
     let address = listener.local_addr().map_err(Failure::other)?;
+    let http = match config.http {
+        Some(address) => http_listener(address).await?,
+        None => None,
+    };
     let engine = Engine::open(&config.data_dir, config.capacity()).map_err(|error| match error {
         EngineError::Store(error) => Failure::input(error.to_string()),
         error => Failure::other(error),
@@ -55,32 +62,39 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
     let house = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().keep_house()));
+    let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
+    let pages = http.map(|listener| {
+        let stop = shutdown.clone().cancelled_owned();
+        tokio::spawn(api::http::serve_http(listener, engine.clone(), security.tokens.clone(), stop))
+    });
     let task = tokio::spawn(async move {
-        let served = api::serve(listener, engine, limits, stop).await.map_err(Failure::other);
+        let served = api::serve(listener, engine, limits, security, stop).await.map_err(Failure::other);
         house.abort();
+        if let Some(pages) = pages {
+            pages.abort();
+        }
         served
     });
-    Ok(Service { address, shutdown, task })
+    Ok(Service { address, http: http_address, shutdown, task })
 }
 
-/// A channel to a service elsewhere.
-pub async fn remote(url: &str) -> Result<Channel, Failure> {
-    if !url.starts_with("http://") {
-        let message = format!("--server {url}: nothing is encrypted here; write it as http://HOST:PORT");
-        return Err(Failure::input(message));
+/// The HTTP port. Where nobody chose it, another service may have it already: then there is none.
+async fn http_listener(address: SocketAddr) -> Result<Option<TcpListener>, Failure> {
+    match TcpListener::bind(address).await {
+        Ok(listener) => Ok(Some(listener)),
+        Err(error) if address == DEFAULT_HTTP => {
+            tracing::warn!(%address, %error, "no HTTP port; choose another with --http");
+            Ok(None)
+        }
+        Err(error) => {
+            Err(Failure::input(format!("--http {address}: {error}; give a free HOST:PORT, or '' for none")))
+        }
     }
-    let endpoint = Endpoint::from_shared(url.to_string())
-        .map_err(|e| Failure::input(format!("--server {url}: {e}; write it as http://HOST:PORT")))?;
-    let wrong = |e: tonic::transport::Error| {
-        let cause = std::error::Error::source(&e).map_or(e.to_string(), |s| s.to_string());
-        Failure::other(format!("{url}: {cause}; is the service running?"))
-    };
-    endpoint.connect().await.map_err(wrong)
 }
 
 /// The service as a command sees it.
 pub struct Connection {
-    channel: Channel,
+    channel: Wire,
     service: Option<Service>,
     /// Deleted last.
     _home: Option<TempDir>,
@@ -89,17 +103,22 @@ pub struct Connection {
 impl Connection {
     pub async fn open(target: &Target) -> Result<Connection, Failure> {
         if let Some(url) = &target.server {
-            return Ok(Connection { channel: remote(url).await?, service: None, _home: None });
+            return Ok(Connection { channel: remote(url, target).await?, service: None, _home: None });
         }
         let home = match &target.data_dir {
             Some(_) => None,
             None => Some(TempDir::new().map_err(Failure::other)?),
         };
         let data_dir = home.as_ref().map(TempDir::path).or(target.data_dir.as_deref()).map(Path::to_path_buf);
-        let flags = Flags { listen: Some("127.0.0.1:0".into()), data_dir, insecure: None };
+        let flags = Flags {
+            listen: Some("127.0.0.1:0".into()),
+            http: Some(String::new()),
+            data_dir,
+            ..Flags::default()
+        };
         let config = Config::load(None, flags).map_err(|e| Failure::input(e.to_string()))?;
         let service = start(&config).await?;
-        let channel = remote(&format!("http://{}", service.address)).await?;
+        let channel = remote(&format!("http://{}", service.address), &Target::default()).await?;
         Ok(Connection { channel, service: Some(service), _home: home })
     }
 
@@ -132,7 +151,7 @@ impl Connection {
         Ok(self.videos().create_video(request).await?.into_inner())
     }
 
-    pub fn videos(&self) -> VideosClient<Channel> {
+    pub fn videos(&self) -> VideosClient<Wire> {
         let client = VideosClient::new(self.channel.clone());
         client.max_encoding_message_size(MAX_MESSAGE).max_decoding_message_size(MAX_MESSAGE)
     }
@@ -170,11 +189,11 @@ impl Connection {
         Err(Failure::other("the service ended the fit without a model"))
     }
 
-    pub fn models(&self) -> ModelsClient<Channel> {
+    pub fn models(&self) -> ModelsClient<Wire> {
         ModelsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
     }
 
-    pub fn reasoning(&self) -> ReasoningClient<Channel> {
+    pub fn reasoning(&self) -> ReasoningClient<Wire> {
         ReasoningClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
     }
 

@@ -42,7 +42,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     let place = args.out.display().to_string();
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::other(e).at(&place))?;
     let scene = parse("scene_00022", SCENE).map_err(Failure::other)?;
-    let connection = Connection::open(&Target { server: None, data_dir: None }).await?;
+    let connection = Connection::open(&Target::default()).await?;
     if let Some(address) = connection.address() {
         output::print(&format!("vrdp serves gRPC on {address}\n\n"))?;
     }

@@ -1,9 +1,9 @@
 //! `health`: asks a service whether it serves, for a container's health check.
 
 use super::Target;
-use super::connect::remote;
 use super::error::Failure;
 use super::output::print;
+use super::wire::remote;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
 
@@ -12,7 +12,7 @@ const DEFAULT_SERVER: &str = "http://127.0.0.1:50051";
 
 pub async fn run(target: &Target) -> Result<(), Failure> {
     let url = target.server.as_deref().unwrap_or(DEFAULT_SERVER);
-    let channel = remote(url).await?;
+    let channel = remote(url, target).await?;
     let request = HealthCheckRequest { service: String::new() };
     let reply = HealthClient::new(channel).check(request).await.map_err(|s| Failure::other(s.message()))?;
     match reply.into_inner().status() {

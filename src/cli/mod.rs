@@ -23,6 +23,7 @@ mod serve;
 mod simulate;
 mod study;
 mod trace;
+mod wire;
 
 use clap::{Parser, Subcommand};
 use error::Failure;
@@ -39,7 +40,7 @@ struct Cli {
 }
 
 /// Where the service is.
-#[derive(clap::Args, Clone)]
+#[derive(clap::Args, Clone, Default)]
 struct Target {
     /// A running service, such as http://127.0.0.1:50051 [default: one inside this process]
     #[arg(long, global = true, value_name = "URL")]
@@ -47,6 +48,18 @@ struct Target {
     /// Folder of the store [default: a temporary folder; for `serve`: vrdp-data]
     #[arg(long, global = true, value_name = "DIR")]
     data_dir: Option<PathBuf>,
+    /// Who signed the service's certificate (PEM) [default: whom this system trusts]
+    #[arg(long, global = true, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// A certificate (PEM) by which the service knows us, with --key.
+    #[arg(long, global = true, value_name = "FILE")]
+    cert: Option<PathBuf>,
+    /// The private key of --cert (PEM).
+    #[arg(long, global = true, value_name = "FILE")]
+    key: Option<PathBuf>,
+    /// File with the token by which the service knows our tenant.
+    #[arg(long, global = true, value_name = "FILE")]
+    token: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]

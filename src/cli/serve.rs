@@ -13,7 +13,25 @@ pub struct Args {
     /// Address of the gRPC service [default: 127.0.0.1:50051]
     #[arg(long, value_name = "HOST:PORT")]
     listen: Option<String>,
-    /// Listen beyond loopback though nothing is encrypted.
+    /// Address of the HTTP port with /metrics and /healthz; '': none [default: 127.0.0.1:8080]
+    #[arg(long, value_name = "HOST:PORT")]
+    http: Option<String>,
+    /// Certificate chain of the service (PEM).
+    #[arg(long, value_name = "FILE")]
+    tls_cert: Option<PathBuf>,
+    /// Its private key (PEM).
+    #[arg(long, value_name = "FILE")]
+    tls_key: Option<PathBuf>,
+    /// Who signs the certificates of clients (PEM); clients then need one.
+    #[arg(long, value_name = "FILE")]
+    tls_client_ca: Option<PathBuf>,
+    /// Lines of TOKEN = TENANT; clients then need a token and see what is their tenant's.
+    #[arg(long, value_name = "FILE")]
+    tokens: Option<PathBuf>,
+    /// Prints the effective configuration and ends.
+    #[arg(long)]
+    print_config: bool,
+    /// Listen beyond loopback though not everything is encrypted and authenticated.
     #[arg(long)]
     insecure: bool,
     /// Configuration file.
@@ -22,13 +40,19 @@ pub struct Args {
 }
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
-    let Args { listen, insecure, config } = args;
-    let flags = Flags { listen, insecure: insecure.then_some(true), data_dir: target.data_dir.clone() };
+    let Args { listen, http, tls_cert, tls_key, tls_client_ca, tokens, print_config, insecure, config } =
+        args;
+    let (insecure, data_dir) = (insecure.then_some(true), target.data_dir.clone());
+    let flags = Flags { listen, http, insecure, data_dir, tls_cert, tls_key, tls_client_ca, tokens };
     let config = Config::load(config.as_deref(), flags).map_err(|e| Failure::input(e.to_string()))?;
+    if print_config {
+        return print(&toml::to_string(&config).map_err(Failure::other)?);
+    }
     telemetry::init(&config.log, config.log_json).map_err(Failure::input)?;
     tracing::info!(?config, "effective configuration");
     let service = start(&config).await?;
-    print(&format!("vrdp serves gRPC on {}\n", service.address))?;
+    let http = service.http.map(|address| format!("vrdp serves HTTP on {address}\n")).unwrap_or_default();
+    print(&format!("vrdp serves gRPC on {}\n{http}", service.address))?;
     interrupted().await?;
     service.stop().await
 }

@@ -2,7 +2,7 @@
 
 use super::memo::Waiting;
 use super::pool::Control;
-use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit, trace};
+use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit, figures, trace};
 use crate::fit::{FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, canonical_digest};
@@ -10,7 +10,6 @@ use crate::store::Kind;
 use crate::world::Model;
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 /// Which videos a fit takes beside its own.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -94,9 +93,11 @@ impl Engine {
             found.extend(self.store.get::<StoredFit>(Kind::Fits, key).await?);
         }
         if found.len() == keys.len() {
+            figures::result("joint_fit", "store");
             return Ok(found);
         }
-        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        self.fitted_anew();
+        figures::result("joint_fit", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: Stop| {
             let joint = fit(&scenes, &models, &options, stop)?;

@@ -1,7 +1,7 @@
 //! Results by key: each is worked out once however many ask at once, and recent ones stay in memory.
 
-use super::EngineError;
 use super::pool::Control;
+use super::{EngineError, figures};
 use moka::future::Cache;
 use std::collections::HashMap;
 use std::future::Future;
@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
+use tracing::Instrument;
 
 /// Smallest step of progress that is reported: a watcher needs no more.
 const PROGRESS_STEP: f64 = 0.005;
@@ -16,8 +17,16 @@ const PROGRESS_STEP: f64 = 0.005;
 type Outcome<T> = Result<Arc<T>, EngineError>;
 
 pub struct Memo<T> {
+    /// What the results are, for the figures.
+    kind: &'static str,
     cache: Cache<String, Arc<T>>,
     flights: Flights<T>,
+}
+
+impl<T> Clone for Memo<T> {
+    fn clone(&self) -> Self {
+        Memo { kind: self.kind, cache: self.cache.clone(), flights: self.flights.clone() }
+    }
 }
 
 type Flights<T> = Arc<Mutex<HashMap<String, Arc<Flight<T>>>>>;
@@ -51,10 +60,10 @@ pub struct Waiting<T> {
 
 impl<T: Send + Sync + 'static> Memo<T> {
     /// Keeps results of up to `bytes` in memory, each as heavy as `weight` says.
-    pub fn new(bytes: u64, weight: fn(&T) -> usize) -> Self {
+    pub fn new(kind: &'static str, bytes: u64, weight: fn(&T) -> usize) -> Self {
         let weigher = move |_: &String, value: &Arc<T>| u32::try_from(weight(value)).unwrap_or(u32::MAX);
         let cache = Cache::builder().max_capacity(bytes).weigher(weigher).build();
-        Memo { cache, flights: Arc::default() }
+        Memo { kind, cache, flights: Arc::default() }
     }
 
     /// Joins the work under `key`, or starts it. It runs in a task of its own: no caller carries it.
@@ -67,6 +76,7 @@ impl<T: Send + Sync + 'static> Memo<T> {
         let mut flights = locked(&self.flights);
         if let Some(flight) = flights.get(&key).filter(|_| known.is_none()) {
             *locked(&flight.callers) += 1;
+            figures::result(self.kind, "flight");
             return self.waiting(key, flight.clone());
         }
         let stage = match &known {
@@ -80,6 +90,7 @@ impl<T: Send + Sync + 'static> Memo<T> {
         });
         let waiting = self.waiting(key.clone(), flight.clone());
         if known.is_some() {
+            figures::result(self.kind, "memory");
             return waiting;
         }
         flights.insert(key.clone(), flight.clone());
@@ -96,21 +107,24 @@ impl<T: Send + Sync + 'static> Memo<T> {
         };
         let control = Control { token: flight.token.clone(), deadline, progress: Arc::new(progress) };
         let (cache, flights, work) = (self.cache.clone(), self.flights.clone(), work(control));
-        tokio::spawn(async move {
+        let (kind, work) = (self.kind, work.in_current_span());
+        let finish = async move {
             // It may have been finished between our look into the cache and the lock.
             let task = match cache.get(&key).await {
                 Some(value) => Ok(Ok(value)),
                 None => tokio::spawn(work).await.map(|result| result.map(Arc::new)),
             };
             let outcome = task.unwrap_or_else(|error| {
-                Err(EngineError::Internal { id: "task".into(), message: error.to_string() })
+                tracing::error!(%error, kind, "the work around a job failed");
+                Err(EngineError::Internal { id: format!("task-{kind}"), message: error.to_string() })
             });
             if let Ok(value) = &outcome {
                 cache.insert(key.clone(), value.clone()).await;
             }
             forget(&flights, &key, &flight);
             flight.stage.send_replace(Stage::Done(outcome));
-        });
+        };
+        tokio::spawn(finish.in_current_span());
         waiting
     }
 
@@ -196,7 +210,7 @@ mod tests {
 
     #[tokio::test]
     async fn equal_work_is_done_once_though_the_first_caller_leaves() {
-        let memo = Memo::<usize>::new(9, |_| 1);
+        let memo = Memo::<usize>::new("test", 9, |_| 1);
         let runs = Arc::new(AtomicUsize::new(0));
         let gate = Arc::new(tokio::sync::Semaphore::new(0));
         let mut callers = Vec::new();
@@ -220,7 +234,7 @@ mod tests {
 
     #[tokio::test]
     async fn work_that_nobody_waits_for_is_stopped_and_never_joined() {
-        let memo = Memo::<usize>::new(9, |_| 1);
+        let memo = Memo::<usize>::new("test", 9, |_| 1);
         let (send, receive) = tokio::sync::oneshot::channel();
         let first = memo.join("k".into(), later(), |control| async move {
             control.token.cancelled().await;

@@ -1,6 +1,7 @@
 //! Joins core and edges: finds or makes what a request needs, once, on the CPU pool, and keeps it.
 
 mod check;
+pub mod figures;
 mod joint;
 mod memo;
 mod pool;
@@ -12,10 +13,11 @@ mod start;
 mod study;
 mod trace;
 
+pub use crate::store::Tenant;
 pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
 pub use memo::{Update, Waiting};
-pub use pool::Control;
+pub use pool::{Control, Load, panic_message};
 pub use replay::{MAX_REPLAYS, Played, Replay, ReplayOptions};
 pub use report::{Page, Query};
 pub use revision::Step;
@@ -30,7 +32,6 @@ use crate::reason::{
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
-
 use crate::world::Intervention;
 use memo::Memo;
 use moka::future::Cache;
@@ -160,9 +161,11 @@ pub struct SimulateOptions {
     pub seed: u64,
 }
 
+/// All tenants share one pool, one memory and one folder; an engine shows one tenant's part of it.
+#[derive(Clone)]
 pub struct Engine {
     store: Store,
-    pool: Pool,
+    pool: Arc<Pool>,
     job_timeout: Duration,
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
@@ -171,11 +174,11 @@ pub struct Engine {
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
     backlog: Arc<trace::Backlog>,
-    shelf: shelf::Shelf,
+    shelf: Arc<shelf::Shelf>,
     replays: Arc<tokio::sync::Semaphore>,
     /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
-    epoch: AtomicU64,
-    fits_run: AtomicU64,
+    epoch: Arc<AtomicU64>,
+    fits_run: Arc<AtomicU64>,
 }
 
 impl Engine {
@@ -183,29 +186,37 @@ impl Engine {
     pub fn open(data_dir: &Path, capacity: Capacity) -> Result<Engine, EngineError> {
         Ok(Engine {
             store: Store::open(data_dir)?,
-            pool: Pool::new(capacity.workers, capacity.queue)?,
+            pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
             job_timeout: capacity.job_timeout,
             scenes: Cache::builder()
                 .max_capacity(CACHED_BYTES)
                 .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
                 .build(),
-            fits: Memo::new(CACHED_BYTES, fit_bytes),
-            joint_fits: Memo::new(CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
-            studies: Memo::new(CACHED_BYTES, |_| 64 * BASE_BYTES),
-            simulations: Memo::new(CACHED_BYTES, |s| {
+            fits: Memo::new("fit", CACHED_BYTES, fit_bytes),
+            joint_fits: Memo::new("joint_fit", CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
+            studies: Memo::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
+            simulations: Memo::new("simulation", CACHED_BYTES, |s| {
                 let best = &s.imagined.best;
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
             }),
-            answers: Memo::new(CACHED_BYTES, |a| {
+            answers: Memo::new("answer", CACHED_BYTES, |a| {
                 let states = a.answer.simulations.iter().map(|s| s.best.states.len() * s.best.ids.len());
                 BASE_BYTES + STATE_BYTES * states.sum::<usize>()
             }),
             backlog: Arc::default(),
-            shelf: shelf::Shelf::default(),
+            shelf: Arc::default(),
             replays: Arc::new(tokio::sync::Semaphore::new(MAX_REPLAYS)),
-            epoch: AtomicU64::new(0),
-            fits_run: AtomicU64::new(0),
+            epoch: Arc::default(),
+            fits_run: Arc::default(),
         })
+    }
+
+    /// The engine as a tenant sees it: what is another's does not exist.
+    pub fn of(self: &Arc<Self>, tenant: &Tenant) -> Arc<Engine> {
+        match tenant.is_nobody() {
+            true => self.clone(),
+            false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
+        }
     }
 
     /// Fits that were computed, and not found.
@@ -213,12 +224,22 @@ impl Engine {
         self.fits_run.load(Ordering::Relaxed)
     }
 
+    /// How busy it is.
+    pub fn load(&self) -> Load {
+        self.pool.load()
+    }
+
+    fn fitted_anew(&self) {
+        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        metrics::counter!(figures::FITS).increment(1);
+    }
+
     fn deadline(&self) -> Instant {
         Instant::now() + self.job_timeout
     }
 
     fn key(&self, id: &str) -> String {
-        format!("{}/{id}", self.epoch.load(Ordering::SeqCst))
+        self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
     }
 
     /// Stores the scene that `make` gives (on the CPU pool) and returns its id; the same scene again changes nothing.
@@ -301,9 +322,11 @@ impl Engine {
     ) -> Result<StoredFit, EngineError> {
         let key = format!("{video}/{id}");
         if let Some(found) = self.store.get(Kind::Fits, &key).await? {
+            figures::result("fit", "store");
             return Ok(found);
         }
-        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        self.fitted_anew();
+        figures::result("fit", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: crate::num::Stop| {
             let models = std::slice::from_ref(&model);
@@ -364,6 +387,7 @@ impl Engine {
         let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
         let engine = self.clone();
         let work = move |control| async move {
+            figures::result("simulation", "made");
             let (imagined, batch) = {
                 let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
                 let job = move |stop: crate::num::Stop| {
@@ -397,6 +421,7 @@ impl Engine {
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
         let work = move |control| async move {
+            figures::result("answer", "made");
             let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
             let job = move |stop: crate::num::Stop| {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;

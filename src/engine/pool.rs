@@ -1,11 +1,12 @@
 //! The CPU pool: a fixed number of threads behind a bounded queue; jobs can be stopped and may panic.
 
-use super::EngineError;
+use super::{EngineError, figures};
 use crate::num::{Stop, Stopped};
+use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Instant;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::sync::{Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
 
@@ -35,6 +36,49 @@ pub struct Pool {
     admission: Arc<Semaphore>,
     capacity: usize,
     panics: AtomicU64,
+    state: Arc<State>,
+}
+
+/// How busy the pool is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Load {
+    pub waiting: usize,
+    pub running: usize,
+    /// How long the job that waits longest has waited.
+    pub oldest: Duration,
+}
+
+#[derive(Default)]
+struct State {
+    running: AtomicUsize,
+    /// When each job that waits came, in the order of their coming.
+    waiting: Mutex<(u64, BTreeMap<u64, Instant>)>,
+}
+
+impl State {
+    /// No code panics while it holds this lock.
+    fn waiting(&self) -> MutexGuard<'_, (u64, BTreeMap<u64, Instant>)> {
+        self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn comes(&self) -> u64 {
+        let (next, jobs) = &mut *self.waiting();
+        *next += 1;
+        jobs.insert(*next, Instant::now());
+        *next
+    }
+
+    fn begins(&self, job: u64) {
+        self.running.fetch_add(1, Ordering::Relaxed);
+        if let Some(came) = self.waiting().1.remove(&job) {
+            metrics::histogram!(figures::WAIT_SECONDS).record(came.elapsed());
+        }
+    }
+
+    fn ends(&self, began: Instant) {
+        self.running.fetch_sub(1, Ordering::Relaxed);
+        metrics::histogram!(figures::JOB_SECONDS).record(began.elapsed());
+    }
 }
 
 impl Pool {
@@ -47,7 +91,15 @@ impl Pool {
             .map_err(|e| EngineError::Internal { id: "pool".into(), message: e.to_string() })?;
         let capacity = workers.max(1) + queue;
         let admission = Arc::new(Semaphore::new(capacity));
-        Ok(Pool { threads, admission, capacity, panics: AtomicU64::new(0) })
+        let (panics, state) = (AtomicU64::new(0), Arc::default());
+        Ok(Pool { threads, admission, capacity, panics, state })
+    }
+
+    pub fn load(&self) -> Load {
+        let running = self.state.running.load(Ordering::Relaxed);
+        let jobs = &self.state.waiting().1;
+        let oldest = jobs.values().next().map(Instant::elapsed).unwrap_or_default();
+        Load { waiting: jobs.len(), running, oldest }
     }
 
     /// Runs a job; refuses it at once where the queue is full. A panic is this job's error and nobody else's.
@@ -58,11 +110,15 @@ impl Pool {
         F: FnOnce(Stop) -> Result<T, EngineError> + Send + 'static,
     {
         let Ok(permit) = self.admission.clone().try_acquire_owned() else {
+            metrics::counter!(figures::REFUSED).increment(1);
             return Err(EngineError::Overloaded { capacity: self.capacity });
         };
         let (reply, answer) = oneshot::channel();
         let (token, deadline) = (control.token.clone(), control.deadline);
+        let (state, job) = (self.state.clone(), self.state.comes());
         self.threads.spawn_fifo(move || {
+            state.begins(job);
+            let began = Instant::now();
             let result = catch_unwind(AssertUnwindSafe(|| {
                 control.check()?;
                 let stop = |progress: f64| {
@@ -75,6 +131,7 @@ impl Pool {
                     false => error,
                 })
             }));
+            state.ends(began);
             drop(permit);
             // The caller may have gone.
             let _ = reply.send(result);
@@ -93,12 +150,18 @@ impl Pool {
     }
 
     fn panicked(&self, panic: &(dyn std::any::Any + Send)) -> EngineError {
-        let text = panic.downcast_ref::<&str>().map(|s| s.to_string());
-        let message = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+        metrics::counter!(figures::PANICKED).increment(1);
+        let message = panic_message(panic);
         let id = format!("panic-{}", self.panics.fetch_add(1, Ordering::Relaxed) + 1);
         tracing::error!(id, message, "a job panicked");
         EngineError::Internal { id, message }
     }
+}
+
+/// What a panic said.
+pub fn panic_message(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|s| s.to_string());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default()
 }
 
 #[cfg(test)]

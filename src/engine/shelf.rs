@@ -30,23 +30,23 @@ pub struct Shelf {
     uses: Uses,
 }
 
-/// By trace id: how many use it, or [`REMOVED`] while it is being removed.
+/// By whole key of a trace: how many use it, or [`REMOVED`] while it is being removed.
 type Uses = Arc<Mutex<HashMap<String, usize>>>;
 const REMOVED: usize = usize::MAX;
 
 /// As long as it lives, its trace is not removed by retention.
 pub struct Lease {
-    id: String,
+    key: String,
     uses: Uses,
 }
 
 impl Drop for Lease {
     fn drop(&mut self) {
         let mut uses = locked(&self.uses);
-        match uses.get_mut(&self.id) {
+        match uses.get_mut(&self.key) {
             Some(count) if *count > 1 && *count != REMOVED => *count -= 1,
             _ => {
-                uses.remove(&self.id);
+                uses.remove(&self.key);
             }
         }
     }
@@ -54,20 +54,20 @@ impl Drop for Lease {
 
 impl Shelf {
     /// `None` while the trace is being removed.
-    pub fn lease(&self, id: &str) -> Option<Lease> {
+    pub fn lease(&self, key: &str) -> Option<Lease> {
         let mut uses = locked(&self.uses);
-        let count = uses.entry(id.to_string()).or_default();
+        let count = uses.entry(key.to_string()).or_default();
         if *count == REMOVED {
             return None;
         }
         *count += 1;
-        Some(Lease { id: id.to_string(), uses: self.uses.clone() })
+        Some(Lease { key: key.to_string(), uses: self.uses.clone() })
     }
 
     /// Waits while the trace is being removed, which takes one turn of the disk.
-    pub async fn lease_when_free(&self, id: &str) -> Lease {
+    pub async fn lease_when_free(&self, key: &str) -> Lease {
         loop {
-            if let Some(lease) = self.lease(id) {
+            if let Some(lease) = self.lease(key) {
                 return lease;
             }
             tokio::time::sleep(Duration::from_millis(1)).await;
@@ -75,13 +75,13 @@ impl Shelf {
     }
 
     /// The right to remove the trace, if nobody uses it.
-    fn remove(&self, id: &str) -> Option<Lease> {
+    fn remove(&self, key: &str) -> Option<Lease> {
         let mut uses = locked(&self.uses);
-        if uses.contains_key(id) {
+        if uses.contains_key(key) {
             return None;
         }
-        uses.insert(id.to_string(), REMOVED);
-        Some(Lease { id: id.to_string(), uses: self.uses.clone() })
+        uses.insert(key.to_string(), REMOVED);
+        Some(Lease { key: key.to_string(), uses: self.uses.clone() })
     }
 }
 
@@ -93,31 +93,31 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Engine {
     /// The engine with a limit on what it keeps.
     pub fn retaining(mut self, retention: Retention) -> Engine {
-        self.shelf.retention = retention;
+        self.shelf = Arc::new(Shelf { retention, ..Shelf::default() });
         self
     }
 
-    /// Removes what retention no longer keeps at `now_ms` (ms after 1970); gives the ids.
+    /// Removes what retention no longer keeps at `now_ms` (ms after 1970), of all tenants together; gives the ids.
     pub async fn retain(&self, now_ms: u64) -> Result<Vec<String>, EngineError> {
         let Retention { max_age, max_bytes } = self.shelf.retention;
         if max_age.is_none() && max_bytes.is_none() {
             return Ok(vec![]);
         }
-        let rows = self.store.list(Kind::Traces, "", "", usize::MAX, |_: &TraceRecord| true).await?;
-        let mut records: Vec<TraceRecord> = rows.into_iter().map(|(_, record)| record).collect();
-        records.sort_by(|a, b| (a.stored_ms, &a.id).cmp(&(b.stored_ms, &b.id)));
-        let mut bytes: u64 = records.iter().map(|r| r.size_bytes).sum();
+        let store = self.store.of_everyone();
+        let mut rows = store.list(Kind::Traces, "", "", usize::MAX, |_: &TraceRecord| true).await?;
+        rows.sort_by(|(a, ra), (b, rb)| (ra.stored_ms, a).cmp(&(rb.stored_ms, b)));
+        let mut bytes: u64 = rows.iter().map(|(_, r)| r.size_bytes).sum();
         let goal = max_bytes.filter(|most| bytes > *most).map(|most| (most as f64 * DOWN_TO) as u64);
         let too_old = |r: &TraceRecord| {
             max_age.is_some_and(|age| now_ms.saturating_sub(r.stored_ms) as u128 > age.as_millis())
         };
         let mut removed = vec![];
-        for record in records {
+        for (key, record) in rows {
             if !too_old(&record) && goal.is_none_or(|goal| bytes <= goal) {
                 continue;
             }
-            let Some(_right) = self.shelf.remove(&record.id) else { continue };
-            self.store.delete_trace(&record.id).await?;
+            let Some(_right) = self.shelf.remove(&key) else { continue };
+            store.delete_trace(&key).await?;
             bytes -= record.size_bytes;
             removed.push(record.id);
         }

@@ -5,7 +5,7 @@ use super::check;
 use super::memo::Waiting;
 use super::pool::Control;
 use super::revision::{self, Step};
-use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, trace};
+use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, figures, trace};
 use crate::discover::{
     Change, Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover,
 };
@@ -151,8 +151,10 @@ impl Engine {
         };
         let key = format!("{first}/{id}");
         if let Some(found) = self.store.get(Kind::Studies, &key).await? {
+            figures::result("study", "store");
             return Ok(found);
         }
+        figures::result("study", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: Stop| {
             let (findings, revisions) = findings(&subject, &inquiry, stop)?;

@@ -1,7 +1,7 @@
 //! Trace files: encoded on the pool, published whole, listed and read back.
 
 use super::shelf::Lease;
-use super::{Discovered, Engine, EngineError, StoredFit};
+use super::{Discovered, Engine, EngineError, StoredFit, figures};
 use crate::fit::{Begin, FitError, FitOptions, beginning};
 use crate::num::Stop;
 use crate::reason::Imagined;
@@ -215,9 +215,11 @@ impl Engine {
     pub(super) async fn publish(&self, batch: Batch) -> Result<Vec<String>, EngineError> {
         let mut ids = Vec::with_capacity(batch.files.len());
         for TraceFile { bytes, record } in batch.files {
-            let _lease = self.shelf.lease_when_free(&record.id).await;
+            let _lease = self.shelf.lease_when_free(&self.store.key(&record.id)).await;
             let record = TraceRecord { stored_ms: now_ms(), ..record };
             self.store.put_blob(&record.id, bytes).await?;
+            metrics::counter!(figures::TRACES).increment(1);
+            metrics::counter!(figures::TRACE_BYTES).increment(record.size_bytes);
             self.put_of_video(Kind::Traces, &record.video, &record.id, &record).await?;
             ids.push(record.id);
         }
@@ -250,7 +252,7 @@ impl Engine {
     /// The record of a trace, and the right to read it: retention leaves it alone as long as the lease is held.
     pub async fn trace(&self, id: &str) -> Result<(TraceRecord, Lease), EngineError> {
         let missing = || EngineError::NotFound { name: format!("traces/{id}") };
-        let lease = self.shelf.lease(id).ok_or_else(missing)?;
+        let lease = self.shelf.lease(&self.store.key(id)).ok_or_else(missing)?;
         let record = self.store.get(Kind::Traces, id).await?.ok_or_else(missing)?;
         Ok((record, lease))
     }

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::Channel;
+use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
-use vrdp::api::{self, Limits, v1};
+use vrdp::api::{self, Limits, Security, v1};
 use vrdp::engine::{Capacity, Engine, EngineError};
 
 pub use v1::models_client::ModelsClient;
@@ -26,13 +26,23 @@ pub const CAPACITY: Capacity = Capacity { workers: 1, queue: 64, job_timeout: Du
 
 /// Starts a service; it serves when this returns.
 pub async fn start(folder: &Path, capacity: Capacity) -> Running {
+    start_secured(folder, capacity, Security::default(), |url| Endpoint::from_shared(url).unwrap()).await
+}
+
+/// Starts a service that is reached by what `client` makes of its URL.
+pub async fn start_secured(
+    folder: &Path,
+    capacity: Capacity,
+    security: Security,
+    client: impl FnOnce(String) -> Endpoint,
+) -> Running {
     let engine = Arc::new(Engine::open(folder, capacity).unwrap());
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let stop = CancellationToken::new();
-    let task =
-        tokio::spawn(api::serve(listener, engine.clone(), Limits::default(), stop.clone().cancelled_owned()));
-    let channel = Channel::from_shared(url).unwrap().connect().await.unwrap();
+    let ended = stop.clone().cancelled_owned();
+    let task = tokio::spawn(api::serve(listener, engine.clone(), Limits::default(), security, ended));
+    let channel = client(url).connect().await.unwrap();
     Running { engine, channel, stop, task }
 }
 

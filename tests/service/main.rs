@@ -2,10 +2,13 @@
 
 mod camera;
 mod discover;
+mod endure;
 mod flow;
 mod garbage;
 mod harness;
+mod pages;
 mod revise;
+mod security;
 mod setup;
 mod sharing;
 mod traces;

@@ -46,6 +46,7 @@ async fn a_full_queue_refuses_with_advice_and_recovers_when_the_caller_leaves() 
     let refused = service.fit(&small).await.unwrap_err();
     assert_eq!(refused.code(), Code::ResourceExhausted, "{refused:?}");
     assert!(refused.get_details_retry_info().unwrap().retry_delay.unwrap() > Duration::ZERO);
+    assert_eq!(refused.metadata().get("grpc-retry-pushback-ms").unwrap(), "1000");
     drop(worker);
     let mut left = loop {
         let mut stream = service.models().fit_model(request.clone()).await.unwrap().into_inner();

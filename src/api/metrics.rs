@@ -1,0 +1,82 @@
+//! The figures of the process, for Prometheus: what they are called, what they mean, their buckets.
+
+use super::DESCRIPTORS;
+use crate::engine::{Engine, figures};
+use metrics::{Unit, describe_counter, describe_gauge, describe_histogram, gauge};
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+use prost::Message;
+use std::collections::BTreeSet;
+use std::sync::OnceLock;
+
+pub const CALLS: &str = "vrdp_calls_total";
+pub const CALL_SECONDS: &str = "vrdp_call_seconds";
+
+/// Seconds: from a cached answer to the longest discovery.
+const BUCKETS: [f64; 16] =
+    [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0, 300.0];
+
+static RECORDER: OnceLock<Option<PrometheusHandle>> = OnceLock::new();
+
+/// Begins to count, once a process; what happened before is not counted.
+pub fn count() {
+    RECORDER.get_or_init(|| {
+        let builder = PrometheusBuilder::new().set_buckets(&BUCKETS);
+        let installed = builder.and_then(PrometheusBuilder::install_recorder);
+        if let Err(error) = &installed {
+            tracing::error!(%error, "no metrics");
+        }
+        describe();
+        installed.ok()
+    });
+}
+
+fn describe() {
+    describe_counter!(
+        CALLS,
+        "Calls that ended, by method and code; CANCELLED: the caller left, or its deadline passed"
+    );
+    describe_histogram!(CALL_SECONDS, Unit::Seconds, "How long calls took, to the end of their streams");
+    for (name, meaning) in figures::COUNTERS {
+        describe_counter!(name, meaning);
+    }
+    for (name, meaning) in figures::HISTOGRAMS {
+        describe_histogram!(name, Unit::Seconds, meaning);
+    }
+    for (name, meaning) in figures::GAUGES {
+        describe_gauge!(name, meaning);
+    }
+}
+
+/// All figures as Prometheus reads them; empty where nothing is counted.
+pub fn render(engine: &Engine) -> String {
+    let Some(Some(recorder)) = RECORDER.get() else { return String::new() };
+    let load = engine.load();
+    gauge!(figures::WAITING).set(load.waiting as f64);
+    gauge!(figures::RUNNING).set(load.running as f64);
+    gauge!(figures::OLDEST_WAIT).set(load.oldest.as_secs_f64());
+    recorder.render()
+}
+
+/// Empties the buffers of histograms that nobody reads; to be called every few seconds.
+pub fn upkeep() {
+    if let Some(Some(recorder)) = RECORDER.get() {
+        recorder.run_upkeep();
+    }
+}
+
+/// The paths of all methods (`/vrdp.v1.Videos/GetVideo`): what a client makes up is no label.
+pub fn methods() -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for bytes in [DESCRIPTORS, tonic_health::pb::FILE_DESCRIPTOR_SET] {
+        let Ok(set) = prost_types::FileDescriptorSet::decode(bytes) else { continue };
+        for file in set.file {
+            for service in &file.service {
+                let path = |m: &prost_types::MethodDescriptorProto| {
+                    format!("/{}.{}/{}", file.package(), service.name(), m.name())
+                };
+                found.extend(service.method.iter().map(path));
+            }
+        }
+    }
+    found
+}

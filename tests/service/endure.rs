@@ -1,0 +1,336 @@
+//! What must hold when much goes wrong at once. With VRDP_LONG_TESTS=1 each is as long as its goal says.
+
+use crate::harness::*;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, TestRunner};
+use prost::Message;
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use tonic::transport::Channel;
+use vrdp::api::{self, v1};
+use vrdp::engine::{Capacity, EngineError};
+
+fn is_long() -> bool {
+    std::env::var("VRDP_LONG_TESTS").is_ok_and(|v| v == "1")
+}
+
+/// The count that a goal asks for, or one that fits into every run.
+fn count(long: usize, short: usize) -> usize {
+    if is_long() { long } else { short }
+}
+
+fn runner(long: u32, short: u32) -> TestRunner {
+    let cases = if is_long() { long } else { short };
+    TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() })
+}
+
+/// Resident memory of this process (MiB).
+fn resident() -> f64 {
+    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+    let pages: f64 = statm.split(' ').nth(1).and_then(|v| v.parse().ok()).unwrap_or(0.0);
+    pages * 4096.0 / (1 << 20) as f64
+}
+
+/// The program itself; it is killed where it is dropped.
+struct Program {
+    child: Child,
+    url: String,
+    ready_after: Duration,
+}
+
+impl Program {
+    fn start(data: &Path) -> Program {
+        let began = Instant::now();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_vrdp"))
+            .args(["serve", "--listen", "127.0.0.1:0", "--http", "", "--data-dir"])
+            .arg(data)
+            .env("VRDP_LOG", "error")
+            .env_remove("VRDP_LONG_TESTS")
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let address = line.trim().rsplit(' ').next().unwrap();
+        Program { url: format!("http://{address}"), child, ready_after: began.elapsed() }
+    }
+
+    async fn channel(&self) -> Channel {
+        Channel::from_shared(self.url.clone()).unwrap().connect().await.unwrap()
+    }
+}
+
+impl Drop for Program {
+    fn drop(&mut self) {
+        // SIGKILL.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Names that were told to a client.
+#[derive(Default)]
+struct Told {
+    videos: BTreeSet<String>,
+    models: BTreeSet<String>,
+    traces: BTreeSet<String>,
+}
+
+/// Posts videos and simulates them until the service is gone.
+async fn load(channel: Channel, round: usize, client: usize, told: Arc<Mutex<Told>>) {
+    for k in 0.. {
+        let mut posted = video(&format!("{round} {client} {k}"), 12);
+        posted.display_name = String::new();
+        posted.fps = 20.0 + (round * 1000 + client * 100 + k) as f64 * 1e-3;
+        let request = v1::CreateVideoRequest { video: Some(posted), ..Default::default() };
+        let Ok(reply) = VideosClient::new(channel.clone()).create_video(request).await else { return };
+        let name = reply.into_inner().name;
+        told.lock().unwrap().videos.insert(name.clone());
+        let request = v1::SimulateRequest { video: name, rollouts: Some(1), ..Default::default() };
+        let Ok(reply) = ReasoningClient::new(channel.clone()).simulate(request).await else { return };
+        let reply = reply.into_inner();
+        let mut told = told.lock().unwrap();
+        told.models.insert(reply.model);
+        told.traces.insert(reply.trace);
+    }
+}
+
+/// Everything that was told is there, nothing is doubled, and every file is whole.
+async fn whole(channel: &Channel, told: &Told) {
+    let mut videos = vec![];
+    let mut request = v1::ListVideosRequest { page_size: 1000, ..Default::default() };
+    loop {
+        let page =
+            VideosClient::new(channel.clone()).list_videos(request.clone()).await.unwrap().into_inner();
+        videos.extend(page.videos.into_iter().map(|v| v.name));
+        request.page_token = page.next_page_token;
+        if request.page_token.is_empty() {
+            break;
+        }
+    }
+    let unique: BTreeSet<String> = videos.iter().cloned().collect();
+    assert_eq!(unique.len(), videos.len());
+    assert!(told.videos.is_subset(&unique), "lost: {:?}", told.videos.difference(&unique));
+    for name in &told.models {
+        let request = v1::GetModelRequest { name: name.clone() };
+        ModelsClient::new(channel.clone()).get_model(request).await.unwrap();
+    }
+    let mut traces = BTreeSet::new();
+    let mut request = v1::ListTracesRequest { page_size: 1000, ..Default::default() };
+    loop {
+        let page =
+            TracesClient::new(channel.clone()).list_traces(request.clone()).await.unwrap().into_inner();
+        traces.extend(page.traces.into_iter().map(|t| t.name));
+        request.page_token = page.next_page_token;
+        if request.page_token.is_empty() {
+            break;
+        }
+    }
+    assert!(told.traces.is_subset(&traces), "lost: {:?}", told.traces.difference(&traces));
+    for name in traces {
+        let request = v1::DownloadTraceRequest { name };
+        let mut stream =
+            TracesClient::new(channel.clone()).download_trace(request).await.unwrap().into_inner();
+        let mut bytes = vec![];
+        while let Some(chunk) = stream.message().await.unwrap() {
+            bytes.extend(chunk.data);
+        }
+        let report = vrdp::recording::scan(std::io::Cursor::new(bytes), &mut |_| {}).unwrap();
+        assert!(report.is_whole(), "{report:?}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_acknowledged_survives_kill_9() {
+    let rounds = count(200, 3);
+    let folder = tempfile::tempdir().unwrap();
+    let told = Arc::new(Mutex::new(Told::default()));
+    let mut slowest = Duration::ZERO;
+    for round in 0..rounds {
+        let program = Program::start(folder.path());
+        slowest = slowest.max(program.ready_after);
+        let channel = program.channel().await;
+        if round % 20 == 1 {
+            let before = std::mem::take(&mut *told.lock().unwrap());
+            whole(&channel, &before).await;
+            *told.lock().unwrap() = before;
+        }
+        let clients: Vec<_> =
+            (0..4).map(|k| tokio::spawn(load(channel.clone(), round, k, told.clone()))).collect();
+        // Any moment: the steps of a golden ratio fall everywhere.
+        let moment = 0.05 + 0.6 * ((round as f64 + 1.0) * 0.618_033_988_75).fract();
+        let traces = || told.lock().unwrap().traces.len();
+        let before = traces();
+        // However slow the machine is, some traces are acknowledged.
+        while round % 3 == 0 && traces() == before {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        tokio::time::sleep(Duration::from_secs_f64(moment)).await;
+        drop(program);
+        for client in clients {
+            client.await.unwrap();
+        }
+    }
+    let program = Program::start(folder.path());
+    let told = std::mem::take(&mut *told.lock().unwrap());
+    whole(&program.channel().await, &told).await;
+    let (videos, traces) = (told.videos.len(), told.traces.len());
+    assert!(videos >= rounds && traces > 0, "{videos} videos, {traces} traces");
+    println!(
+        "{rounds} kills: {videos} videos and {traces} traces acknowledged, none lost; ready after {slowest:?} at most"
+    );
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_thousand_equal_requests_are_one_fit() {
+    let callers = count(1000, 100);
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("many", 20)).await.unwrap();
+    let worker = service.occupy().await;
+    let mut streams = vec![];
+    for _ in 0..callers {
+        let engine = service.engine.clone();
+        let id = video["videos/".len()..].to_string();
+        streams.push(tokio::spawn(async move {
+            let choice = vrdp::engine::Choice { path: "start", kind: vrdp::engine::ChoiceKind::Default };
+            engine.fit(&id, &choice, Default::default()).await.unwrap()
+        }));
+    }
+    let mut waiting = vec![];
+    for stream in streams {
+        waiting.push(stream.await.unwrap());
+    }
+    drop((waiting.remove(0), worker));
+    let mut fits = vec![];
+    for caller in waiting {
+        fits.push(caller.finish().await.unwrap());
+    }
+    assert!(fits.len() == callers - 1 && fits.iter().all(|fit| *fit == fits[0]));
+    assert_eq!(service.engine.fits_run(), 1);
+    drop(fits);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn panics_in_one_job_of_a_hundred_are_nobody_elses() {
+    let jobs = count(10_000, 1_000);
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), Capacity { queue: 256, ..CAPACITY }).await;
+    let before = resident();
+    let mut ids = BTreeSet::new();
+    for batch in 0..jobs / 100 {
+        let one = |k: usize| {
+            let engine = service.engine.clone();
+            async move { engine.compute(move || if k == 37 { panic!("injected") } else { Ok(k) }).await }
+        };
+        for (k, done) in futures_util::future::join_all((0..100).map(one)).await.into_iter().enumerate() {
+            match done {
+                Ok(value) => assert!(value == k && k != 37),
+                Err(EngineError::Internal { id, .. }) => assert!(k == 37 && ids.insert(id), "batch {batch}"),
+                Err(other) => panic!("job {k}: {other}"),
+            }
+        }
+    }
+    assert_eq!(ids.len(), jobs / 100);
+    let grown = resident() - before;
+    // Other tests of this process use memory too, unless this one runs by itself.
+    assert!(!is_long() || grown < 50.0, "{grown} MiB more");
+    println!("{jobs} jobs, {} panics: {grown:.1} MiB more", ids.len());
+    service.create(video("after", 20)).await.unwrap();
+    service.stop().await;
+}
+
+#[test]
+fn k_broken_fields_are_k_violations() {
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let service = runtime.block_on(start(folder.path(), CAPACITY));
+    let places = proptest::collection::btree_set((0..3usize, 0..20usize, any::<bool>()), 1..20);
+    let mut runner = runner(1000, 40);
+    let checked = runner.run(&places, |places| {
+        let mut broken = video("broken", 20);
+        let mut expected = vec![];
+        for (object, sample, in_x) in places {
+            let place = &mut broken.objects[object].samples[sample].place;
+            let Some(v1::sample::Place::Position(position)) = place else { unreachable!() };
+            *(if in_x { &mut position.x } else { &mut position.y }) = f64::NAN;
+            let axis = if in_x { "x" } else { "y" };
+            expected.push(format!("video.objects[{object}].samples[{sample}].position.{axis}"));
+        }
+        let status = runtime.block_on(service.create(broken)).unwrap_err();
+        let mut told = fields(&status);
+        told.sort();
+        expected.sort();
+        prop_assert_eq!(told, expected);
+        Ok(())
+    });
+    checked.unwrap();
+    runtime.block_on(service.stop());
+}
+
+#[test]
+fn bytes_of_any_kind_are_a_scene_or_violations() {
+    let good = v1::CreateVideoRequest { video: Some(fixture("scene_00000")), ..Default::default() };
+    let good = good.encode_to_vec();
+    let changes = proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..12);
+    let cut = proptest::option::of(any::<prop::sample::Index>());
+    let mut runner = runner(100_000, 500);
+    let checked = runner.run(&(changes, cut), |(changes, cut)| {
+        let mut bytes = good.clone();
+        for (index, byte) in changes {
+            let at = index.index(bytes.len());
+            bytes[at] = byte;
+        }
+        bytes.truncate(cut.map_or(bytes.len(), |cut| cut.index(bytes.len())));
+        if let Ok(request) = v1::CreateVideoRequest::decode(bytes.as_slice()) {
+            match api::video::created(request) {
+                Ok((scene, _)) => prop_assert!(scene.tracks.iter().all(|t| !t.samples.is_empty())),
+                Err(EngineError::Invalid(violations)) => prop_assert!(!violations.is_empty()),
+                Err(other) => prop_assert!(false, "{other}"),
+            }
+        }
+        Ok(())
+    });
+    checked.unwrap();
+}
+
+#[test]
+fn questions_of_any_kind_are_answered_or_refused() {
+    let words = "what will happen if the a red blue green rubber metal sphere cylinder cube object is removed \
+        collide with which of following how many are there moving when video ends without enters exits scene \
+        mass twice ? , 7 é";
+    let tokens = "objects scene events filter_color filter_shape filter_collision red cube unique count exist \
+        filter_moving filter_counterfact counterfactual_events get_counterfact remove union query_color not x";
+    let list = |text: &'static str| prop::sample::select(text.split_whitespace().collect::<Vec<_>>());
+    let sentence = prop::collection::vec(list(words), 0..14).prop_map(|words| words.join(" "));
+    let program = prop::collection::vec(list(tokens), 0..8);
+    let text = prop_oneof![sentence, ".{0,60}"].prop_map(v1::ask_request::Question::Text);
+    let program = program.prop_map(|tokens| {
+        let tokens = tokens.into_iter().map(String::from).collect();
+        v1::ask_request::Question::Program(v1::Program { tokens })
+    });
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let service = runtime.block_on(start(folder.path(), CAPACITY));
+    let name = runtime.block_on(service.create(video("asked", 20))).unwrap();
+    let mut runner = runner(20_000, 200);
+    let checked = runner.run(&prop_oneof![text, program], |question| {
+        let request = v1::AskRequest {
+            video: name.clone(),
+            question: Some(question),
+            rollouts: Some(1),
+            ..Default::default()
+        };
+        if let Err(status) = runtime.block_on(service.reasoning().ask(request)) {
+            prop_assert_eq!(status.code(), tonic::Code::InvalidArgument, "{:?}", status);
+        }
+        Ok(())
+    });
+    checked.unwrap();
+    runtime.block_on(service.stop());
+}

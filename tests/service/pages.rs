@@ -1,0 +1,87 @@
+//! The HTTP port, and what every call leaves behind: an id and its figures.
+
+use crate::harness::*;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tonic::Request;
+use vrdp::api::http::serve_http;
+use vrdp::api::v1;
+
+/// Status line, header fields and body of a page.
+async fn get(address: std::net::SocketAddr, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    let request = format!("GET {path} HTTP/1.1\r\nHost: vrdp\r\nConnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut page = String::new();
+    stream.read_to_string(&mut page).await.unwrap();
+    page
+}
+
+/// The value of a figure whose line begins so.
+fn figure(page: &str, begin: &str) -> f64 {
+    let line = page.lines().find(|line| line.starts_with(begin));
+    line.unwrap_or_else(|| panic!("no {begin} in {page}")).rsplit(' ').next().unwrap().parse().unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn figures_are_read_over_http_and_know_no_video() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let pages = tokio::spawn(serve_http(listener, service.engine.clone(), None, std::future::pending()));
+    assert!(get(address, "/healthz").await.starts_with("HTTP/1.1 200"));
+    assert!(get(address, "/nothing").await.starts_with("HTTP/1.1 404"));
+    let name = service.create(video("pages", 20)).await.unwrap();
+    for _ in 0..2 {
+        let ask = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
+        service.reasoning().simulate(ask).await.unwrap();
+    }
+    let missing = v1::GetVideoRequest { name: "videos/abc".into() };
+    service.videos().get_video(missing).await.unwrap_err();
+    let busy = service.occupy().await;
+    let page = get(address, "/metrics").await;
+    // Other tests of this process are counted too.
+    for (begin, least) in [
+        ("vrdp_calls_total{method=\"vrdp.v1.Reasoning/Simulate\",code=\"Ok\"}", 2.0),
+        ("vrdp_calls_total{method=\"vrdp.v1.Videos/GetVideo\",code=\"NotFound\"}", 1.0),
+        ("vrdp_call_seconds_bucket{method=\"vrdp.v1.Reasoning/Simulate\",le=\"+Inf\"}", 2.0),
+        ("vrdp_results_total{kind=\"simulation\",source=\"memory\"}", 1.0),
+        ("vrdp_results_total{kind=\"fit\",source=\"made\"}", 1.0),
+        ("vrdp_fits_total", 1.0),
+        ("vrdp_trace_bytes_total", 1000.0),
+        ("vrdp_jobs_running", 1.0),
+        ("vrdp_jobs_waiting", 0.0),
+        ("vrdp_job_wait_seconds_count", 1.0),
+    ] {
+        assert!(figure(&page, begin) >= least, "{begin}: {page}");
+    }
+    assert!(!page.contains(&name["videos/".len()..]) && page.contains("# HELP vrdp_fits_total"));
+    drop(busy);
+    pages.abort();
+    let _ = pages.await;
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_reply_names_its_request() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let ask = |id: Option<&'static str>| {
+        let mut request = Request::new(v1::ListEffectsRequest::default());
+        if let Some(id) = id {
+            request.metadata_mut().insert("x-request-id", id.parse().unwrap());
+        }
+        let mut client = service.models();
+        async move {
+            let reply = client.list_effects(request).await.unwrap();
+            reply.metadata().get("x-request-id").unwrap().to_str().unwrap().to_string()
+        }
+    };
+    assert_eq!(ask(Some("mine-7")).await, "mine-7");
+    let (first, second) = (ask(None).await, ask(Some("not one word")).await);
+    assert!(first != second && !second.contains(' '), "{first} {second}");
+    let refused = service.videos().get_video(v1::GetVideoRequest::default()).await.unwrap_err();
+    assert!(refused.metadata().get("x-request-id").is_some());
+    service.stop().await;
+}

@@ -1,0 +1,134 @@
+//! Who gets in, and what each sees: tokens and tenants, TLS, certificates of clients.
+
+use crate::harness::*;
+use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
+use std::sync::Arc;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::transport::{Certificate, ClientTlsConfig, Endpoint, Identity, ServerTlsConfig};
+use tonic::{Code, Request};
+use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
+use vrdp::api::{Security, Tokens, v1};
+
+const TOKENS: &str = "secret-of-lab-a-00 = lab-a\nsecret-of-lab-b-00 = lab-b";
+
+fn with_tokens() -> Security {
+    Security { tokens: Some(Arc::new(Tokens::parse(TOKENS).unwrap())), tls: None }
+}
+
+fn plainly(url: String) -> Endpoint {
+    Endpoint::from_shared(url).unwrap()
+}
+
+fn of<T>(lab: &str, message: T) -> Request<T> {
+    let token: MetadataValue<Ascii> = format!("Bearer secret-of-{lab}-00").parse().unwrap();
+    let mut request = Request::new(message);
+    request.metadata_mut().insert("authorization", token);
+    request
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_tenant_sees_its_own_only_and_strangers_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start_secured(folder.path(), CAPACITY, with_tokens(), plainly).await;
+    let health = HealthCheckRequest::default();
+    HealthClient::new(service.channel.clone()).check(health).await.unwrap();
+    let stranger = service.create(video("mine", 20)).await.unwrap_err();
+    assert_eq!(stranger.code(), Code::Unauthenticated, "{stranger:?}");
+    let wrong = of("lab-c", v1::ListVideosRequest::default());
+    assert_eq!(service.videos().list_videos(wrong).await.unwrap_err().code(), Code::Unauthenticated);
+
+    let post = || v1::CreateVideoRequest { video: Some(video("mine", 20)), ..Default::default() };
+    let name = service.videos().create_video(of("lab-a", post())).await.unwrap().into_inner().name;
+    let simulate = || v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
+    let done = service.reasoning().simulate(of("lab-a", simulate())).await.unwrap().into_inner();
+    // What is in memory, what is in the store, the trace and its file: to the other there is none of it.
+    let get = || v1::GetVideoRequest { name: name.clone() };
+    let delete = || v1::DeleteVideoRequest { name: name.clone() };
+    let model = || v1::GetModelRequest { name: done.model.clone() };
+    let download = || v1::DownloadTraceRequest { name: done.trace.clone() };
+    let refused = [
+        service.videos().get_video(of("lab-b", get())).await.unwrap_err(),
+        service.reasoning().simulate(of("lab-b", simulate())).await.unwrap_err(),
+        service.models().get_model(of("lab-b", model())).await.unwrap_err(),
+        service.traces().download_trace(of("lab-b", download())).await.unwrap_err(),
+        service.videos().delete_video(of("lab-b", delete())).await.unwrap_err(),
+    ];
+    for status in refused {
+        assert_eq!(status.code(), Code::NotFound, "{status:?}");
+    }
+    let list = v1::ListVideosRequest::default;
+    assert_eq!(service.videos().list_videos(of("lab-b", list())).await.unwrap().into_inner().videos, []);
+    let traces = v1::ListTracesRequest::default;
+    assert_eq!(service.traces().list_traces(of("lab-b", traces())).await.unwrap().into_inner().traces, []);
+
+    // The same video of the other is another one: it may go, and this one stays.
+    service.videos().create_video(of("lab-b", post())).await.unwrap();
+    service.reasoning().simulate(of("lab-b", simulate())).await.unwrap();
+    assert_eq!(
+        service.engine.fits_run(),
+        2,
+        "nobody learns from the time that an answer takes who has asked"
+    );
+    service.videos().delete_video(of("lab-b", delete())).await.unwrap();
+    service.videos().get_video(of("lab-a", get())).await.unwrap();
+    service.traces().download_trace(of("lab-a", download())).await.unwrap();
+    let listed = service.traces().list_traces(of("lab-a", traces())).await.unwrap().into_inner().traces;
+    assert_eq!(listed.len(), 2, "a fit's and a simulation's: {listed:?}");
+    service.stop().await;
+}
+
+/// An authority, and a certificate of it for `localhost` with its key.
+struct Authority(CertifiedIssuer<'static, KeyPair>);
+
+impl Authority {
+    fn new() -> Authority {
+        let mut params = CertificateParams::new(vec![]).unwrap();
+        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        Authority(CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap())
+    }
+
+    fn certificate(&self) -> Certificate {
+        Certificate::from_pem(self.0.pem())
+    }
+
+    fn signs(&self) -> Identity {
+        let key = KeyPair::generate().unwrap();
+        let params = CertificateParams::new(vec!["localhost".into()]).unwrap();
+        let signed = params.signed_by(&key, &self.0).unwrap();
+        Identity::from_pem(signed.pem(), key.serialize_pem())
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tls_lets_in_who_has_a_certificate_of_the_authority() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ours, other) = (Authority::new(), Authority::new());
+    let tls = ServerTlsConfig::new().identity(ours.signs()).client_ca_root(ours.certificate());
+    let security = Security { tls: Some(tls), tokens: None };
+    let mut address = String::new();
+    let trusting = |authority: &Authority| {
+        ClientTlsConfig::new().ca_certificate(authority.certificate()).domain_name("localhost")
+    };
+    let service = start_secured(folder.path(), CAPACITY, security, |url| {
+        address = url.replace("http://", "https://");
+        plainly(address.clone()).tls_config(trusting(&ours).identity(ours.signs())).unwrap()
+    })
+    .await;
+    service.create(video("over TLS", 20)).await.unwrap();
+    let refused = [
+        plainly(address.replace("https://", "http://")),
+        plainly(address.clone()).tls_config(trusting(&ours)).unwrap(),
+        plainly(address.clone()).tls_config(trusting(&ours).identity(other.signs())).unwrap(),
+        plainly(address.clone()).tls_config(trusting(&other).identity(ours.signs())).unwrap(),
+    ];
+    for (k, endpoint) in refused.into_iter().enumerate() {
+        // With TLS 1.3 a client may learn at its first call only that it was not let in.
+        let let_in = match endpoint.connect().await {
+            Ok(channel) => HealthClient::new(channel).check(HealthCheckRequest::default()).await.is_ok(),
+            Err(_) => false,
+        };
+        assert!(!let_in, "client {k}");
+    }
+    service.create(video("still", 20)).await.unwrap();
+    service.stop().await;
+}
