@@ -91,7 +91,7 @@ impl World {
     }
 
     /// The scene as its image points tell it; without yaws unless they are kept.
-    fn from_pixels(&self, yaw: bool) -> Scene {
+    fn of_pixels(&self, yaw: bool) -> Scene {
         let mut observed = self.observed.clone();
         observed["image_noise_px"] = SIGMA_PX.into();
         for frame in observed["motion_trajectory"].as_array_mut().unwrap() {
@@ -184,8 +184,8 @@ fn physics(worlds: &[World]) {
     use vrdp::world::{Preset, trace};
     for (name, scene) in [
         ("metres and yaws", &(|w: &World| w.scene.clone()) as &dyn Fn(&World) -> Scene),
-        ("pixels and yaws", &|w| w.from_pixels(true)),
-        ("pixels alone", &|w| w.from_pixels(false)),
+        ("pixels and yaws", &|w| w.of_pixels(true)),
+        ("pixels alone", &|w| w.of_pixels(false)),
     ] {
         let (mut inside, mut after, mut adequate) = (vec![], vec![], 0);
         for world in worlds {

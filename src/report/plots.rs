@@ -299,7 +299,8 @@ fn causes(first: &Stage) -> Vec<Picture> {
     let all = &first.unexplained;
     let along = |u: &Unexplained| u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9);
     let across = |u: &Unexplained| u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9);
-    let parts: [(&str, &dyn Fn(&Unexplained) -> f64); 2] = [("before", &along), ("after", &across)];
+    type Part<'a> = (&'static str, &'a dyn Fn(&Unexplained) -> f64);
+    let parts: [Part; 2] = [("before", &along), ("after", &across)];
     let one = |(name, label, cause): &Cause| {
         let values = all.iter().flat_map(|u| [along(u), across(u)]);
         let chart = Chart {

@@ -77,7 +77,8 @@ async fn image_points_become_positions_or_are_refused_by_name() {
         change(&mut video);
         video
     };
-    let cases: [(fn(&mut v1::Video), &str); 8] = [
+    type Case = (fn(&mut v1::Video), &'static str);
+    let cases: [Case; 8] = [
         (|v| v.camera = None, "video.camera"),
         (|v| v.camera.as_mut().unwrap().matrix = vec![1.0; 12], "video.camera.matrix"),
         (|v| v.camera.as_mut().unwrap().matrix[..4].iter_mut().for_each(|m| *m = -*m), "video.camera.matrix"),
@@ -178,7 +179,8 @@ async fn detections_are_linked_and_the_reply_tells_how() {
     let (_, model) = service.fit(&made.name).await.unwrap();
     assert!(model.objects.len() == 2 && model.rmse.is_finite());
 
-    let cases: [(fn(&mut v1::Detection), &str); 6] = [
+    type Wrong = (fn(&mut v1::Detection), &'static str);
+    let cases: [Wrong; 6] = [
         (|d| d.region = None, "detections[0].region"),
         (|d| *d = boxed(600.0, 20.0, 30.0, 30.0), "detections[0].box"),
         (|d| *d = boxed(60.0, 20.0, 0.0, 30.0), "detections[0].box"),

@@ -129,7 +129,7 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
         service.reasoning().simulate(simulate(&video, seed)).await.unwrap();
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
-    assert_eq!(service.engine.retain(u64::MAX).await.unwrap(), [String::new(); 0], "off by default");
+    assert!(service.engine.retain(u64::MAX).await.unwrap().is_empty(), "off by default");
     service.stop().await;
 
     let open = |retention| Engine::open(folder.path(), CAPACITY).unwrap().retaining(retention);
