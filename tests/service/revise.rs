@@ -119,7 +119,8 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     }
     let Some(Event::Comparison(c)) = last else { panic!("{last:?}") };
     let chi_squares: Vec<f64> = c.videos.iter().map(|v| v.reduced_chi_square).collect();
-    assert!(chi_squares.iter().all(|c| *c < 1.3), "{chi_squares:?} {}", c.summary);
+    assert!(c.summary.starts_with("the noise explains the residuals"), "{}", c.summary);
+    assert!(chi_squares.iter().all(|c| *c < 1.5), "{chi_squares:?}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

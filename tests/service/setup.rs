@@ -3,8 +3,18 @@
 use crate::harness::*;
 use vrdp::api::v1;
 
-fn of_setup(name: &str, setup: &str, frames: u32) -> v1::Video {
-    v1::Video { setup: setup.into(), ..video(name, frames) }
+/// What glides brakes by so much (m/s^2).
+fn of_setup(name: &str, setup: &str, frames: u32, brake: f64) -> v1::Video {
+    let mut video = v1::Video { setup: setup.into(), ..video(name, frames) };
+    for sample in video.objects.iter_mut().flat_map(|o| &mut o.samples) {
+        let t = 0.04 * f64::from(sample.frame);
+        if let Some(v1::sample::Place::Position(p)) = &mut sample.place
+            && p.x > 0.0
+        {
+            p.x -= 0.5 * brake * t * t;
+        }
+    }
+    video
 }
 
 async fn fit(
@@ -26,7 +36,8 @@ async fn videos_of_a_set_up_are_fitted_together_and_share_its_physics() {
     let service = start(folder.path(), CAPACITY).await;
     let mut names = vec![];
     for (name, setup) in [("a", "table"), ("b", "table"), ("c", "lawn"), ("d", "")] {
-        names.push(service.create(of_setup(name, setup, 20 + names.len() as u32)).await.unwrap());
+        let (frames, brake) = (20 + names.len() as u32, 0.2 + 0.1 * names.len() as f64);
+        names.push(service.create(of_setup(name, setup, frames, brake)).await.unwrap());
     }
     let [a, b, c, d] = [0, 1, 2, 3].map(|i| names[i].clone());
     let request = |parent: &String, others: &[&String]| v1::FitModelRequest {
