@@ -1,0 +1,242 @@
+"""Posts tracks, fits, simulates, asks and discovers; tables go in and come out as pandas frames where pandas is there."""
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Union
+
+import grpc
+
+from .v1 import common_pb2, discovery_pb2, models_pb2, models_pb2_grpc, reasoning_pb2, reasoning_pb2_grpc
+from .v1 import traces_pb2, traces_pb2_grpc, videos_pb2, videos_pb2_grpc
+
+if TYPE_CHECKING:
+    import pandas
+
+    Tracks = Union[pandas.DataFrame, Iterable[Mapping[str, Any]]]
+
+#: Largest message that is taken: a long simulation, whole.
+MAX_MESSAGE = 64 << 20
+_SHAPES = {
+    "sphere": lambda size: {"ball": {"radius": size}},
+    "cylinder": lambda size: {"disc": {"radius": size}},
+    "cube": lambda size: {"square": {"half_side": size}},
+}
+_SHAPES |= {"ball": _SHAPES["sphere"], "disc": _SHAPES["cylinder"], "square": _SHAPES["cube"]}
+
+
+class VrdpError(Exception):
+    """A refused call: the status, and what is wrong with which field."""
+
+    def __init__(self, error: grpc.RpcError):
+        self.code: grpc.StatusCode = error.code()
+        super().__init__(f"{self.code.name}: {error.details()}")
+
+
+@dataclass(frozen=True)
+class Answer:
+    #: The open answer; None where choices were judged.
+    text: str | None
+    #: Whether each choice is correct, and how probable that is.
+    choices: dict[str, tuple[bool, float]]
+    probability: float
+    explanation: str
+    traces: list[str]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    #: The whole reply, as the interface has it.
+    reply: reasoning_pb2.SimulateResponse
+
+    @property
+    def trace(self) -> str:
+        return self.reply.trace
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        name = reasoning_pb2.EventKind.Name
+        return [
+            {
+                "kind": name(e.kind).removeprefix("EVENT_KIND_").lower(),
+                "frame": e.frame,
+                "time": e.time,
+                "object_ids": list(e.object_ids),
+                "probability": e.probability,
+            }
+            for e in self.reply.events
+        ]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row an object and frame: frame, time, id, x, y, yaw, vx, vy, spin, sd, observed (within the video)."""
+        keys = ("x", "y", "yaw", "vx", "vy", "spin", "sd")
+        return [
+            {"frame": f.frame, "time": f.time, "id": o.object_id}
+            | {k: getattr(o, k) for k in keys}
+            | {"observed": f.frame < self.reply.observed_frames}
+            for f in self.reply.frames
+            for o in f.objects
+        ]
+
+    def frame(self) -> pandas.DataFrame:
+        """:meth:`rows` as a pandas frame."""
+        import pandas
+
+        return pandas.DataFrame(self.rows())
+
+
+class Client:
+    """A connection to a service, such as ``Client("127.0.0.1:50051")``; close it, or use it in ``with``.
+
+    ``ca`` (PEM bytes) trusts a certificate authority and switches TLS on, ``token`` is sent as a bearer token.
+    Every call ends after ``timeout`` seconds.
+    """
+
+    def __init__(self, server: str, *, ca: bytes | None = None, token: str | None = None, timeout: float = 300.0):
+        options = [("grpc.max_receive_message_length", MAX_MESSAGE), ("grpc.max_send_message_length", MAX_MESSAGE)]
+        if ca is None:
+            self._channel = grpc.insecure_channel(server, options)
+        else:
+            self._channel = grpc.secure_channel(server, grpc.ssl_channel_credentials(ca), options)
+        self._call = {"timeout": timeout, "metadata": [("authorization", f"Bearer {token}")] if token else None}
+        self._videos = videos_pb2_grpc.VideosStub(self._channel)
+        self._models = models_pb2_grpc.ModelsStub(self._channel)
+        self._reasoning = reasoning_pb2_grpc.ReasoningStub(self._channel)
+        self._traces = traces_pb2_grpc.TracesStub(self._channel)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._channel.close()
+
+    def _one(self, method: Any, request: Any) -> Any:
+        try:
+            return method(request, **self._call)
+        except grpc.RpcError as error:
+            raise VrdpError(error) from None
+
+    def _last(self, method: Any, request: Any) -> Any:
+        """The last message of a stream of progress."""
+        last = None
+        try:
+            for last in method(request, **self._call):
+                pass
+        except grpc.RpcError as error:
+            raise VrdpError(error) from None
+        return last
+
+    def post(
+        self,
+        tracks: Tracks,
+        *,
+        fps: float = 25.0,
+        world: str = "table",
+        shape: str = "cylinder",
+        size: float = 0.2,
+        name: str = "",
+        setup: str = "",
+    ) -> str:
+        """Stores a video and gives its name; the same tracks again give the same name.
+
+        ``tracks`` has a row an object and frame: ``id``, ``frame``, ``x``, ``y`` (m), and optional ``yaw`` (rad), ``shape``
+        (sphere, cylinder, cube), ``size`` (radius or half side, m), ``mass`` (kg), ``color``, ``material``.
+        """
+        rows = tracks.to_dict("records") if hasattr(tracks, "to_dict") else [dict(row) for row in tracks]
+        objects: dict[int, dict[str, Any]] = {}
+        for row in rows:
+            # pandas writes an absent value as NaN, which is not equal to itself.
+            row = {k: v for k, v in row.items() if v is not None and v == v}
+            word = row.get("shape", shape)
+            if word not in _SHAPES:
+                raise ValueError(f"shape is {word!r}; it must be one of {', '.join(sorted(_SHAPES))}")
+            thing = objects.setdefault(
+                int(row["id"]),
+                {
+                    "id": int(row["id"]),
+                    "shape": _SHAPES[word](float(row.get("size", size))),
+                    "color": row.get("color", ""),
+                    "material": row.get("material", ""),
+                    "samples": [],
+                }
+                | ({"mass": float(row["mass"])} if "mass" in row else {}),
+            )
+            sample = {"frame": int(row["frame"]), "position": {"x": float(row["x"]), "y": float(row["y"])}}
+            if "yaw" in row:
+                sample["yaw"] = float(row["yaw"])
+            thing["samples"].append(sample)
+        for thing in objects.values():
+            thing["samples"].sort(key=lambda s: s["frame"])
+        video = videos_pb2.Video(
+            display_name=name,
+            setup=setup,
+            fps=fps,
+            world=videos_pb2.World.Value(f"WORLD_{world.upper()}"),
+            objects=list(objects.values()),
+        )
+        return self._one(self._videos.CreateVideo, videos_pb2.CreateVideoRequest(video=video)).name
+
+    def fit(self, video: str, *, preset: str | None = None) -> models_pb2.Model:
+        """Fits a model to the video and stores it."""
+        request = models_pb2.FitModelRequest(parent=video, start=_choice(preset))
+        return self._last(self._models.FitModel, request).model
+
+    def simulate(
+        self,
+        video: str,
+        *,
+        model: str | None = None,
+        remove: Sequence[int] = (),
+        mass: Mapping[int, float] | None = None,
+        velocity: Mapping[int, tuple[float, float]] | None = None,
+        without: Sequence[str] = (),
+        frames: int = 0,
+        seed: int = 0,
+    ) -> Simulation:
+        """Predicts, or imagines what would have been: objects removed, masses multiplied, velocities set (m/s), effects off."""
+        edits: list[dict[str, Any]] = [{"remove": {"object_id": i}} for i in remove]
+        edits += [{"scale_mass": {"object_id": i, "factor": f}} for i, f in (mass or {}).items()]
+        edits += [{"set_velocity": {"object_id": i, "velocity": {"x": x, "y": y}}} for i, (x, y) in (velocity or {}).items()]
+        edits += [{"switch_effect": {"effect": e, "on": False}} for e in without]
+        request = reasoning_pb2.SimulateRequest(
+            video=video, model=_choice(model), interventions=edits, frames=frames, seed=seed
+        )
+        return Simulation(self._one(self._reasoning.Simulate, request))
+
+    def ask(self, video: str, question: str, choices: Sequence[str] = (), *, model: str | None = None) -> Answer:
+        """Answers a question in English; with choices, judges each."""
+        request = reasoning_pb2.AskRequest(
+            video=video, model=_choice(model), text=question, choices=[{"text": c} for c in choices]
+        )
+        reply = self._one(self._reasoning.Ask, request)
+        return Answer(
+            text=reply.answer if reply.HasField("answer") else None,
+            choices={c.choice: (c.correct, c.probability) for c in reply.choices},
+            probability=reply.probability,
+            explanation=reply.explanation,
+            traces=list(reply.traces),
+        )
+
+    def discover(self, videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.Discovery:
+        """Finds the physics that the model of a set-up's videos lacks."""
+        study = discovery_pb2.StudyRequest(videos=videos)
+        request = discovery_pb2.DiscoverEffectsRequest(study=study, max_effects=max_effects)
+        return self._last(self._models.DiscoverEffects, request).discovery
+
+    def trace(self, name: str) -> bytes:
+        """The MCAP file of a trace."""
+        try:
+            parts = self._traces.DownloadTrace(traces_pb2.DownloadTraceRequest(name=name), **self._call)
+            return b"".join(part.data for part in parts)
+        except grpc.RpcError as error:
+            raise VrdpError(error) from None
+
+
+def _choice(model: str | None) -> common_pb2.ModelChoice | None:
+    """A preset by its name, or a fitted model by its resource name."""
+    if model is None:
+        return None
+    return common_pb2.ModelChoice(model=model) if model.startswith("videos/") else common_pb2.ModelChoice(preset=model)

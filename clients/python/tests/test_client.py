@@ -1,0 +1,52 @@
+"""Against a running service, whose address is in VRDP_SERVER."""
+import math
+import os
+
+import grpc
+import pandas
+import pytest
+
+from vrdp import Client, VrdpError
+
+
+@pytest.fixture
+def client():
+    with Client(os.environ["VRDP_SERVER"]) as client:
+        yield client
+
+
+def tracks() -> pandas.DataFrame:
+    """A puck that glides towards one at rest and meets it after the video."""
+    rows = [{"id": 1, "frame": f, "x": f / 25, "y": 0.0, "color": "red"} for f in range(30)]
+    rows += [{"id": 2, "frame": f, "x": 2.0, "y": 0.0, "yaw": 0.1, "color": "blue"} for f in range(30)]
+    return pandas.DataFrame(rows)
+
+
+def test_tables_go_in_and_come_out(client):
+    video = client.post(tracks(), name="two pucks")
+    assert video == client.post(tracks(), name="two pucks")
+    simulation = client.simulate(video)
+    table = simulation.frame()
+    assert list(table["frame"].unique()) == list(range(90))
+    seen = table[(table["id"] == 1) & table["observed"]]
+    assert abs(seen["x"].iloc[10] - 0.4) < 0.01
+    assert any(e["kind"] == "collision" and e["object_ids"] == [1, 2] for e in simulation.events)
+    assert not any(e["kind"] == "collision" for e in client.simulate(video, remove=[2]).events)
+    assert client.trace(simulation.trace).startswith(b"\x89MCAP0\r\n")
+
+
+def test_questions_are_answered_and_models_can_be_named(client):
+    video = client.post(tracks())
+    model = client.fit(video, preset="table")
+    assert model.preset == "table" and math.isfinite(model.rmse)
+    answer = client.ask(video, "What will happen next?", ["the red object and the blue object collide"], model=model.name)
+    assert list(answer.choices.values())[0][0] and answer.text is None and answer.traces
+    assert client.ask(video, "How many objects are there?").text == "2"
+
+
+def test_a_refusal_names_the_field(client):
+    with pytest.raises(VrdpError, match="object") as refused:
+        client.simulate(client.post(tracks()), remove=[7])
+    assert refused.value.code is grpc.StatusCode.INVALID_ARGUMENT
+    with pytest.raises(ValueError, match="cone"):
+        client.post([{"id": 1, "frame": 0, "x": 0, "y": 0, "shape": "cone"}])
