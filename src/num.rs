@@ -99,11 +99,11 @@ impl Real for f64 {
     fn constant(value: f64) -> Self {
         value
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn value(self) -> f64 {
         self
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn chain(self, value: f64, _slope: f64) -> Self {
         value
     }
@@ -130,7 +130,7 @@ impl Jet {
         Jet { v: value, d }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn zip(self, o: Self, v: f64, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut d = [0.0; LANES];
         for (i, d) in d.iter_mut().enumerate() {
@@ -139,7 +139,7 @@ impl Jet {
         Jet { v, d }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn scaled(mut self, v: f64, slope: f64) -> Self {
         for d in &mut self.d {
             *d *= slope;
@@ -156,18 +156,18 @@ impl Real for Jet {
     fn is_finite(self) -> bool {
         self.v.is_finite() && self.d.iter().all(|d| d.is_finite())
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn is_constant(self) -> bool {
         self.d == [0.0; LANES]
     }
     fn constant(value: f64) -> Self {
         Jet { v: value, d: [0.0; LANES] }
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn value(self) -> f64 {
         self.v
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn chain(self, value: f64, slope: f64) -> Self {
         self.scaled(value, slope)
     }
@@ -175,28 +175,28 @@ impl Real for Jet {
 
 impl Neg for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn neg(self) -> Jet {
         self.scaled(-self.v, -1.0)
     }
 }
 impl Add for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add(self, o: Jet) -> Jet {
         self.zip(o, self.v + o.v, |a, b| a + b)
     }
 }
 impl Sub for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub(self, o: Jet) -> Jet {
         self.zip(o, self.v - o.v, |a, b| a - b)
     }
 }
 impl Mul for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     #[allow(clippy::suspicious_arithmetic_impl)] // the product rule
     fn mul(self, o: Jet) -> Jet {
         self.zip(o, self.v * o.v, |a, b| a * o.v + self.v * b)
@@ -204,7 +204,7 @@ impl Mul for Jet {
 }
 impl Div for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn div(self, o: Jet) -> Jet {
         let (v, inverse) = (self.v / o.v, 1.0 / o.v);
         self.zip(o, v, |a, b| (a - v * b) * inverse)
@@ -212,58 +212,58 @@ impl Div for Jet {
 }
 impl Add<f64> for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add(self, o: f64) -> Jet {
         Jet { v: self.v + o, d: self.d }
     }
 }
 impl Sub<f64> for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub(self, o: f64) -> Jet {
         Jet { v: self.v - o, d: self.d }
     }
 }
 impl Mul<f64> for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul(self, o: f64) -> Jet {
         self.scaled(self.v * o, o)
     }
 }
 impl Div<f64> for Jet {
     type Output = Jet;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn div(self, o: f64) -> Jet {
         self.scaled(self.v / o, 1.0 / o)
     }
 }
 impl AddAssign for Jet {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add_assign(&mut self, o: Jet) {
         *self = *self + o;
     }
 }
 impl SubAssign for Jet {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub_assign(&mut self, o: Jet) {
         *self = *self - o;
     }
 }
 impl MulAssign for Jet {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul_assign(&mut self, o: Jet) {
         *self = *self * o;
     }
 }
 impl DivAssign for Jet {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn div_assign(&mut self, o: Jet) {
         *self = *self / o;
     }
 }
 impl MulAssign<f64> for Jet {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul_assign(&mut self, o: f64) {
         *self = *self * o;
     }
@@ -293,52 +293,52 @@ impl<T: Real> Vec2<T> {
     pub fn from_angle(angle: T) -> Self {
         vec2(angle.cos(), angle.sin())
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn dot(self, o: Self) -> T {
         self.x * o.x + self.y * o.y
     }
     /// z component of the cross product.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn cross(self, o: Self) -> T {
         self.x * o.y - self.y * o.x
     }
     /// z^ x self: a quarter turn to the left.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn perp(self) -> Self {
         vec2(-self.y, self.x)
     }
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn norm_squared(self) -> T {
         self.dot(self)
     }
     /// Length; exactly zero (with zero derivatives) at the origin.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn norm(self) -> T {
         self.norm_squared().sqrt_or_zero()
     }
     /// Unit vector, or zero at the origin.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn unit(self) -> Self {
         let n = self.norm();
         if n.value() > 0.0 { self * (T::constant(1.0) / n) } else { Self::zero() }
     }
     /// Rotated by the angle whose cosine and sine are the components of `turn`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotated(self, turn: Self) -> Self {
         vec2(self.x * turn.x - self.y * turn.y, self.x * turn.y + self.y * turn.x)
     }
     /// Rotated back by the angle of `turn`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn unrotated(self, turn: Self) -> Self {
         vec2(self.x * turn.x + self.y * turn.y, self.y * turn.x - self.x * turn.y)
     }
     /// Scaled by a plain number.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn scaled(self, s: f64) -> Self {
         vec2(self.x * s, self.y * s)
     }
     /// The real parts.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn value(self) -> Vec2<f64> {
         vec2(self.x.value(), self.y.value())
     }
@@ -346,40 +346,40 @@ impl<T: Real> Vec2<T> {
 
 impl<T: Real> Add for Vec2<T> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add(self, o: Self) -> Self {
         vec2(self.x + o.x, self.y + o.y)
     }
 }
 impl<T: Real> Sub for Vec2<T> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub(self, o: Self) -> Self {
         vec2(self.x - o.x, self.y - o.y)
     }
 }
 impl<T: Real> Neg for Vec2<T> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn neg(self) -> Self {
         vec2(-self.x, -self.y)
     }
 }
 impl<T: Real> Mul<T> for Vec2<T> {
     type Output = Self;
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul(self, s: T) -> Self {
         vec2(self.x * s, self.y * s)
     }
 }
 impl<T: Real> AddAssign for Vec2<T> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add_assign(&mut self, o: Self) {
         *self = *self + o;
     }
 }
 impl<T: Real> SubAssign for Vec2<T> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn sub_assign(&mut self, o: Self) {
         *self = *self - o;
     }

@@ -6,7 +6,8 @@ use crate::engine::EngineError;
 use crate::scene::{
     BoundingBox, CalibrateError, Calibration, Camera, Covariance, DEFAULT_SIZE, Detection, IMAGE_NOISE,
     IMAGE_NOISE_RANGE, Intrinsics, LinkError, LinkOptions, LinkReport, MAX_DETECTIONS, MAX_FRAMES, MAX_NAME,
-    Object, PointPair, Pose, Rotation, SIZE_RANGE, Scores, Track, Violation, decompress, link, mask_bounds,
+    Object, Pixel, PointPair, Pose, Rotation, SIZE_RANGE, Scores, Track, Violation, decompress, link,
+    mask_bounds,
 };
 
 /// Most words that one detection has for an attribute.
@@ -78,13 +79,6 @@ pub fn image_noise(r: &mut Report, given: f64) -> f64 {
     IMAGE_NOISE
 }
 
-/// A sample that has an image point in place of a position.
-pub struct Pixel {
-    pub object: usize,
-    pub sample: usize,
-    pub point: [f64; 2],
-}
-
 /// Puts image points in their places; the camera as it faces them.
 pub fn place(
     r: &mut Report,
@@ -98,20 +92,12 @@ pub fn place(
         r.add("video.camera", "is missing; image points need it");
         return None;
     };
-    let points: Vec<[f64; 2]> = pixels.iter().map(|p| p.point).collect();
-    let faced = camera.facing(&points, DEFAULT_SIZE);
-    let camera = faced.map_err(|e| r.add("video.camera.matrix", e.to_string())).ok()?;
-    for &Pixel { object, sample: k, point } in pixels {
-        let Some(sample) = tracks.get_mut(object).and_then(|t| t.samples.get_mut(k)) else { continue };
-        match camera.locate(point, objects[object].shape.centre_height(), [sigma; 2]) {
-            Ok((position, covariance)) => {
-                (sample.position, sample.covariance) = (position, Some(covariance));
-            }
-            Err(error) => {
-                let path = format!("video.objects[{object}].samples[{k}].image");
-                r.add(path, format!("frame {}: {error}", sample.frame));
-            }
-        }
+    let placed = camera.place(pixels, sigma, objects, tracks);
+    let (camera, refused) = placed.map_err(|e| r.add("video.camera.matrix", e.to_string())).ok()?;
+    for (k, error) in refused {
+        let Pixel { object, sample, .. } = pixels[k];
+        let frame = tracks[object].samples[sample].frame;
+        r.add(format!("video.objects[{object}].samples[{sample}].image"), format!("frame {frame}: {error}"));
     }
     Some(camera)
 }

@@ -4,7 +4,9 @@ use super::request::Report;
 use super::{camera, v1};
 use crate::engine::EngineError;
 use crate::num::vec2;
-use crate::scene::{LinkReport, MAX_FRAMES, Object, Sample, Scene, Table, Track, Violation, WorldKind};
+use crate::scene::{
+    LinkReport, MAX_FRAMES, Object, Pixel, Sample, Scene, Table, Track, Violation, WorldKind,
+};
 
 /// Frame rate where none is given (1/s).
 pub(super) const DEFAULT_FPS: f64 = 25.0;
@@ -45,7 +47,7 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
             let position = match sample.place {
                 Some(v1::sample::Place::Position(p)) => vec2(p.x, p.y),
                 Some(v1::sample::Place::Image(p)) => {
-                    pixels.push(camera::Pixel { object: i, sample: k, point: [p.u, p.v] });
+                    pixels.push(Pixel { object: i, sample: k, point: [p.u, p.v] });
                     vec2(0.0, 0.0)
                 }
                 None => {

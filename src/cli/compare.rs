@@ -3,8 +3,11 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
+use super::study::Said;
 use super::{input, output, study};
-use crate::api::v1::{CompareModelsRequest, VideoComparison, compare_models_response::Event};
+use crate::api::v1::{
+    CompareModelsRequest, CompareModelsResponse, VideoComparison, compare_models_response::Event,
+};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -33,23 +36,19 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     for (i, scene) in scenes.iter().enumerate() {
         let request = study::request(&connection, std::slice::from_ref(scene), start.clone()).await?;
         let request = CompareModelsRequest { study: Some(request) };
-        let stream = connection.models().compare_models(request).await;
-        let mut stream = stream.map_err(|e| Failure::from(e).at(&scene.name))?.into_inner();
-        while let Some(message) = stream.message().await.map_err(|e| Failure::from(e).at(&scene.name))? {
-            match message.event {
-                Some(Event::Progress(f)) => {
-                    bar.set_position((100.0 * (i as f64 + f) / scenes.len() as f64) as u64);
-                }
-                Some(Event::Comparison(comparison)) => {
-                    if let Some(video) = comparison.videos.first() {
-                        tables += &format!("{}: {}\n{}\n", scene.name, comparison.summary, table(video));
-                        found.insert(scene.name.clone(), to_json(video));
-                    }
-                    summaries.push(format!("{}: {}", scene.name, comparison.summary));
-                }
-                None => {}
-            }
+        let at = |e: Failure| e.at(&scene.name);
+        let stream = connection.models().compare_models(request).await.map_err(|e| at(e.into()))?;
+        let said = |m: CompareModelsResponse| match m.event? {
+            Event::Progress(fraction) => Some(Said::Progress(fraction)),
+            Event::Comparison(comparison) => Some(Said::Result(comparison)),
+        };
+        let show = |f: f64| bar.set_position((100.0 * (i as f64 + f) / scenes.len() as f64) as u64);
+        let comparison = study::last(stream.into_inner(), said, show).await.map_err(at)?;
+        if let Some(video) = comparison.videos.first() {
+            tables += &format!("{}: {}\n{}\n", scene.name, comparison.summary, table(video));
+            found.insert(scene.name.clone(), to_json(video));
         }
+        summaries.push(format!("{}: {}", scene.name, comparison.summary));
     }
     bar.finish_and_clear();
     match args.json.as_deref() {

@@ -3,8 +3,11 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
+use super::study::Said;
 use super::{compare, input, output, study};
-use crate::api::v1::{DiagnoseModelRequest, Diagnosis, diagnose_model_response::Event};
+use crate::api::v1::{
+    DiagnoseModelRequest, DiagnoseModelResponse, Diagnosis, diagnose_model_response::Event,
+};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
@@ -36,24 +39,18 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let start = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let study = Some(study::request(&connection, &scenes, start).await?);
-    let bar = study::bar("diagnoses");
     let mut candidates = vec![];
     for (k, given) in args.formula.iter().enumerate() {
         let name = given.contains('=').then(|| format!("formula_{}", k + 1));
         candidates.push(input::formula(given, name.as_deref())?);
     }
     let request = DiagnoseModelRequest { study, candidates };
-    let mut stream = connection.models().diagnose_model(request).await?.into_inner();
-    let mut found = None;
-    while let Some(message) = stream.message().await? {
-        match message.event {
-            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
-            Some(Event::Diagnosis(diagnosis)) => found = Some(diagnosis),
-            None => {}
-        }
-    }
-    bar.finish_and_clear();
-    let found = found.ok_or_else(|| Failure::other("the service ended the diagnosis without a result"))?;
+    let stream = connection.models().diagnose_model(request).await?.into_inner();
+    let said = |m: DiagnoseModelResponse| match m.event? {
+        Event::Progress(fraction) => Some(Said::Progress(fraction)),
+        Event::Diagnosis(diagnosis) => Some(Said::Result(diagnosis)),
+    };
+    let found = study::result("diagnoses", stream, said).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
     match args.json.as_deref() {
         Some(target) => output::json(target, &to_json(&found, &names))?,

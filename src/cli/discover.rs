@@ -3,10 +3,11 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
+use super::study::Said;
 use super::{input, ladder, output, study};
 use crate::api::v1::{
-    Course, CourseObject, DiscoverEffectsRequest, Discovery, FoundParameter, RankedEffect, Verdict,
-    discover_effects_response::Event,
+    Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
+    RankedEffect, Verdict, discover_effects_response::Event,
 };
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -55,18 +56,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 /// Runs the search, and shows its progress.
 pub async fn search(connection: &Connection, request: DiscoverEffectsRequest) -> Result<Discovery, Failure> {
-    let bar = study::bar("discovers");
-    let mut stream = connection.models().discover_effects(request).await?.into_inner();
-    let mut found = None;
-    while let Some(message) = stream.message().await? {
-        match message.event {
-            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
-            Some(Event::Discovery(discovery)) => found = Some(discovery),
-            None => {}
-        }
-    }
-    bar.finish_and_clear();
-    found.ok_or_else(|| Failure::other("the service ended the search without a result"))
+    let stream = connection.models().discover_effects(request).await?.into_inner();
+    let said = |m: DiscoverEffectsResponse| match m.event? {
+        Event::Progress(fraction) => Some(Said::Progress(fraction)),
+        Event::Discovery(discovery) => Some(Said::Result(discovery)),
+    };
+    study::result("discovers", stream, said).await
 }
 
 /// The error of each revision drawn, and the noise.

@@ -3,8 +3,9 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
+use super::study::Said;
 use super::{ask, input, output, study};
-use crate::api::v1::{Report, WriteReportRequest, write_report_response::Event};
+use crate::api::v1::{Report, WriteReportRequest, WriteReportResponse, write_report_response::Event};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -51,18 +52,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 /// Asks for a page, and shows the progress of the search for it.
 pub async fn write(connection: &Connection, request: WriteReportRequest) -> Result<Report, Failure> {
-    let bar = study::bar("discovers");
-    let mut stream = connection.models().write_report(request).await?.into_inner();
-    let mut written = None;
-    while let Some(message) = stream.message().await? {
-        match message.event {
-            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
-            Some(Event::Report(report)) => written = Some(report),
-            None => {}
-        }
-    }
-    bar.finish_and_clear();
-    written.ok_or_else(|| Failure::other("the service ended the search without a report"))
+    let stream = connection.models().write_report(request).await?.into_inner();
+    let said = |m: WriteReportResponse| match m.event? {
+        Event::Progress(fraction) => Some(Said::Progress(fraction)),
+        Event::Report(report) => Some(Said::Result(report)),
+    };
+    study::result("discovers", stream, said).await
 }
 
 /// How the page names a folder of traces: as seen from its own, where that is possible.

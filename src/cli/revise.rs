@@ -3,11 +3,12 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
+use super::study::Said;
 use super::{discover, input, ladder, output, study};
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
-    AddEffectRequest, ListModelsRequest, RemoveEffectRequest, RevisedModels, Revision, StudyRequest, Worth,
-    add_effect_response, remove_effect_response,
+    AddEffectRequest, AddEffectResponse, ListModelsRequest, RemoveEffectRequest, RemoveEffectResponse,
+    RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
 };
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -120,19 +121,13 @@ pub async fn add(
     addition: Addition,
 ) -> Result<RevisedModels, Failure> {
     use add_effect_response::Event;
-    let bar = study::bar("adds");
     let request = AddEffectRequest { study: Some(study), addition: Some(addition) };
-    let mut stream = connection.models().add_effect(request).await?.into_inner();
-    let mut found = None;
-    while let Some(message) = stream.message().await? {
-        match message.event {
-            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
-            Some(Event::Revised(revised)) => found = Some(revised),
-            None => {}
-        }
-    }
-    bar.finish_and_clear();
-    found.ok_or_else(|| Failure::other("the service ended the change without a result"))
+    let stream = connection.models().add_effect(request).await?.into_inner();
+    let said = |m: AddEffectResponse| match m.event? {
+        Event::Progress(fraction) => Some(Said::Progress(fraction)),
+        Event::Revised(revised) => Some(Said::Result(revised)),
+    };
+    study::result("adds", stream, said).await
 }
 
 async fn remove(
@@ -141,19 +136,13 @@ async fn remove(
     effect: String,
 ) -> Result<RevisedModels, Failure> {
     use remove_effect_response::Event;
-    let bar = study::bar("removes");
     let request = RemoveEffectRequest { study: Some(study), effect };
-    let mut stream = connection.models().remove_effect(request).await?.into_inner();
-    let mut found = None;
-    while let Some(message) = stream.message().await? {
-        match message.event {
-            Some(Event::Progress(fraction)) => bar.set_position((100.0 * fraction) as u64),
-            Some(Event::Revised(revised)) => found = Some(revised),
-            None => {}
-        }
-    }
-    bar.finish_and_clear();
-    found.ok_or_else(|| Failure::other("the service ended the change without a result"))
+    let stream = connection.models().remove_effect(request).await?.into_inner();
+    let said = |m: RemoveEffectResponse| match m.event? {
+        Event::Progress(fraction) => Some(Said::Progress(fraction)),
+        Event::Revised(revised) => Some(Said::Result(revised)),
+    };
+    study::result("removes", stream, said).await
 }
 
 /// The revisions of exactly these videos, each after the one that it came from.

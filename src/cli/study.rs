@@ -6,6 +6,7 @@ use super::output;
 use crate::api::v1::{ModelChoice, RankedEffect, StudyRequest};
 use crate::scene::Scene;
 use indicatif::{ProgressBar, ProgressStyle};
+use tonic::Streaming;
 
 /// Posts the scenes and names them in a request.
 pub async fn request(
@@ -29,6 +30,43 @@ pub fn bar(what: &'static str) -> ProgressBar {
     bar.set_message(what);
     bar.enable_steady_tick(std::time::Duration::from_millis(200));
     bar
+}
+
+/// What one message of a streamed reply says.
+pub enum Said<T> {
+    /// How far the work is: 0 to 1.
+    Progress(f64),
+    /// The last message.
+    Result(T),
+}
+
+/// Reads a reply to its end, with a bar that says `what` the service does; its result.
+pub async fn result<M, T>(
+    what: &'static str,
+    stream: Streaming<M>,
+    said: impl Fn(M) -> Option<Said<T>>,
+) -> Result<T, Failure> {
+    let bar = bar(what);
+    let found = last(stream, said, |f| bar.set_position((100.0 * f) as u64)).await;
+    bar.finish_and_clear();
+    found
+}
+
+/// Reads a reply to its end, and tells the progress; its result.
+pub async fn last<M, T>(
+    mut stream: Streaming<M>,
+    said: impl Fn(M) -> Option<Said<T>>,
+    progress: impl Fn(f64),
+) -> Result<T, Failure> {
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        match said(message) {
+            Some(Said::Progress(fraction)) => progress(fraction),
+            Some(Said::Result(result)) => found = Some(result),
+            None => {}
+        }
+    }
+    found.ok_or_else(|| Failure::other("the service ended its reply without a result; try again"))
 }
 
 /// The best candidates as a table.

@@ -95,10 +95,14 @@ pub fn imagine(
     let mut model = edited(&fitted.model)?;
     // What was observed against the simulation that was fitted to it.
     let factual = trace(&fitted.model, &scene.times);
-    let imagined = trace(&model, &scene.times);
-    let partings = partings(&factual, &imagined);
+    let changed = !interventions.is_empty();
+    let partings = |own: &Trace, model: &Model| match changed {
+        true => partings(own, &trace(model, &scene.times)),
+        false => partings(own, own),
+    };
+    let reached = partings(&factual, &model);
     let off = |body: usize, frame: usize| deviation(scene, fitted, &factual, body, scene.time_of(frame));
-    model.anchors = partings.iter().filter_map(|p| Some(off(p.body, p.last)?.anchor())).collect();
+    model.anchors = reached.iter().filter_map(|p| Some(off(p.body, p.last)?.anchor())).collect();
     let best = run(&model);
     let anchored = !model.anchors.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
@@ -111,18 +115,15 @@ pub fn imagine(
                 let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
                 Some(off(p.body, p.last)?.drawn(number, &at(&own)?, &at(&factual)?))
             };
-            let partings = self::partings(&own, &trace(&model, &scene.times));
-            model.anchors = partings.iter().filter_map(anchor).collect();
+            model.anchors = partings(&own, &model).iter().filter_map(anchor).collect();
         }
         ensemble.push(run(&model));
     }
     let sd = spread(&best, &ensemble);
     let events = likely_events(scene, &best, &ensemble);
     let observed_frames = scene.times.len();
-    let unreached = match interventions[..] {
-        [] => vec![],
-        _ => partings.iter().filter(|p| p.last + 1 == observed_frames).map(|p| factual.ids[p.body]).collect(),
-    };
+    let whole = reached.iter().filter(|p| changed && p.last + 1 == observed_frames);
+    let unreached = whole.map(|p| factual.ids[p.body]).collect();
     let interventions = interventions.clone();
     let cut_short = cut_short(&best, &ensemble);
     Ok(Imagined { interventions, observed_frames, model, best, ensemble, sd, events, unreached, cut_short })

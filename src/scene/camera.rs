@@ -1,6 +1,6 @@
 //! The camera: world to pixel, and a pixel back to the bird's-eye plane with its uncertainty.
 
-use super::{Covariance, MAX_POSITION};
+use super::{Covariance, DEFAULT_SIZE, MAX_POSITION, Object, Track};
 use crate::num::{Vec2, vec2};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -13,6 +13,14 @@ const HORIZON: f64 = 3.0;
 const SINGULAR: f64 = 1e-9;
 /// Largest part by which the rows of a rotation matrix may fail to be orthonormal: matrices are typed with few digits.
 const ORTHONORMAL: f64 = 1e-3;
+
+/// A sample that has an image point in place of a position: indices of its track and in it, and the point (px).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pixel {
+    pub object: usize,
+    pub sample: usize,
+    pub point: [f64; 2],
+}
 
 /// Deviation of an image point's coordinates that is taken where nobody tells (px), and what it may be.
 pub const IMAGE_NOISE: f64 = 1.0;
@@ -212,6 +220,31 @@ impl Camera {
         let ahead = |p: &&[f64; 2]| (inverse * Vector3::new(p[0], p[1], 1.0)).z > 0.0;
         let ahead = pixels.iter().filter(ahead).count();
         if pixels.is_empty() || ahead > 0 { Ok(camera) } else { Err(CameraError::Behind) }
+    }
+
+    /// Puts samples in the places that their image points (deviation `sigma` px) show; the camera as it faces them, and
+    /// which of the pixels cannot be placed.
+    pub fn place(
+        &self,
+        pixels: &[Pixel],
+        sigma: f64,
+        objects: &[Object],
+        tracks: &mut [Track],
+    ) -> Result<(Camera, Vec<(usize, LocateError)>), CameraError> {
+        let points: Vec<[f64; 2]> = pixels.iter().map(|p| p.point).collect();
+        let camera = self.facing(&points, DEFAULT_SIZE)?;
+        let mut refused = vec![];
+        for (k, pixel) in pixels.iter().enumerate() {
+            let sample = tracks.get_mut(pixel.object).and_then(|t| t.samples.get_mut(pixel.sample));
+            let (Some(object), Some(sample)) = (objects.get(pixel.object), sample) else { continue };
+            match camera.locate(pixel.point, object.shape.centre_height(), [sigma; 2]) {
+                Ok((position, covariance)) => {
+                    (sample.position, sample.covariance) = (position, Some(covariance));
+                }
+                Err(error) => refused.push((k, error)),
+            }
+        }
+        Ok((camera, refused))
     }
 
     /// Whether a finite matrix has a rank below 3.

@@ -3,8 +3,8 @@
 use super::camera::{IMAGE_NOISE, IMAGE_NOISE_RANGE};
 use super::validate::Report;
 use super::{
-    Camera, Covariance, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape,
-    Table, Track, WorldKind,
+    Camera, Covariance, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS, Object, Pixel, Sample, Scene, SceneError,
+    Shape, Table, Track, WorldKind,
 };
 use crate::num::vec2;
 use serde_json::{Map, Value};
@@ -47,14 +47,6 @@ pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
 
 fn one(path: &str, message: &str) -> SceneError {
     SceneError { violations: vec![super::Violation { path: path.into(), message: message.into() }] }
-}
-
-/// A sample that has an image point only.
-struct Pixel {
-    object: usize,
-    sample: usize,
-    point: [f64; 2],
-    path: String,
 }
 
 struct Reader {
@@ -150,7 +142,11 @@ impl Reader {
 
     /// Number of frames, a track for each id, and the samples that have an image point only. Frame indices are the
     /// file's `frame_id`.
-    fn tracks(&mut self, root: &Map<String, Value>, ids: &[u32]) -> (usize, Vec<Track>, Vec<Pixel>) {
+    fn tracks(
+        &mut self,
+        root: &Map<String, Value>,
+        ids: &[u32],
+    ) -> (usize, Vec<Track>, Vec<(Pixel, String)>) {
         let mut pixels = vec![];
         let mut tracks = vec![Track::default(); ids.len()];
         let trajectory = self.list(root, "motion_trajectory", "");
@@ -200,7 +196,7 @@ impl Reader {
                     if !seen.contains_key("location") {
                         let Some(point) = self.pair(seen, "image_center", &path) else { continue };
                         let path = join(&path, "image_center");
-                        pixels.push(Pixel { object, sample: track.samples.len(), point, path });
+                        pixels.push((Pixel { object, sample: track.samples.len(), point }, path));
                     }
                     track.samples.push(sample);
                 }
@@ -251,7 +247,7 @@ impl Reader {
         &mut self,
         root: &Map<String, Value>,
         camera: Option<Camera>,
-        pixels: &[Pixel],
+        pixels: &[(Pixel, String)],
         objects: &[Object],
         tracks: &mut [Track],
     ) -> Option<Camera> {
@@ -268,25 +264,12 @@ impl Reader {
             }
             return None;
         };
-        let points: Vec<[f64; 2]> = pixels.iter().map(|p| p.point).collect();
-        let camera = match camera.facing(&points, DEFAULT_SIZE) {
-            Ok(camera) => camera,
-            Err(error) => {
-                self.report.add("camera_matrix", error.to_string());
-                return None;
-            }
-        };
-        for Pixel { object, sample, point, path } in pixels {
-            let (Some(object), Some(track)) = (objects.get(*object), tracks.get_mut(*object)) else {
-                continue;
-            };
-            let Some(sample) = track.samples.get_mut(*sample) else { continue };
-            match camera.locate(*point, object.shape.centre_height(), [sigma; 2]) {
-                Ok((position, covariance)) => {
-                    (sample.position, sample.covariance) = (position, Some(covariance));
-                }
-                Err(error) => self.report.add(path, format!("frame {}: {error}", sample.frame)),
-            }
+        let placed = camera.place(&pixels.iter().map(|p| p.0).collect::<Vec<_>>(), sigma, objects, tracks);
+        let (camera, refused) = placed.map_err(|e| self.report.add("camera_matrix", e.to_string())).ok()?;
+        for (k, error) in refused {
+            let (pixel, path) = &pixels[k];
+            let frame = tracks[pixel.object].samples[pixel.sample].frame;
+            self.report.add(path, format!("frame {frame}: {error}"));
         }
         Some(camera)
     }

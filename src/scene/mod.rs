@@ -18,7 +18,7 @@ mod validate;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
 pub use camera::{
-    Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pose, Rotation,
+    Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pixel, Pose, Rotation,
 };
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use csv::parse_csv;
