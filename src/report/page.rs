@@ -12,7 +12,7 @@ use crate::reason::Step;
 use crate::scene::Scene;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-const PAGE_STYLE: &str = include_str!("page.css");
+pub(super) const PAGE_STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
