@@ -140,7 +140,7 @@ def dashboard(browser, where):
 
 def main():
     service = sys.argv[1].startswith("http")
-    url = sys.argv[1] if service else pathlib.Path(sys.argv[1]).resolve().as_uri()
+    url = sys.argv[1].rstrip("/") + "/" if service else pathlib.Path(sys.argv[1]).resolve().as_uri()
     shots = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
     if shots:
         shots.mkdir(parents=True, exist_ok=True)
