@@ -73,7 +73,7 @@ pub fn dashboard(shown: &Dashboard) -> String {
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 meta http-equiv="Content-Security-Policy"
-                    content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'";
+                    content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'; img-src data:";
                 link rel="icon" href="data:,";
                 title { "vrdp" }
                 style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) (PreEscaped(STYLE_HERE)) }
