@@ -1,10 +1,10 @@
 //! The service at a glance: what runs, the videos with their models and reports, the latest traces.
 
-use super::chart::{STYLE, number};
-use super::page::PAGE_STYLE;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use super::chart::number;
+use super::document::document;
+use maud::{Markup, html};
 
-const STYLE_HERE: &str = include_str!("dashboard.css");
+const STYLE: &str = include_str!("dashboard.css");
 const SCRIPT: &str = include_str!("dashboard.js");
 /// Digits of an id that people are shown.
 const DIGITS: usize = 8;
@@ -65,32 +65,14 @@ pub struct TraceRow {
 
 /// The page; its script fetches it again, from the same place only.
 pub fn dashboard(shown: &Dashboard) -> String {
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                meta http-equiv="Content-Security-Policy"
-                    content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self'; img-src data:";
-                link rel="icon" href="data:,";
-                title { "vrdp" }
-                style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) (PreEscaped(STYLE_HERE)) }
-            }
-            body {
-                main {
-                    header {
-                        p class="kind" { "vrdp " (shown.version) " · " span id="fresh" role="status" {} }
-                        h1 { "The service at a glance" }
-                    }
-                    div id="live" { (tiles(shown)) (jobs(shown)) (videos(shown)) (traces(shown)) }
-                }
-                script { (PreEscaped(SCRIPT)) }
-            }
+    let main = html! {
+        header {
+            p class="kind" { "vrdp " (shown.version) " · " span id="fresh" role="status" {} }
+            h1 { "The service at a glance" }
         }
+        div id="live" { (tiles(shown)) (jobs(shown)) (videos(shown)) (traces(shown)) }
     };
-    page.into_string()
+    document("vrdp", "; connect-src 'self'", STYLE, main, SCRIPT)
 }
 
 fn tiles(shown: &Dashboard) -> Markup {

@@ -2,6 +2,7 @@
 
 mod chart;
 pub mod dashboard;
+mod document;
 mod look;
 mod page;
 mod plots;
