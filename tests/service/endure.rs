@@ -330,6 +330,59 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
 }
 
 #[test]
+fn motions_of_any_kind_are_simulated_or_refused() {
+    let number = || prop_oneof![6 => -3.0..3.0f64, 2 => Just(0.0), 1 => -1e4..1e4f64, 1 => prop::sample::select(vec![1e-300, 1e6, -1e6])];
+    let shape = prop_oneof![
+        (1e-3..2.0f64).prop_map(|radius| v1::shape::Kind::Disc(v1::shape::Disc { radius })),
+        (1e-3..2.0f64).prop_map(|radius| v1::shape::Kind::Ball(v1::shape::Ball { radius })),
+        (1e-3..2.0f64).prop_map(|half_side| v1::shape::Kind::Square(v1::shape::Square { half_side })),
+    ];
+    // A straight course, and jumps of the tracker.
+    let track = (
+        prop::array::uniform4(number()),
+        prop::collection::vec((number(), number()), 0..4),
+        0..3u32,
+        1..25u32,
+    );
+    let objects = prop::collection::vec((shape, track), 1..5);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let service = runtime.block_on(start(folder.path(), CAPACITY));
+    let mut runner = runner(2_000, 20);
+    let checked = runner.run(&objects, |objects| {
+        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (
+            usize,
+            (_, ([f64; 4], Vec<(f64, f64)>, u32, u32)),
+        )| {
+            let samples = (from..from + frames).map(|frame| {
+                let t = f64::from(frame) / 25.0;
+                let (jx, jy) = jumps.get(frame as usize / 7).copied().unwrap_or_default();
+                let place =
+                    v1::sample::Place::Position(v1::Vector { x: x + vx * t + jx, y: y + vy * t + jy });
+                v1::Sample { frame, place: Some(place), ..Default::default() }
+            });
+            let shape = Some(v1::Shape { kind: Some(shape) });
+            v1::Object { id: id as u32, shape, samples: samples.collect(), ..Default::default() }
+        };
+        let video =
+            v1::Video { objects: objects.into_iter().enumerate().map(of).collect(), ..Default::default() };
+        let done = runtime.block_on(async {
+            let video = service.create(video).await?;
+            let ask = v1::SimulateRequest { video, frames: 40, rollouts: Some(2), ..Default::default() };
+            service.reasoning().simulate(ask).await
+        });
+        if let Err(status) = done {
+            let known =
+                [tonic::Code::InvalidArgument, tonic::Code::FailedPrecondition, tonic::Code::OutOfRange];
+            prop_assert!(known.contains(&status.code()), "{:?}", status);
+        }
+        Ok(())
+    });
+    checked.unwrap();
+    runtime.block_on(service.stop());
+}
+
+#[test]
 fn questions_of_any_kind_are_answered_or_refused() {
     let words = "what will happen if the a red blue green rubber metal sphere cylinder cube object is removed \
         collide with which of following how many are there moving when video ends without enters exits scene \
