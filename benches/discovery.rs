@@ -122,6 +122,29 @@ impl rapier::PhysicsHooks for Fading {
     }
 }
 
+/// Velocity and spin after Coulomb friction of the ground that could take `most` (m/s) of a velocity: over a box's corners, a
+/// disc's rim; a ball glides and turns freely about the vertical.
+fn braked(shape: Shape, v: Vec2, yaw: f64, spin: f64, most: f64) -> (Vec2, f64) {
+    let (points, radius, gyration) = match shape {
+        Shape::Ball { .. } => (1, 0.0, 1.0),
+        // Squares of the radii of gyration: r^2/2, and a^2 2/3 for a square of half side a.
+        Shape::Disc { radius } => (24, radius, 0.5 * radius * radius),
+        _ => (4, SIZE * 2.0f64.sqrt(), SIZE * SIZE * 2.0 / 3.0),
+    };
+    let (mut after, mut turned) = (v, spin);
+    for k in 0..points {
+        let angle = yaw + TAU * (k as f64 + 0.5) / points as f64;
+        let arm = vec2(angle.cos(), angle.sin()).scaled(radius);
+        let slip = v + arm.perp().scaled(spin);
+        // It stops a slip that is small, and never turns it round, spin and velocity together.
+        let share = most.min(slip.norm() / (1.0 + radius * radius / gyration)) / points as f64;
+        let impulse = slip.unit().scaled(-share);
+        after = after + impulse;
+        turned += arm.cross(impulse) / gyration;
+    }
+    (after, turned)
+}
+
 struct Random(ChaCha8Rng);
 
 impl Random {
@@ -196,8 +219,10 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
     }
     // Contacts cannot be seen where there are none: their laws get videos with several objects.
     let least = if OTHERS[3..].contains(&setup.kind) || setup.kind.starts_with("pair") { 3 } else { 1 };
-    let count = (random.between(least as f64, 6.0) as usize).clamp(1, 5);
-    let mut looks: Vec<usize> = (0..LOOKS.len()).collect();
+    // In a plane a ball has no bottom that slips, so its friction at contacts would be no ball's.
+    let looks = |look: &usize| !setup.is("contact_friction") || LOOKS[*look].1 != BALL;
+    let mut looks: Vec<usize> = (0..LOOKS.len()).filter(looks).collect();
+    let count = (random.between(least as f64, 6.0) as usize).clamp(1, looks.len().min(5));
     let mut scene = Scene {
         name: format!("video {number}"),
         setup: None,
@@ -224,7 +249,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
             if setup.is("mass_change") && id == 0 { believed * (1.0 + setup.strength) } else { believed };
         let target = vec2(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
         let v = (target - x).unit().scaled(random.between(0.4, 1.6));
-        let most = if setup.is("magnus") { 3.0 } else { 1.0 };
+        let most = if setup.is("magnus") { 6.0 } else { 1.0 };
         let spin = if shape == BALL { 0.0 } else { random.between(-most, most) };
         let rigid = rapier::RigidBodyBuilder::dynamic().translation(vector(x)).linvel(vector(v));
         let rigid = rigid.angvel(spin as f32).rotation(random.between(-3.0, 3.0) as f32).can_sleep(false);
@@ -257,14 +282,11 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
                 let rough =
                     setup.is("friction_patch") && (all[i].x - center(&setup.u).scaled(0.6)).norm() < 0.8;
                 let mu = mus[i] * if rough { 1.0 + 2.0 * setup.strength } else { 1.0 };
-                // Friction of the ground stops what it can stop within the step, spins too.
-                let left = (pushed.norm() - mu * GRAVITY * dt).max(0.0);
-                let spin = all[i].spin.signum() * (all[i].spin.abs() - mu * GRAVITY * dt / SIZE).max(0.0);
                 let b = &mut world.bodies[*body];
-                b.set_linvel(vector(pushed.unit().scaled(left)), true);
-                if !setup.is("magnus") {
-                    b.set_angvel(spin as f32, true);
-                }
+                let yaw = b.rotation().angle() as f64;
+                let (v, spin) = braked(scene.objects[i].shape, pushed, yaw, all[i].spin, mu * GRAVITY * dt);
+                b.set_linvel(vector(v), true);
+                b.set_angvel(spin as f32, true);
             }
             world.step_with_events(&hooks, &());
         }
