@@ -3,7 +3,7 @@
 
 use super::force::Lens;
 use super::path::{Jump, Path, started};
-use super::screen::{CERTAIN, with_effect};
+use super::screen::with_effect;
 use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
 use crate::num::{Stop, Vec2};
@@ -78,11 +78,11 @@ impl ContactCandidate {
         let law = !self.entry.uses(Hook::Bodies);
         let strong = self.score > STRONG * PROOF && self.remains < super::MISFIT;
         let often = self.gained > 1 || strong;
-        let significant =
-            self.values.first().zip(self.sd.first()).is_some_and(|(a, sd)| a.abs() > CERTAIN * sd);
+        // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
+        let acts = self.values.first().is_some_and(|a| *a != 0.0);
         let beyond = self.before * self.remains / self.after.max(f64::MIN_POSITIVE) - 1.0;
         let explained = self.remains < EXPLAINED || self.remains - 1.0 < (1.0 - MOSTLY) * beyond;
-        self.score > PROOF && explained && (!law || (often && significant))
+        self.score > PROOF && explained && (!law || (often && acts))
     }
 }
 
@@ -206,6 +206,7 @@ pub fn screen_contacts(
     let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
     let base = fit(&films.scenes, &films.models, &options, stop)?;
     let before = chi_squares(&base);
+    let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
@@ -225,7 +226,17 @@ pub fn screen_contacts(
         .par_iter()
         .map(|(entry, values, object)| {
             let models = with_contact(&films.models, entry, values, *object, region);
-            Ok((*entry, values, *object, fit(&films.scenes, &models, &options, stop)?))
+            let mut found = fit(&films.scenes, &models, &options, stop)?;
+            // A search that went astray begins anew where the models without the effect ended.
+            if chi_squares(&found).iter().sum::<f64>() > before.iter().sum::<f64>() + CHANCE {
+                let models = with_contact(&ended, entry, values, *object, region);
+                let near = FitOptions { begin: Begin::Near, ..options };
+                let again = fit(&films.scenes, &models, &near, stop)?;
+                if chi_squares(&again).iter().sum::<f64>() < chi_squares(&found).iter().sum() {
+                    found = again;
+                }
+            }
+            Ok((*entry, values, *object, found))
         })
         .collect();
     let fitted = fitted?;
@@ -263,9 +274,9 @@ pub fn screen_contacts(
                 let of = estimates_of(&fit, entry, p.name);
                 added += of.len();
                 // Where shapes differ the largest is reported: an edge that catches loses, none gains.
-                if let Some(e) =
-                    of.into_iter().filter(|e| e.identified).max_by(|a, b| a.value.total_cmp(&b.value))
-                {
+                let known = of.iter().any(|e| e.identified);
+                let of = of.into_iter().filter(|e| e.identified || !known);
+                if let Some(e) = of.max_by(|a, b| a.value.total_cmp(&b.value)) {
                     (values[k], sd[k]) = (e.value, e.sd);
                 }
             }

@@ -275,7 +275,7 @@ fn conclude(
         _ => None,
     };
     Ok(Discovery {
-        reason: reason(verdict, &motion, &effects, &ambiguous),
+        reason: reason(verdict, &motion, &effects, &ambiguous, formula.is_some()),
         verdict,
         effects,
         ranked,
@@ -428,7 +428,13 @@ fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
     motion.ranked.iter().map(|(_, c)| one(c)).collect()
 }
 
-fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &[Vec<String>]) -> String {
+fn reason(
+    verdict: Verdict,
+    motion: &FreeMotion,
+    effects: &[Found],
+    ambiguous: &[Vec<String>],
+    written: bool,
+) -> String {
     let left = motion.reduced_chi_square();
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
@@ -440,6 +446,9 @@ fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
+        Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
+            "the formula explains the motion better than any law of the library, and is as simple".into()
+        }
         Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
             "between contacts the motion is explained, what contacts do is not; film single contacts".into()
         }
