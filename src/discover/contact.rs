@@ -3,7 +3,7 @@
 
 use super::force::Lens;
 use super::path::{Jump, Path, started};
-use super::screen::with_effect;
+use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
 use crate::num::{Stop, Vec2};
@@ -78,6 +78,10 @@ impl ContactCandidate {
         let law = !self.entry.uses(Hook::Bodies);
         let strong = self.score > STRONG * PROOF && self.remains < super::MISFIT;
         let often = self.gained > 1 || strong;
+        if self.object.is_some() {
+            // A mass takes up much of what engines do at that object's contacts.
+            return strong && self.values[0].abs() > CERTAIN * self.sd[0];
+        }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
         let acts = self.values.first().is_some_and(|a| *a != 0.0);
         let beyond = self.before * self.remains / self.after.max(f64::MIN_POSITIVE) - 1.0;

@@ -7,8 +7,8 @@ use crate::fit::SceneFit;
 const LOST: f64 = 4.0;
 
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, the price of the added
-/// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). Scenes that neither
-/// follows say nothing.
+/// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene that
+/// neither follows says nothing; where that is so of all, the plain error decides.
 pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     let lost = |s: &SceneFit| s.reduced_chi_square > LOST;
     let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
@@ -18,5 +18,5 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
         gain += n * (b.reduced_chi_square / a.reduced_chi_square.max(f64::MIN_POSITIVE)).ln();
         count += n;
     }
-    count == 0.0 || gain > added as f64 * count.ln()
+    if count == 0.0 { after.rmse < before.rmse } else { gain > added as f64 * count.ln() }
 }
