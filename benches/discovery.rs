@@ -139,7 +139,7 @@ fn braked(shape: Shape, v: Vec2, yaw: f64, spin: f64, most: f64) -> (Vec2, f64) 
         // It stops a slip that is small, and never turns it round, spin and velocity together.
         let share = most.min(slip.norm() / (1.0 + radius * radius / gyration)) / points as f64;
         let impulse = slip.unit().scaled(-share);
-        after = after + impulse;
+        after += impulse;
         turned += arm.cross(impulse) / gyration;
     }
     (after, turned)
