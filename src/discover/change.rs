@@ -268,7 +268,7 @@ fn with_library(
     }
     let (found, _) = screen_contacts(&contacts(lens, &begun), &region, &[entry], stop)?;
     let (gain, values) = found.into_iter().next().map_or((0.0, seed()), |c| (c.before - c.after, c.values));
-    Ok((gain, with_contact(&begun, entry, &values, &region)))
+    Ok((gain, with_contact(&begun, entry, &values, None, &region)))
 }
 
 /// The models with a user's law, its parameters free within their bounds.
@@ -346,7 +346,7 @@ fn parameters<'m>(models: impl Iterator<Item = &'m Model>) -> usize {
     for (scene, model) in models.enumerate() {
         for active in model.effects.iter().filter(|e| e.on) {
             for p in active.parameters.iter().filter(|p| p.prior.sd > 0.0) {
-                let shared = !matches!(p.scope, crate::effects::Scope::Object | crate::effects::Scope::Pair);
+                let shared = active.shares(p);
                 let place = if shared { usize::MAX } else { scene };
                 names.extend(p.labels.iter().map(|label| (place, p.full_name(active, label))));
             }

@@ -2,7 +2,7 @@
 //! accelerations along the measured path. Positions are never differentiated twice.
 
 use super::path::{Path, paths};
-use crate::effects::{EffectEntry, Hook, Scope, effect};
+use crate::effects::{EffectEntry, Hook, effect};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
@@ -180,18 +180,23 @@ impl<'a> Lens<'a> {
         without: &[Range<usize>],
     ) -> Seen {
         let mut values = start.to_vec();
+        let counted = self.counted(without);
         let mut residual = self.residual(models, &flats(models, free, &values));
         let mut cost = self.cost(&residual, free, &values, without);
         let mut damping = 1e-6;
         let mut normal = DMatrix::identity(free.len(), free.len());
         for _ in 0..iterations.max(1) {
-            let jacobian = self.jacobian(models, free, &values, &residual);
+            let jacobian = self.slopes(models, free, &values, &residual, &counted);
             let (h, g) = self.normal(&jacobian, &residual, free, &values, without);
             normal = h;
             let mut fallen = None;
             for _ in 0..if iterations == 0 { 0 } else { TRIALS } {
                 let trial = damped_step(&normal, &g, free, &values, damping);
-                let trial_residual = self.residual(models, &flats(models, free, &trial));
+                let mut trial_residual = residual.clone();
+                let at = flats(models, free, &trial);
+                for &scene in &counted {
+                    self.scene_residual(scene, &models[scene], &at[scene], &mut trial_residual);
+                }
                 let trial_cost = self.cost(&trial_residual, free, &trial, without);
                 if trial_cost < cost {
                     fallen = Some(cost - trial_cost);
@@ -204,6 +209,9 @@ impl<'a> Lens<'a> {
             if fallen.is_none_or(|fall| fall < TOLERANCE * cost) {
                 break;
             }
+        }
+        if counted.len() < self.scenes.len() {
+            residual = self.residual(models, &flats(models, free, &values));
         }
         let sd = match normal.cholesky() {
             Some(c) => c.inverse().diagonal().iter().map(|v| v.max(0.0).sqrt()).collect(),
@@ -218,6 +226,14 @@ impl<'a> Lens<'a> {
         residual.norm_squared() - squares(residual, without) + priors
     }
 
+    /// Scenes with rows that are not in `without`.
+    fn counted(&self, without: &[Range<usize>]) -> Vec<usize> {
+        let counts = |s: &&Stretch| !without.iter().any(|r| r.start == s.first_row);
+        let mut scenes: Vec<usize> = self.stretches.iter().filter(counts).map(|s| s.scene).collect();
+        scenes.dedup();
+        scenes
+    }
+
     /// Derivatives of the residual by differences; a parameter of one scene moves that scene only.
     pub fn jacobian(
         &self,
@@ -226,11 +242,27 @@ impl<'a> Lens<'a> {
         values: &[f64],
         residual: &DVector<f64>,
     ) -> DMatrix<f64> {
+        self.slopes(models, free, values, residual, &self.counted(&[]))
+    }
+
+    /// The same of these scenes; zero elsewhere.
+    fn slopes(
+        &self,
+        models: &[Model],
+        free: &[Free],
+        values: &[f64],
+        residual: &DVector<f64>,
+        counted: &[usize],
+    ) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
         for (k, f) in free.iter().enumerate() {
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
+            scenes.retain(|s| counted.contains(s));
+            if scenes.is_empty() {
+                continue;
+            }
             let at = |value: f64| {
                 let mut moved = residual.clone();
                 for &scene in &scenes {
@@ -416,8 +448,8 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
                 let bounds = active.bounds(k);
                 for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                     if acts && parameter.prior.sd > 0.0 {
-                        let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
-                        let place = if own { format!("@{scene}") } else { String::new() };
+                        let place =
+                            if !active.shares(parameter) { format!("@{scene}") } else { String::new() };
                         let name = parameter.full_name(active, label) + &place;
                         match free.iter_mut().find(|f| f.name == name) {
                             Some(known) => known.slots.push((scene, at)),

@@ -8,9 +8,10 @@ use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 use super::path::Jump;
+use super::proof;
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Candidate, region, sought, with_nuisance};
-use super::search::{CLEAN, FreeMotion, PROOF, search, search_on};
+use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
 use crate::effects::formula::Formula;
 use crate::effects::{EffectEntry, Region, effect};
 use crate::fit::{Fit, FitError, FitOptions};
@@ -192,6 +193,7 @@ fn conclude(
     let room = options.max_effects > motion.found.len();
     let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
     // All revisions at once: none needs another.
+    let base = models.clone();
     let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
     for (number, step) in motion.found.iter().enumerate() {
         let last = number + 1 == motion.found.len();
@@ -199,14 +201,22 @@ fn conclude(
         steps.push((Some(step.entry.spec.name), models.clone()));
     }
     if let Some(c) = proven {
-        steps.push((Some(c.entry.spec.name), with_contact(&motion.models, c.entry, &c.values, &region)));
+        let name = Some(c.entry.spec.name);
+        steps.push((name, with_contact(&motion.models, c.entry, &c.values, c.object, &region)));
+        // What nobody saw, or a law of contact, may look like a force.
+        if !motion.found.is_empty() {
+            steps.push((name, with_contact(&base, c.entry, &c.values, c.object, &region)));
+        }
     }
     let revisions: Result<Vec<Revision>, FitError> =
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
-    let mut revisions = revisions?;
+    let (revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
+    let mut revisions = revisions;
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
-    let lost = proven.is_none() && last.reduced_chi_square > LOST;
+    // One video may be lost to chaos alone; what is missing is missing in most.
+    let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
+    let lost = proven.is_none() && 2 * off > last.fit.scenes.len();
     if proven.is_none() && room && last.reduced_chi_square > FOLLOWED {
         let stuck = sticking(lens, &motion.models, last, &options.fit, stop)?;
         effects.extend(stuck.iter().map(|_| Found {
@@ -247,7 +257,10 @@ fn conclude(
     };
     // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
     let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
-    let compromise = doubtful.then(|| law_beside(&steps[0].1, SIMPLE_TERMS)).flatten();
+    // A single law of the library must stand against as many generic terms as it has parameters.
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    let terms = if doubtful { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
+    let compromise = (terms > 0).then(|| law_beside(&base, terms)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
     let outside = misfit || compromise.is_some() || (lost && effects.is_empty());
     let formula = compromise
@@ -264,7 +277,7 @@ fn conclude(
         _ => None,
     };
     Ok(Discovery {
-        reason: reason(verdict, &motion, &effects, &ambiguous),
+        reason: reason(verdict, &motion, &effects, &ambiguous, formula.is_some()),
         verdict,
         effects,
         ranked,
@@ -275,6 +288,49 @@ fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the
+/// law of contact, and one for that law without the forces where there are both.
+fn borne_out<'c>(
+    lens: &Lens,
+    base: &[Model],
+    mut revisions: Vec<Revision>,
+    mut motion: FreeMotion,
+    proven: Option<&'c ContactCandidate>,
+    stop: Stop,
+) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
+    let forces = motion.found.len();
+    let with_contact = revisions.split_off(forces + 1);
+    let mut added: usize = motion.found.iter().map(|c| c.added).sum();
+    if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
+        if let [alone] = alone
+            && !proof::borne_out(alone, all, added)
+            && proof::borne_out(&revisions[0], alone, c.added)
+        {
+            let motion = fewer(lens, base, &motion, forces, stop)?;
+            revisions.truncate(1);
+            revisions.push(alone.clone());
+            return Ok((revisions, motion, proven));
+        }
+        if proof::borne_out(&revisions[forces], all, c.added) {
+            revisions.push(all.clone());
+            return Ok((revisions, motion, proven));
+        }
+    }
+    let mut refused = 0;
+    while let [.., before, after] = &revisions[..] {
+        added = motion.found[forces - refused - 1].added;
+        if proof::borne_out(before, after, added) {
+            break;
+        }
+        refused += 1;
+        revisions.pop();
+    }
+    if refused > 0 {
+        motion = fewer(lens, base, &motion, refused, stop)?;
+    }
+    Ok((revisions, motion, None))
 }
 
 /// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
@@ -296,7 +352,7 @@ fn sticking(
 
 /// The models in which objects stick for good, which is no parameter.
 pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Model> {
-    let mut models = with_contact(models, entry, &[1.0, 0.0], region);
+    let mut models = with_contact(models, entry, &[1.0, 0.0], None, region);
     for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == entry.spec.name) {
         active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
     }
@@ -374,7 +430,13 @@ fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
     motion.ranked.iter().map(|(_, c)| one(c)).collect()
 }
 
-fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &[Vec<String>]) -> String {
+fn reason(
+    verdict: Verdict,
+    motion: &FreeMotion,
+    effects: &[Found],
+    ambiguous: &[Vec<String>],
+    written: bool,
+) -> String {
     let left = motion.reduced_chi_square();
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
@@ -386,6 +448,9 @@ fn reason(verdict: Verdict, motion: &FreeMotion, effects: &[Found], ambiguous: &
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
+        Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
+            "the formula explains the motion better than any law of the library, and is as simple".into()
+        }
         Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
             "between contacts the motion is explained, what contacts do is not; film single contacts".into()
         }

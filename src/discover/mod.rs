@@ -9,6 +9,7 @@ mod formula;
 mod inquire;
 mod outcome;
 mod path;
+mod proof;
 mod revise;
 mod screen;
 mod search;

@@ -2,7 +2,6 @@
 
 use super::force::{Free, Lens, Seen, fit_forces};
 use super::screen::at_values;
-use crate::effects::Scope;
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -48,12 +47,13 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
     for model in &mut models {
         for active in &mut model.effects {
             let name = active.name.clone();
-            for p in active.parameters.iter_mut().filter(|p| p.prior.sd > 0.0) {
+            let shares: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
+            let free_ones = active.parameters.iter_mut().zip(shares).filter(|(p, _)| p.prior.sd > 0.0);
+            for (p, shared) in free_ones {
                 let stem = format!("{name}.{}", p.name);
                 let own = |f: &&(&Free, &f64)| {
                     f.0.name == stem || f.0.name.strip_prefix(&stem).is_some_and(|r| r.starts_with('['))
                 };
-                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
                 let pairs: Vec<(&Free, &f64)> = free.iter().zip(&seen.sd).collect();
                 let widest = pairs.iter().filter(own).map(|(_, sd)| **sd).fold(0.0, f64::max);
                 if shared && widest > 0.0 {
@@ -153,8 +153,7 @@ fn fit_set_up(
         for (active, own) in model.effects.iter_mut().zip(&found.effects) {
             for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
                 // Beliefs stay what they were; only the place where the search begins is new.
-                let shared = !matches!(p.scope, Scope::Object | Scope::Pair);
-                if !shared {
+                if !own.shares(q) {
                     p.values.clone_from(&q.values);
                 }
             }
@@ -209,13 +208,14 @@ fn pooled(models: &[Model], alone: &[Fit]) -> Vec<Model> {
 /// Gives all models the mean of what the scenes say of one shared parameter, by precision; a scene that does not
 /// fit counts less.
 fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
-    let of = |m: &Model| m.effects.get(active).and_then(|e| e.parameters.get(k)).cloned();
+    let shared = |m: &Model| {
+        let effect = m.effects.get(active)?;
+        effect.parameters.get(k).filter(|p| effect.shares(p)).cloned()
+    };
     let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
     for fitted in alone {
         let scene = &fitted.scenes[0];
-        let Some(p) = of(&scene.model).filter(|p| !matches!(p.scope, Scope::Object | Scope::Pair)) else {
-            continue;
-        };
+        let Some(p) = shared(&scene.model) else { continue };
         for label in &p.labels {
             let name = p.full_name(&scene.model.effects[active], label);
             if let Some(e) = fitted.posterior.estimates.iter().find(|e| e.name == name) {

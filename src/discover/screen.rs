@@ -82,7 +82,8 @@ pub fn sought(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
     let open = |e: &&EffectEntry| {
         let name = e.spec.name;
         let alone = !several && (e.uses(Hook::Pair) || e.uses(Hook::Contact));
-        !NEVER_SOUGHT.contains(&name) && !active(name) && !covered(name) && !alone
+        let no_wall = name == "cushion" && models.iter().all(|m| m.walls.is_empty());
+        !no_wall && !NEVER_SOUGHT.contains(&name) && !active(name) && !covered(name) && !alone
     };
     EFFECTS.iter().filter(open).collect()
 }

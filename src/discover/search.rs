@@ -59,7 +59,7 @@ impl FreeMotion {
 
 /// Adds at most one effect to the models. Deterministic, whatever the number of threads.
 pub fn search(lens: &Lens, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
-    one_after_another(lens, models, 1, None, stop)
+    one_after_another(lens, models, 1, &[], stop)
 }
 
 /// Adds more effects, at most `most` in all, after what `search` found for the same models.
@@ -73,25 +73,42 @@ pub fn search_on(
     let Some(first) = begun.found.first().cloned() else { return Ok(begun) };
     let (ranked, alike) = (begun.ranked, begun.alike);
     let most = most.max(1);
-    let mut greedy = one_after_another(lens, models, most, Some(first), stop)?;
+    let mut greedy = one_after_another(lens, models, most, &[first], stop)?;
     if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
         // The first pick may be a compromise of two: begin with the next ones too.
         let first = greedy.found[0].entry.spec.name;
         let others = ranked.iter().filter(|(score, c)| c.entry.spec.name != first && proven(lens, *score, c));
         for (_, other) in others.take(FIRST_CHOICES).cloned() {
-            let pair = one_after_another(lens, models, most, Some(other), stop)?;
+            let pair = one_after_another(lens, models, most, &[other], stop)?;
             if pair.priced() + RICHER < greedy.priced() {
                 greedy = pair;
             }
         }
     }
     if !explains(&greedy) {
-        greedy = one_after_another(lens, models, 0, None, stop)?;
+        greedy = one_after_another(lens, models, 0, &[], stop)?;
     }
     // The round that chose the first effect is the one that ranks the library.
     greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
     Ok(greedy)
+}
+
+/// What was found without its last `refused` effects.
+pub fn fewer(
+    lens: &Lens,
+    models: &[Model],
+    motion: &FreeMotion,
+    refused: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let kept = motion.found.len().saturating_sub(refused);
+    let mut less = one_after_another(lens, models, kept, &motion.found[..kept], stop)?;
+    less.ranked.clone_from(&motion.ranked);
+    if kept == motion.found.len() {
+        less.alike.clone_from(&motion.alike);
+    }
+    Ok(less)
 }
 
 /// Whether what was found leaves noise, or explains most of what noise does not: where a model is far from the noise
@@ -147,7 +164,7 @@ fn one_after_another(
     lens: &Lens,
     models: &[Model],
     most: usize,
-    first: Option<Candidate>,
+    given: &[Candidate],
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
     let (mut free, mut seen) = fit_forces(lens, models);
@@ -162,11 +179,10 @@ fn one_after_another(
         degrees_of_freedom: lens.degrees_of_freedom().max(1) as f64,
         typical: 0.0,
     };
-    let mut given = first;
     for number in 0..most {
         stop(number as f64 / (most + 1) as f64)?;
-        let winner = match given.take() {
-            Some(candidate) => candidate,
+        let winner = match given.get(number) {
+            Some(candidate) => candidate.clone(),
             None => {
                 let base = Base::new(lens, &state.models, free, seen);
                 let ranked = round(lens, &state.models, &base);

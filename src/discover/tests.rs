@@ -316,3 +316,61 @@ fn an_added_effect_that_is_off_changes_nothing() {
         assert!(off < 1e-9, "{}: {off}", entry.spec.name);
     }
 }
+
+#[test]
+fn an_object_heavier_than_believed_is_told_from_a_law_of_contact() {
+    let meetings: Vec<Vec<Launch>> = vec![
+        vec![(DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]), (DISC, 1.2, [0.4, 0.1], [-0.4, 0.0])],
+        vec![(DISC, 0.8, [0.0, -1.2], [0.1, 1.1]), (DISC, 1.2, [0.1, 0.3], [0.0, -0.3])],
+        vec![(CUBE, 1.0, [0.9, -0.8], [-0.8, 0.7]), (DISC, 1.2, [-0.3, 0.3], [0.3, -0.2])],
+    ];
+    let mut scenes = film(&meetings, None);
+    scenes.iter_mut().for_each(|s| s.objects[1].mass = Some(0.6));
+    let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+    let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
+    assert_eq!(names, ["mass_change"], "{}", found.reason);
+    let value = |name: &str| {
+        let p = found.effects[0].parameters.iter().find(|p| p.name == name).expect(name);
+        let Value::Number(value) = p.value else { panic!("{name} is a number") };
+        value
+    };
+    assert_eq!(value("object_id"), 1.0);
+    assert!((value("factor") - 2.0).abs() < 0.15, "{}", value("factor"));
+}
+
+#[test]
+fn trajectories_bear_out_a_law_that_acts_and_no_other() {
+    let scenes = film(&launches(), Some(("linear_drag", &[("c", 0.3)])));
+    let (base, lens) = (models(&scenes), Lens::new(&scenes));
+    let options = DiscoverOptions::default().fit;
+    let with = |name: &str| {
+        let entry = effect(name).expect(name);
+        let zero: Vec<f64> = entry.spec.params.iter().map(|p| p.default).collect();
+        with_effect(&base, entry, &zero, &region(&scenes))
+    };
+    let fitted = |models: &[Model]| revise(&lens, models, None, &options, &never).expect("it runs");
+    let before = fitted(&base);
+    assert!(super::proof::borne_out(&before, &fitted(&with("linear_drag")), 1));
+    assert!(!super::proof::borne_out(&before, &fitted(&with("coriolis")), 1));
+}
+
+#[test]
+fn a_video_left_out_changes_nothing_for_the_others() {
+    let scenes = film(&launches(), None);
+    let (all, others) = (Lens::new(&scenes), Lens::new(&scenes[1..]));
+    let base = with_nuisance(&models(&scenes));
+    let (free, rest) = (free_parameters(&base), free_parameters(&base[1..]));
+    let start = |free: &[force::Free]| free.iter().map(|f| f.mean).collect::<Vec<_>>();
+    let without = all.solve(&base, &free, &start(&free), 8, &all.folds[0]);
+    let alone = others.solve(&base[1..], &rest, &start(&rest), 8, &[]);
+    let friction = |free: &[force::Free], values: &[f64]| {
+        let at = free.iter().position(|f| f.name == "gliding_friction.sliding[rubber]").expect("it is free");
+        values[at]
+    };
+    let (a, b) = (friction(&free, &without.values), friction(&rest, &alone.values));
+    assert!((a - b).abs() < 1e-9, "{a} {b}");
+    // What the left-out video is worth is told at the numbers of the others.
+    let residual = all.residual(&base, &force::flats(&base, &free, &without.values));
+    let rows: f64 = all.folds[0].iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum();
+    assert!((rows - without.left_out).abs() < 1e-6 * rows);
+}

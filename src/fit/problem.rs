@@ -1,7 +1,6 @@
 //! The fit as a least-squares problem: free parameters, whitened residuals, their Jacobian.
 
 use super::noise::{Noise, Whitener, wrapped};
-use crate::effects::Scope;
 use crate::num::{Jet, LANES, Real, Stop};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, Ending, Event, Limits, MASS, Model, Owner, Rollout, SPINS, film};
@@ -127,7 +126,7 @@ impl<'a> Problem<'a> {
                 for (k, parameter) in active.parameters.iter().enumerate() {
                     let bounds = active.bounds(k);
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
-                        let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
+                        let shared = active.shares(parameter);
                         let name = parameter.full_name(active, label);
                         if parameter.prior.sd > 0.0 && active.on {
                             let known =

@@ -242,6 +242,13 @@ impl ActiveEffect {
         self.parameters.iter().map(value).collect()
     }
 
+    /// Whether the videos of a set-up share the values of this parameter of the effect. What an object is stays with its
+    /// id from video to video; what it does, or meets, does not.
+    pub fn shares(&self, parameter: &Parameter) -> bool {
+        let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
+        !own || effect(&self.name).is_some_and(|e| e.uses(Hook::Matter))
+    }
+
     /// The effect as its spec gives it, with a value for every body.
     pub fn new(spec: &EffectSpec, bodies: &[BodySpec]) -> Self {
         let parameters = spec.params.iter().map(|p| {

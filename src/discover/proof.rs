@@ -1,0 +1,22 @@
+//! Whether trajectories bear out what the lenses found: a law that is there lowers their error too.
+
+use super::revise::Revision;
+use crate::fit::SceneFit;
+
+/// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
+const LOST: f64 = 4.0;
+
+/// Whether the trajectories of `after` are nearer to what was measured than those of `before`, the price of the added
+/// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene that
+/// neither follows says nothing; where that is so of all, the plain error decides.
+pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
+    let lost = |s: &SceneFit| s.reduced_chi_square > LOST;
+    let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
+    let (mut gain, mut count) = (0.0, 0.0);
+    for (b, a) in scenes {
+        let n = a.degrees_of_freedom as f64;
+        gain += n * (b.reduced_chi_square / a.reduced_chi_square.max(f64::MIN_POSITIVE)).ln();
+        count += n;
+    }
+    if count == 0.0 { after.rmse < before.rmse } else { gain > added as f64 * count.ln() }
+}
