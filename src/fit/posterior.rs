@@ -172,7 +172,7 @@ fn draws(
             let mut drawn = moved(point, &step);
             for _ in 0..CORRECTIONS {
                 let Some(found) = problem.residuals(&drawn, window) else { break };
-                if problem.cost_of(&drawn, &found, shares) - cost <= worst * share * share {
+                if problem.cost_of(&drawn, &found, shares) - cost <= worst {
                     return drawn;
                 }
                 let mut gradient = DVector::zeros(n);
