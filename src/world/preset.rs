@@ -83,7 +83,11 @@ pub static PRESETS: &[Preset] = &[
             with("sliding_friction", &[set("mu", 0.03, 0.0007, Scope::Setup)]),
             with(
                 "friction_offset",
-                &[set("lever", 0.0, 0.006, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)],
+                &[
+                    set("lever", 0.0, 0.006, Scope::Object),
+                    set("skew", 0.0, 0.02, Scope::Object),
+                    set("rock", 0.0, 0.4, Scope::Object),
+                ],
             ),
             with(
                 "damping",
