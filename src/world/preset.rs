@@ -86,7 +86,7 @@ pub static PRESETS: &[Preset] = &[
                 &[
                     set("lever", 0.0, 0.006, Scope::Object),
                     set("skew", 0.0, 0.02, Scope::Object),
-                    set("rock", 0.0, 0.4, Scope::Object),
+                    set("rock", 0.0, 0.58, Scope::Object),
                 ],
             ),
             with(
