@@ -121,8 +121,10 @@ impl<const N: usize> Line<N> {
             line.value_sd[k] = sum(&|p| weight(p) * p.variance[k]).sqrt() / total;
             line.slope_sd[k] = sum(&|p| weight(p) * p.variance[k] * p.time * p.time).sqrt() / spread;
             let (value, slope) = (line.value[k], line.slope[k]);
-            left +=
-                points.iter().map(|p| (p.off[k] - value - slope * p.time).powi(2) / p.variance[k]).sum::<f64>();
+            left += points
+                .iter()
+                .map(|p| (p.off[k] - value - slope * p.time).powi(2) / p.variance[k])
+                .sum::<f64>();
         }
         // Where no line describes them, it is known less well than the noise says.
         let scatter = (left / (N as f64 * (points.len() as f64 - 2.0))).sqrt().max(1.0);

@@ -132,7 +132,8 @@ impl<'a> Problem<'a> {
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = !matches!(parameter.scope, Scope::Object | Scope::Pair);
                         let name = parameter.full_name(active, label);
-                        let of_ball = || model.bodies.iter().any(|b| b.shape.is_ball() && b.id.to_string() == *label);
+                        let of_ball =
+                            || model.bodies.iter().any(|b| b.shape.is_ball() && b.id.to_string() == *label);
                         let idle = OF_FEET.contains(&active.name.as_str()) && of_ball();
                         if parameter.prior.sd > 0.0 && active.on && !idle {
                             let known =
