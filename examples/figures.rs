@@ -1,6 +1,7 @@
 //! What the fit, the prediction and the counterfactuals are worth on scenes whose truth is known:
 //!
-//! `cargo run --release --example figures -- DIR...`, each a folder of scenes or of such folders.
+//! `cargo run --release --example figures -- [--preset NAME] DIR...`, each a folder of scenes or of such folders. Without a
+//! preset, a scene's world picks it.
 //!
 //! A scene is a folder with `observed.json` (what is fitted) and `truth.json` (read for scoring only). Position errors
 //! are distances in the plane over the frames in which the true object is in view; noise is per coordinate.
@@ -30,16 +31,24 @@ const STEPS: [f64; 3] = [1e-5, 1e-6, 1e-7];
 const AGREES: f64 = 1e-4;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let folders: Vec<PathBuf> = std::env::args().skip(1).map(PathBuf::from).collect();
+    let mut words: Vec<String> = std::env::args().skip(1).collect();
+    let mut preset = None;
+    if let [flag, name, ..] = &words[..]
+        && flag == "--preset"
+    {
+        preset = Some(Preset::named(name).ok_or_else(|| format!("there is no preset {name}"))?);
+        words.drain(..2);
+    }
+    let folders: Vec<PathBuf> = words.into_iter().map(PathBuf::from).collect();
     if folders.is_empty() {
-        return Err("give folders of scenes: figures DIR...".into());
+        return Err("give folders of scenes: figures [--preset NAME] DIR...".into());
     }
     for folder in folders {
         let mut scenes = vec![];
         find(&folder, &mut scenes)?;
         let mut figures = Figures::default();
         for scene in &scenes {
-            figures.measure(scene).map_err(|e| format!("{}: {e}", scene.display()))?;
+            figures.measure(scene, preset).map_err(|e| format!("{}: {e}", scene.display()))?;
         }
         println!("{} ({} scenes)", folder.display(), scenes.len());
         figures.print();
@@ -85,11 +94,11 @@ struct Figures {
 }
 
 impl Figures {
-    fn measure(&mut self, folder: &Path) -> Result<(), Box<dyn Error>> {
+    fn measure(&mut self, folder: &Path, preset: Option<&Preset>) -> Result<(), Box<dyn Error>> {
         let read = |name: &str| std::fs::read_to_string(folder.join(name));
         let scene = parse(&folder.display().to_string(), &read("observed.json")?)?;
         let truth: Json = serde_json::from_str(&read("truth.json")?)?;
-        let start = Preset::for_world(scene.world).model(&scene);
+        let start = preset.unwrap_or_else(|| Preset::for_world(scene.world)).model(&scene);
         let began = Instant::now();
         let fit = fit(std::slice::from_ref(&scene), &[start], &FitOptions::default(), &never)?;
         self.fit_ms.push(1e3 * began.elapsed().as_secs_f64());

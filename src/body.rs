@@ -44,6 +44,8 @@ pub struct Wrench<T> {
     /// Lever (m) and angle (rad) by which the friction of a sliding foot is off the centre of mass and askew.
     pub lever: T,
     pub skew: T,
+    /// Share by which a box stands more on one diagonal of its corners than on the other, -1..=1.
+    pub rock: T,
     /// Most resistance to rolling, as a force at a ball's centre (N).
     pub rolling: T,
     /// Rate at which velocities and spins decay (1/s), whatever holds the body.
@@ -63,6 +65,7 @@ impl<T: Real> Wrench<T> {
             grip: zero,
             lever: zero,
             skew: zero,
+            rock: zero,
             rolling: zero,
             damping: zero,
             pivot: zero,

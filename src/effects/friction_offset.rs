@@ -9,7 +9,7 @@ pub struct FrictionOffset;
 impl Effect for FrictionOffset {
     const SPEC: EffectSpec = EffectSpec {
         name: "friction_offset",
-        doc: "The ground's friction on a sliding foot acts at a lever beside the centre of mass, askew to the velocity.",
+        doc: "The ground's friction on a sliding foot acts at a lever beside the centre of mass, askew to the velocity; a box rocks, as any that stands on four corners.",
         source: "Uneven load over the foot: Goyal, Ruina and Papadopoulos, Wear 143 (1991) 307",
         hooks: &[Hook::Force],
         params: &[
@@ -31,6 +31,15 @@ impl Effect for FrictionOffset {
                 scope: Scope::Object,
                 doc: "angle of the friction force from the velocity's opposite",
             },
+            ParamSpec {
+                name: "rock",
+                unit: "1",
+                default: 0.0,
+                min: -1.0,
+                max: 1.0,
+                scope: Scope::Object,
+                doc: "share by which a box stands more on one diagonal of its corners than on the other",
+            },
         ],
     };
 
@@ -39,5 +48,6 @@ impl Effect for FrictionOffset {
     fn force<T: Real>(p: &[T], _time: T, _body: &Body<T>, out: &mut Wrench<T>) {
         out.lever += p[0];
         out.skew += p[1];
+        out.rock += p[2];
     }
 }

@@ -2,7 +2,7 @@
 //! not explain it.
 
 use super::SceneFit;
-use super::noise::wrapped;
+use super::noise::{Noise, wrapped};
 use crate::num::{Vec2, vec2};
 use crate::scene::Scene;
 use crate::world::{Anchor, EventKind, State, Trace};
@@ -29,15 +29,24 @@ pub struct Deviation {
     yaw: Line<1>,
 }
 
-/// Value at the centre and slope, each with its standard deviation and the share of it that is believed.
+/// Value at the centre and slope, each with its standard deviations and the share of it that is believed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Line<const N: usize> {
     value: [f64; N],
     slope: [f64; N],
-    value_sd: f64,
-    slope_sd: f64,
+    value_sd: [f64; N],
+    slope_sd: [f64; N],
     value_share: f64,
     slope_share: f64,
+}
+
+/// A residual.
+struct Point<const N: usize> {
+    /// From the centre of the samples (s).
+    time: f64,
+    off: [f64; N],
+    /// Of the measurement's noise.
+    variance: [f64; N],
 }
 
 /// How a body deviates at `time` (s) from a simulation of its scene's fit, `run`, which has the frames of the video;
@@ -68,18 +77,19 @@ pub fn deviation(scene: &Scene, fitted: &SceneFit, run: &Trace, body: usize, tim
     if near.len() < FEWEST {
         return None;
     }
+    let noise = Noise::of_fit(scene, fitted.noise_sigma);
     let centre = near.iter().map(|n| n.0).sum::<f64>() / near.len() as f64;
     let places = near.iter().map(|(t, s, state)| {
-        let off = s.position - state.position;
-        (t - centre, [off.x, off.y])
+        let (off, c) = (s.position - state.position, noise.covariance(s.covariance));
+        Point { time: t - centre, off: [off.x, off.y], variance: [c.xx, c.yy] }
     });
-    let turns = near.iter().filter_map(|(t, s, state)| Some((t - centre, [wrapped(s.yaw? - state.yaw)])));
-    let turns: Vec<_> = if object.shape.is_ball() { vec![] } else { turns.collect() };
-    let place = Line::through(&places.collect::<Vec<_>>(), fitted.noise_sigma);
-    let yaw = match fitted.noise_yaw {
-        Some(sigma) if turns.len() == near.len() => Line::through(&turns, sigma),
-        _ => Line::NONE,
-    };
+    let place = Line::through(&places.collect::<Vec<_>>());
+    let sigma = fitted.noise_yaw.filter(|_| !object.shape.is_ball());
+    let turns = near.iter().filter_map(|(t, s, state)| {
+        Some(Point { time: t - centre, off: [wrapped(s.yaw? - state.yaw)], variance: [sigma? * sigma?] })
+    });
+    let turns: Vec<_> = turns.collect();
+    let yaw = if turns.len() == near.len() { Line::through(&turns) } else { Line::NONE };
     let found = Deviation { id: object.id, time, lead: time - centre, place, yaw };
     (place.is_believed() || yaw.is_believed()).then_some(found)
 }
@@ -88,37 +98,43 @@ impl<const N: usize> Line<N> {
     const NONE: Line<N> = Line {
         value: [0.0; N],
         slope: [0.0; N],
-        value_sd: 0.0,
-        slope_sd: 0.0,
+        value_sd: [0.0; N],
+        slope_sd: [0.0; N],
         value_share: 0.0,
         slope_share: 0.0,
     };
 
-    /// By least squares through points (time from their centre, residual) with noise `sigma`.
-    fn through(points: &[(f64, [f64; N])], sigma: f64) -> Line<N> {
-        let n = points.len() as f64;
-        let spread: f64 = points.iter().map(|p| p.0 * p.0).sum();
+    /// By least squares, each point weighed by the mean of its variances.
+    fn through(points: &[Point<N>]) -> Line<N> {
+        let weight = |p: &Point<N>| N as f64 / p.variance.iter().sum::<f64>();
+        let total: f64 = points.iter().map(weight).sum();
+        let spread: f64 = points.iter().map(|p| weight(p) * p.time * p.time).sum();
         if spread <= 0.0 {
             return Line::NONE;
         }
         let mut line = Line::NONE;
+        let mut left = 0.0;
         for k in 0..N {
-            line.value[k] = points.iter().map(|p| p.1[k]).sum::<f64>() / n;
-            line.slope[k] = points.iter().map(|p| p.0 * p.1[k]).sum::<f64>() / spread;
+            let sum = |f: &dyn Fn(&Point<N>) -> f64| points.iter().map(|p| weight(p) * f(p)).sum::<f64>();
+            line.value[k] = sum(&|p| p.off[k]) / total;
+            line.slope[k] = sum(&|p| p.time * p.off[k]) / spread;
+            line.value_sd[k] = sum(&|p| weight(p) * p.variance[k]).sqrt() / total;
+            line.slope_sd[k] = sum(&|p| weight(p) * p.variance[k] * p.time * p.time).sqrt() / spread;
+            let (value, slope) = (line.value[k], line.slope[k]);
+            left += points
+                .iter()
+                .map(|p| (p.off[k] - value - slope * p.time).powi(2) / p.variance[k])
+                .sum::<f64>();
         }
-        let left = |p: &(f64, [f64; N])| -> f64 {
-            (0..N).map(|k| (p.1[k] - line.value[k] - line.slope[k] * p.0).powi(2)).sum()
-        };
         // Where no line describes them, it is known less well than the noise says.
-        let left = points.iter().map(left).sum::<f64>() / (N as f64 * (n - 2.0));
-        let scatter = left.sqrt().max(sigma);
-        (line.value_sd, line.slope_sd) = (scatter / n.sqrt(), scatter / spread.sqrt());
-        let share = |of: &[f64; N], sd: f64| {
-            let squares: f64 = of.iter().map(|v| v * v).sum();
-            (1.0 - BELIEVED * N as f64 * sd * sd / squares.max(f64::MIN_POSITIVE)).max(0.0)
+        let scatter = (left / (N as f64 * (points.len() as f64 - 2.0))).sqrt().max(1.0);
+        line.value_sd.iter_mut().chain(&mut line.slope_sd).for_each(|sd| *sd *= scatter);
+        let share = |of: &[f64; N], sd: &[f64; N]| {
+            let squares: f64 = of.iter().zip(sd).map(|(v, sd)| (v / sd).powi(2)).sum();
+            (1.0 - BELIEVED * N as f64 / squares.max(f64::MIN_POSITIVE)).max(0.0)
         };
-        line.value_share = share(&line.value, line.value_sd);
-        line.slope_share = share(&line.slope, line.slope_sd);
+        line.value_share = share(&line.value, &line.value_sd);
+        line.slope_share = share(&line.slope, &line.slope_sd);
         line
     }
 
@@ -132,10 +148,10 @@ impl<const N: usize> Line<N> {
         let mut shift = [[0.0; N]; 2];
         for k in 0..N {
             let slope = self.slope_share * (self.slope[k] - off[1][k])
-                + self.slope_share.sqrt() * self.slope_sd * noise();
+                + self.slope_share.sqrt() * self.slope_sd[k] * noise();
             let centre = off[0][k] - off[1][k] * lead;
             let value = self.value_share * (self.value[k] - centre)
-                + self.value_share.sqrt() * self.value_sd * noise();
+                + self.value_share.sqrt() * self.value_sd[k] * noise();
             shift[0][k] = value + slope * lead;
             shift[1][k] = slope;
         }

@@ -42,8 +42,13 @@ impl Whitener {
 }
 
 impl Noise {
+    /// Of the positions of a scene whose noise was estimated before (m).
+    pub(super) fn of_fit(scene: &Scene, position: f64) -> Noise {
+        Noise { position, yaw: None, stated: stated(scene) }
+    }
+
     /// Covariance of a sample (m^2) that states this one.
-    fn covariance(&self, stated: Option<Covariance>) -> Covariance {
+    pub(super) fn covariance(&self, stated: Option<Covariance>) -> Covariance {
         let variance = self.position * self.position;
         match stated {
             Some(c) => c.scaled(variance / self.stated),

@@ -168,15 +168,17 @@ fn draws(
                 break;
             }
             let step = &shift * share;
-            let wanted: Vec<Vec<f64>> = parts.iter().map(|p| p.predicted(step.as_slice())).collect();
+            let mut wanted = None;
             let mut drawn = moved(point, &step);
             for _ in 0..CORRECTIONS {
                 let Some(found) = problem.residuals(&drawn, window) else { break };
-                if problem.cost_of(&drawn, &found, shares) - cost <= worst * share * share {
+                if problem.cost_of(&drawn, &found, shares) - cost <= worst {
                     return drawn;
                 }
+                let predicted = || parts.iter().map(|p| p.predicted(step.as_slice())).collect();
+                let wanted: &Vec<Vec<f64>> = wanted.get_or_insert_with(predicted);
                 let mut gradient = DVector::zeros(n);
-                for (((part, found), wanted), share) in parts.iter().zip(&found).zip(&wanted).zip(shares) {
+                for (((part, found), wanted), share) in parts.iter().zip(&found).zip(wanted).zip(shares) {
                     let off: Vec<f64> = found.iter().zip(wanted).map(|(f, w)| share * (f - w)).collect();
                     part.pull_back(&off, &mut gradient);
                 }

@@ -14,6 +14,9 @@ const BLOCK: usize = 25;
 /// A video needs far fewer events; a trial point that wants more is not worth its time.
 const LIMITS: Limits = Limits { events: 3_000 };
 
+/// Effects on a foot that slides as a whole, which no ball has.
+const OF_FEET: [&str; 1] = ["friction_offset"];
+
 /// One free parameter of the fit, in the space in which it is searched.
 #[derive(Debug, Clone)]
 pub(super) struct Free {
@@ -128,7 +131,10 @@ impl<'a> Problem<'a> {
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = active.shares(parameter);
                         let name = parameter.full_name(active, label);
-                        if parameter.prior.sd > 0.0 && active.on {
+                        let of_ball =
+                            || model.bodies.iter().any(|b| b.shape.is_ball() && b.id.to_string() == *label);
+                        let idle = OF_FEET.contains(&active.name.as_str()) && of_ball();
+                        if parameter.prior.sd > 0.0 && active.on && !idle {
                             let known =
                                 free.iter().position(|f| shared && f.scene.is_none() && f.name == name);
                             slots.push((at, known.unwrap_or(free.len())));

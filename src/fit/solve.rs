@@ -7,6 +7,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// A relative fall of the cost below this ends the search.
 const TOLERANCE: f64 = 1e-6;
+/// So does a fall below this: the cost is a negative log likelihood, and data do not tell odds of 1.001 from even ones.
+const NEGLIGIBLE: f64 = 0.001;
 /// Damping (share of the Hessian's diagonal): at the start, and beyond which no step helps.
 const FIRST_DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e10;
@@ -59,7 +61,7 @@ pub(super) fn minimise(
         let fall = cost - trial_cost;
         point = step;
         cost = trial_cost;
-        if fall <= TOLERANCE * cost {
+        if fall <= (TOLERANCE * cost).max(NEGLIGIBLE) {
             losses.push(cost);
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
             return Ok(Solution { point, cost, iterations, outcome, losses });

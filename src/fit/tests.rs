@@ -267,6 +267,17 @@ fn a_track_that_leaves_the_simulation_says_by_how_much_and_noise_says_nothing() 
     let anchor = off.anchor();
     assert!((anchor.position - vec2(0.03, 0.0)).norm() < 0.01, "{anchor:?}");
     assert!((anchor.velocity - vec2(0.1, 0.0)).norm() < 0.02, "{anchor:?}");
+    // Samples that say how little they know weigh little.
+    let mut doubtful = scene.clone();
+    for s in &mut doubtful.tracks[2].samples {
+        let far = s.frame % 4 == 0;
+        let variance = if far { 0.2 * 0.2 } else { SIGMA * SIGMA };
+        s.covariance = Some(Covariance { xx: variance, xy: 0.0, yy: variance });
+        s.position += vec2(0.0, if far { 0.2 } else { 0.0 });
+    }
+    let anchor = deviation(&doubtful, found, &run, 2, end).expect("it drifts").anchor();
+    assert!((anchor.position - vec2(0.03, 0.0)).norm() < 0.01, "{anchor:?}");
+    let anchor = off.anchor();
     // A draw is led to the same place from wherever it is.
     let state = run.states[last][2].expect("there");
     let mut other = state;

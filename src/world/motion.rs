@@ -285,7 +285,7 @@ impl<T: Scalar> Laws<T> {
         let shape = &self.shapes[i];
         let Shape::Ball { radius } = *shape else {
             if w.grip.value() > 0.0 {
-                let (f, t) = footprint(shape, self.growth.get(i).copied(), k);
+                let (f, t) = footprint(shape, self.growth.get(i).copied(), w.rock, k);
                 force -= (f - f.perp() * w.skew) * w.grip;
                 torque -= (t - w.lever * f.norm()) * w.grip;
             }

@@ -70,6 +70,9 @@ const UNEVEN_FOOT: &[PresetParam] =
 
 /// Every preset there is.
 pub static PRESETS: &[Preset] = &[
+    // Friction and damping: means of sixty videos fitted each alone, which two ways of contact agree on to 5 %; the engine's
+    // are constants, so they are held to that. Restitution: one value for the set-up, as kinds of pairs order differently in
+    // the two, and a wide deviation of each pair. A box on four corners: as likely any load between its diagonals.
     Preset {
         name: "clevrer",
         doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
@@ -78,18 +81,25 @@ pub static PRESETS: &[Preset] = &[
         mass_sd: 0.4,
         spin_sd: 0.0,
         effects: &[
-            with("sliding_friction", &[set("mu", 0.03, 0.003, Scope::Setup)]),
-            with("friction_offset", UNEVEN_FOOT),
+            with("sliding_friction", &[set("mu", 0.03, 0.0007, Scope::Setup)]),
+            with(
+                "friction_offset",
+                &[
+                    set("lever", 0.0, 0.006, Scope::Object),
+                    set("skew", 0.0, 0.02, Scope::Object),
+                    set("rock", 0.0, 0.58, Scope::Object),
+                ],
+            ),
             with(
                 "damping",
                 &[
-                    set("linear", 0.04, 0.01, Scope::Setup),
-                    set_by("quadratic", 0.04, 0.01, Scope::Shape, &[("sphere", 0.12)]),
+                    set("linear", 0.04, 0.002, Scope::Setup),
+                    set_by("quadratic", 0.04, 0.002, Scope::Shape, &[("sphere", 0.12)]),
                 ],
             ),
             with(
                 "restitution",
-                &[set("coefficient", 0.25, 0.25, Scope::ShapePair), set("deviation", 1.0, 0.4, Scope::Pair)],
+                &[set("coefficient", 0.3, 0.2, Scope::Setup), set("deviation", 1.0, 0.6, Scope::Pair)],
             ),
             with("contact_friction", &[set("mu", 0.04, 0.02, Scope::Pair)]),
         ],
