@@ -36,6 +36,6 @@ USER 65532:65532
 ENV VRDP_LISTEN=0.0.0.0:50051 VRDP_HTTP=0.0.0.0:8080 VRDP_DATA_DIR=/data
 VOLUME /data
 EXPOSE 50051 8080
-HEALTHCHECK --interval=10s --timeout=3s --start-period=5s --retries=3 CMD ["/vrdp", "health"]
+HEALTHCHECK --interval=5s --timeout=3s --start-period=5s --retries=3 CMD ["/vrdp", "health"]
 ENTRYPOINT ["/vrdp"]
 CMD ["serve"]

@@ -185,7 +185,7 @@ class Client:
             display_name=name,
             setup=setup,
             fps=fps,
-            world=videos_pb2.World.Value(f"WORLD_{world.upper()}"),
+            world=f"WORLD_{world.upper()}",
             objects=list(objects.values()),
         )
         return self._one(self._videos.CreateVideo, videos_pb2.CreateVideoRequest(video=video)).name
