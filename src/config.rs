@@ -50,6 +50,8 @@ pub struct Config {
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
+    /// URL of a collector that takes spans (OTLP over gRPC), for a build with the feature `otlp`; empty: none does.
+    pub otlp: String,
 }
 
 impl Default for Config {
@@ -70,6 +72,7 @@ impl Default for Config {
             trace_max_bytes: 0,
             log: "info".into(),
             log_json: false,
+            otlp: String::new(),
         }
     }
 }

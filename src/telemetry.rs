@@ -1,14 +1,58 @@
-//! Logs: to standard error, as text for people or as JSON for machines.
+//! Logs to standard error, as text for people or as JSON for machines; spans to a collector, if one is named.
 
 use std::io::IsTerminal;
-use tracing_subscriber::{EnvFilter, fmt};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer, fmt};
 
-/// Starts logging once; a second call changes nothing. An unreadable filter is refused.
-pub fn init(filter: &str, json: bool) -> Result<(), String> {
+/// Sends what is left of the spans when it is dropped.
+#[must_use]
+#[derive(Default)]
+pub struct Telemetry {
+    #[cfg(feature = "otlp")]
+    spans: Option<opentelemetry_sdk::trace::SdkTracerProvider>,
+}
+
+/// Starts once; a second call changes nothing. Refuses a filter that cannot be read, and a collector (URL of its OTLP
+/// port over gRPC) where this build has no feature `otlp`. To be called inside the runtime.
+pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemetry, String> {
     let filter = EnvFilter::try_new(filter).map_err(|e| format!("log filter {filter:?}: {e}"))?;
-    let builder =
-        fmt().with_env_filter(filter).with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
+    let text = fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
+    let logs = if json { text.json().boxed() } else { text.boxed() };
+    let (spans, telemetry) = match collector {
+        Some(url) => spans(url)?,
+        None => (None, Telemetry::default()),
+    };
     // It fails only where a logger is set already, as in tests.
-    let _ = if json { builder.json().try_init() } else { builder.try_init() };
-    Ok(())
+    let _ = tracing_subscriber::registry().with(spans).with(logs).with(filter).try_init();
+    Ok(telemetry)
+}
+
+type Spans = Option<Box<dyn Layer<tracing_subscriber::Registry> + Send + Sync>>;
+
+#[cfg(not(feature = "otlp"))]
+fn spans(_collector: &str) -> Result<(Spans, Telemetry), String> {
+    Err("otlp: this program was built without it; build it with `--features otlp`".into())
+}
+
+#[cfg(feature = "otlp")]
+fn spans(collector: &str) -> Result<(Spans, Telemetry), String> {
+    use opentelemetry::trace::TracerProvider;
+    use opentelemetry_otlp::{SpanExporter, WithExportConfig};
+    use opentelemetry_sdk::{Resource, trace::SdkTracerProvider};
+    let exporter = SpanExporter::builder().with_tonic().with_endpoint(collector).build();
+    let exporter = exporter.map_err(|e| format!("otlp {collector:?}: {e}; give the URL of a collector"))?;
+    let resource = Resource::builder().with_service_name("vrdp").build();
+    let provider = SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build();
+    let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("vrdp")).boxed();
+    Ok((Some(layer), Telemetry { spans: Some(provider) }))
+}
+
+#[cfg(feature = "otlp")]
+impl Drop for Telemetry {
+    fn drop(&mut self) {
+        if let Some(Err(error)) = self.spans.take().map(|spans| spans.shutdown()) {
+            eprintln!("the last spans could not be sent: {error}");
+        }
+    }
 }

@@ -1,15 +1,18 @@
-//! The HTTP port: what machines and browsers read. It changes nothing.
+//! The HTTP port: what machines and browsers read.
 
 use super::guard::Tokens;
-use super::metrics;
+use super::{metrics, pages};
 use crate::engine::Engine;
 use axum::Router;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
-use axum::http::header::{CONTENT_TYPE, WWW_AUTHENTICATE};
+use axum::http::header::{CONTENT_TYPE, HOST, WWW_AUTHENTICATE};
+use axum::http::uri::Authority;
+use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use std::future::Future;
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -21,6 +24,10 @@ const UPKEEP: Duration = Duration::from_secs(5);
 /// All pages, of what the engine shows.
 pub fn router(engine: Arc<Engine>) -> Router {
     Router::new()
+        .route("/", get(pages::home))
+        .route("/videos/{id}/report", get(pages::report))
+        .route("/traces/{file}", get(pages::trace))
+        .route("/favicon.ico", get(async || StatusCode::NO_CONTENT))
         .route("/healthz", get(async || "serving\n"))
         .route("/metrics", get(figures))
         .with_state(engine)
@@ -28,6 +35,20 @@ pub fn router(engine: Arc<Engine>) -> Router {
 
 async fn figures(State(engine): State<Arc<Engine>>) -> impl IntoResponse {
     ([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], metrics::render(&engine))
+}
+
+/// Lets through what was meant for this machine: a page from elsewhere whose name was made to point here does not get
+/// in (DNS rebinding).
+async fn local(request: Request, next: Next) -> Response {
+    let named = request.headers().get(HOST).and_then(|host| host.to_str().ok()?.parse::<Authority>().ok());
+    let host = named.as_ref().map_or("", |authority| authority.host().trim_matches(['[', ']']));
+    match host == "localhost" || host.parse::<IpAddr>().is_ok() {
+        true => next.run(request).await,
+        false => {
+            let advice = "open this machine's pages as localhost or by its address\n";
+            (StatusCode::MISDIRECTED_REQUEST, advice).into_response()
+        }
+    }
 }
 
 /// The pages as the caller's tenant sees them; with tokens, anybody sees only those that tell of nobody.
@@ -64,8 +85,11 @@ pub async fn serve_http(
             metrics::upkeep();
         }
     };
-    let served =
-        axum::serve(listener, guarded(engine, tokens)).with_graceful_shutdown(shutdown).into_future();
+    let mut pages = guarded(engine, tokens);
+    if listener.local_addr()?.ip().is_loopback() {
+        pages = pages.layer(middleware::from_fn(local));
+    }
+    let served = axum::serve(listener, pages).with_graceful_shutdown(shutdown).into_future();
     tokio::select! {
         done = served => done,
         () = upkeep => Ok(()),

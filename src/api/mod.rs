@@ -1,10 +1,12 @@
 //! The gRPC edge: the generated messages, their conversion, the services and their server.
 
+mod accept;
 mod calls;
 mod camera;
 mod guard;
 pub mod http;
 mod metrics;
+mod pages;
 mod reply;
 mod report;
 mod request;

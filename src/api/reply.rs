@@ -2,10 +2,11 @@
 
 use super::v1;
 use crate::effects::{EFFECTS, Scope};
-use crate::engine::{Answered, Simulated, StoredFit};
+use crate::engine::{Answered, Engine, Job, Simulated, StoredFit};
 use crate::fit::{Estimate, Outcome};
 use crate::reason::{ChoiceAnswer, CutShort, Imagined, LikelyEvent, Step};
 use crate::world::{Ending, EventKind, State};
+use std::time::Duration;
 
 pub fn model_name(video: &str, id: &str) -> String {
     format!("videos/{video}/models/{id}")
@@ -13,6 +14,32 @@ pub fn model_name(video: &str, id: &str) -> String {
 
 pub fn trace_name(id: &str) -> String {
     format!("traces/{id}")
+}
+
+/// What the engine does just now; the jobs are those of its tenant.
+pub fn statistics(engine: &Engine) -> v1::ServiceStatistics {
+    let (load, capacity) = (engine.load(), engine.capacity());
+    let job = |job: Job| v1::RunningJob {
+        kind: job.kind.into(),
+        video: format!("videos/{}", job.video),
+        progress: job.progress,
+        age: duration(job.age),
+    };
+    v1::ServiceStatistics {
+        version: env!("CARGO_PKG_VERSION").into(),
+        uptime: duration(engine.uptime()),
+        workers: capacity.workers as u32,
+        queue_capacity: capacity.queue as u32,
+        jobs_running: load.running as u32,
+        jobs_waiting: load.waiting as u32,
+        oldest_wait: duration(load.oldest),
+        fits: engine.fits_run(),
+        jobs: engine.jobs().into_iter().map(job).collect(),
+    }
+}
+
+fn duration(time: Duration) -> Option<prost_types::Duration> {
+    prost_types::Duration::try_from(time).ok()
 }
 
 pub fn model(stored: &StoredFit) -> v1::Model {

@@ -1,5 +1,6 @@
 //! The server: limits, health, reflection, and an end that loses nothing and does not hang.
 
+use super::accept::connections;
 use super::calls::Calls;
 use super::guard::{Guard, Security};
 use super::services::Services;
@@ -11,7 +12,6 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::Server;
-use tonic::transport::server::TcpIncoming;
 
 /// Bytes of header fields: names and tokens are short.
 const MAX_HEADERS: u32 = 16 * 1024;
@@ -72,6 +72,7 @@ pub async fn serve(
     health.set_serving::<v1::models_server::ModelsServer<Services>>().await;
     health.set_serving::<v1::reasoning_server::ReasoningServer<Services>>().await;
     health.set_serving::<v1::traces_server::TracesServer<Services>>().await;
+    health.set_serving::<v1::statistics_server::StatisticsServer<Services>>().await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTORS)
@@ -94,10 +95,11 @@ pub async fn serve(
         .add_service(limited!(v1::models_server::ModelsServer<Services>))
         .add_service(limited!(v1::reasoning_server::ReasoningServer<Services>))
         .add_service(limited!(v1::traces_server::TracesServer<Services>))
+        .add_service(limited!(v1::statistics_server::StatisticsServer<Services>))
         .add_service(health_service)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?);
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
+    let incoming = connections(listener);
     let stop = draining.clone();
     let running = server.serve_with_incoming_shutdown(incoming, async move { stop.cancelled().await });
     tokio::pin!(running);

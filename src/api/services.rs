@@ -1,4 +1,4 @@
-//! The four services: each call is converted, handed to the engine, and converted back.
+//! The services: each call is converted, handed to the engine, and converted back.
 
 use super::status::{error, status};
 use super::{camera, reply, report, request, study, trace, v1, video};
@@ -282,6 +282,16 @@ async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskRe
     let (video, choice, question, options) = request::ask(given)?;
     let done = engine.ask(&video, &choice, question, options).await?;
     Ok(reply::answer(&video, &done))
+}
+
+#[tonic::async_trait]
+impl v1::statistics_server::Statistics for Services {
+    async fn get_statistics(
+        &self,
+        request: Request<v1::GetStatisticsRequest>,
+    ) -> Reply<v1::ServiceStatistics> {
+        Ok(Response::new(reply::statistics(&self.owner(&request))))
+    }
 }
 
 #[tonic::async_trait]

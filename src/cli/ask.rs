@@ -3,7 +3,7 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api::v1::{AskRequest, AskResponse, Choice, Step, ask_request, choice};
 use crate::reason::examples;
 use serde_json::{Value, json};
@@ -41,7 +41,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
     let request = AskRequest { model, ..request(video, &args.question, &args.choice) };
-    let mut reply = connection.reasoning().ask(request).await?.into_inner();
+    let mut reply = progress::during("thinks", connection.reasoning().ask(request)).await?.into_inner();
     if !connection.keeps_traces() {
         reply.traces.clear();
     }

@@ -3,7 +3,7 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api::v1::{CalibrateCameraRequest, CalibrateCameraResponse, PointPair};
 use crate::scene::parse_pairs;
 use serde_json::{Value, json};
@@ -51,7 +51,8 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let size = [request.image_width, request.image_height];
     let given = request.pairs.len();
     let connection = Connection::open(target).await?;
-    let found = connection.videos().calibrate_camera(request).await?.into_inner();
+    let found =
+        progress::during("calibrates", connection.videos().calibrate_camera(request)).await?.into_inner();
     match args.json.as_deref() {
         Some(file) => output::json(file, &to_json(&found, size))?,
         None => output::print(&text(&found, given, &counts))?,

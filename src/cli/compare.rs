@@ -4,7 +4,7 @@ use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::study::Said;
-use super::{input, output, study};
+use super::{input, output, progress, study};
 use crate::api::v1::{
     CompareModelsRequest, CompareModelsResponse, VideoComparison, compare_models_response::Event,
 };
@@ -31,7 +31,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let start = input::model(args.with.as_deref())?;
     let connection = Connection::open(target).await?;
-    let bar = study::bar("compares");
+    let bar = progress::percent("compares");
     let (mut found, mut summaries, mut tables) = (Map::new(), vec![], String::new());
     for (i, scene) in scenes.iter().enumerate() {
         let request = study::request(&connection, std::slice::from_ref(scene), start.clone()).await?;

@@ -3,10 +3,10 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api::v1::{Estimate, FitMethod, FitModelRequest, Model, ModelChoice, SharedEstimate};
 use crate::scene::Scene;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -163,17 +163,14 @@ struct Watch {
 
 impl Watch {
     fn new(scenes: usize) -> Watch {
-        let bar = ProgressBar::new(100 * scenes as u64);
-        if let Ok(style) = ProgressStyle::with_template("{msg:20} {bar:40} {percent:>3} % {elapsed}") {
-            bar.set_style(style);
-        }
+        let bar = progress::bar(100 * scenes as u64, "{msg:20} {bar:40} {percent:>3} % {elapsed}");
         Watch { bar, told: Cell::new(Instant::now()) }
     }
 
     fn show(&self, name: &str, done: usize, fraction: f64, began: Instant) {
         self.bar.set_message(name.to_string());
         self.bar.set_position(100 * done as u64 + (100.0 * fraction) as u64);
-        if self.bar.is_hidden() && self.told.get().elapsed() >= LINE_EVERY {
+        if self.bar.is_hidden() && !progress::is_quiet() && self.told.get().elapsed() >= LINE_EVERY {
             self.told.set(Instant::now());
             eprintln!(
                 "fitting {name}: {:.0} % after {:.0} s",

@@ -3,7 +3,7 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api;
 use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::scene::{
@@ -56,7 +56,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let (mut told, mut failures, mut done) = (String::new(), vec![], Map::new());
     for path in &args.files {
-        match one(&connection, &args, path).await {
+        match progress::during("imports", one(&connection, &args, path)).await {
             Ok((name, text, json)) => {
                 told += &text;
                 done.insert(name, json);

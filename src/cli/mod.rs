@@ -15,6 +15,7 @@ mod import;
 mod input;
 mod ladder;
 mod output;
+mod progress;
 mod replay;
 mod report;
 mod revise;
@@ -60,6 +61,9 @@ struct Target {
     /// File with the token by which the service knows our tenant.
     #[arg(long, global = true, value_name = "FILE")]
     token: Option<PathBuf>,
+    /// Shows no progress, only results.
+    #[arg(long, short, global = true)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
@@ -103,6 +107,9 @@ enum Command {
 /// Parses the arguments and runs the command: 0 done, 2 bad input or usage, 1 anything else.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
+    if cli.target.quiet {
+        progress::silence();
+    }
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => {

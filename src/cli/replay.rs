@@ -1,12 +1,11 @@
 //! `replay`: plays a trace file; with `--verify` simulates again and compares bit for bit. It needs nothing but the file.
 
 use super::error::Failure;
-use super::output;
 use super::trace::{failure, open};
+use super::{output, progress};
 use crate::num::never;
 use crate::recording::messages::{self as m, foxglove as fox};
 use crate::recording::{MAX_TIME, Reader, TOLERANCE, Verification, build, verify};
-use indicatif::{ProgressBar, ProgressStyle};
 use prost::Message as _;
 use serde_json::json;
 use std::fs::File;
@@ -127,10 +126,7 @@ fn play(args: &Args, to: f64) -> Result<(), Failure> {
     let wrong = |e| failure(&args.file, e);
     let mut reader: Reader<File> = Reader::open(open(&args.file)?).map_err(wrong)?;
     let end = to.min(reader.span()[1]);
-    let bar = ProgressBar::new(((end - args.from).max(0.0) * 1e3).ceil() as u64);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {msg}") {
-        bar.set_style(style);
-    }
+    let bar = progress::bar(((end - args.from).max(0.0) * 1e3).ceil() as u64, "{bar:40} {msg}");
     let topics = [&*m::STATES.name, &*m::AFTER.name, &*m::LOG.name];
     let (mut frames, mut events, mut rounds) = (0u64, 0u64, 0u64);
     loop {

@@ -4,12 +4,11 @@ use super::Target;
 use super::ask::request;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api::v1::{
     AskRequest, AskResponse, Choice, FitMethod, Program, ask_many_response, ask_request, choice,
 };
 use futures_util::stream;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -39,10 +38,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let folders = folders(&args.scenes)?;
     let model = input::model(args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let bar = ProgressBar::new(folders.len() as u64);
-    if let Ok(style) = ProgressStyle::with_template("{msg:20} {bar:40} {pos}/{len} scenes, {eta} to go") {
-        bar.set_style(style);
-    }
+    let bar = progress::bar(folders.len() as u64, "{msg:20} {bar:40} {pos}/{len} scenes, {eta} to go");
     let (mut answers, mut scores, mut refused) = (Map::new(), Scores::default(), vec![]);
     let mut unread = vec![];
     for folder in &folders {

@@ -13,7 +13,7 @@ pub struct Args {
     /// Address of the gRPC service [default: 127.0.0.1:50051]
     #[arg(long, value_name = "HOST:PORT")]
     listen: Option<String>,
-    /// Address of the HTTP port with /metrics and /healthz; '': none [default: 127.0.0.1:8080]
+    /// Address of the HTTP port with the dashboard, /metrics and /healthz; '': none [default: 127.0.0.1:8080]
     #[arg(long, value_name = "HOST:PORT")]
     http: Option<String>,
     /// Certificate chain of the service (PEM).
@@ -48,10 +48,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     if print_config {
         return print(&toml::to_string(&config).map_err(Failure::other)?);
     }
-    telemetry::init(&config.log, config.log_json).map_err(Failure::input)?;
+    let collector = Some(config.otlp.as_str()).filter(|url| !url.is_empty());
+    let _telemetry = telemetry::init(&config.log, config.log_json, collector).map_err(Failure::input)?;
     tracing::info!(?config, "effective configuration");
     let service = start(&config).await?;
-    let http = service.http.map(|address| format!("vrdp serves HTTP on {address}\n")).unwrap_or_default();
+    let http =
+        service.http.map(|address| format!("vrdp serves HTTP on http://{address}\n")).unwrap_or_default();
     print(&format!("vrdp serves gRPC on {}\n{http}", service.address))?;
     interrupted().await?;
     service.stop().await

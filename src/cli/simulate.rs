@@ -3,7 +3,7 @@
 use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
-use super::{input, output};
+use super::{input, output, progress};
 use crate::api::v1::intervention::{
     Kind, Remove, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
 };
@@ -72,7 +72,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         frames: args.frames.unwrap_or(0),
         ..Default::default()
     };
-    let reply = connection.reasoning().simulate(request).await?.into_inner();
+    let reply = progress::during("simulates", connection.reasoning().simulate(request)).await?.into_inner();
     let mut trace = connection.keeps_traces().then(|| reply.trace.clone());
     if let Some(path) = &args.trace {
         output::file(path, &connection.download(&reply.trace).await?)?;

@@ -2,10 +2,9 @@
 
 use super::connect::Connection;
 use super::error::Failure;
-use super::output;
+use super::{output, progress};
 use crate::api::v1::{ModelChoice, RankedEffect, StudyRequest};
 use crate::scene::Scene;
-use indicatif::{ProgressBar, ProgressStyle};
 use tonic::Streaming;
 
 /// Posts the scenes and names them in a request.
@@ -19,17 +18,6 @@ pub async fn request(
         videos.push(connection.post(scene).await.map_err(|e| e.at(&scene.name))?);
     }
     Ok(StudyRequest { videos, start, models: vec![] })
-}
-
-/// A bar of 100 steps.
-pub fn bar(what: &'static str) -> ProgressBar {
-    let bar = ProgressBar::new(100);
-    if let Ok(style) = ProgressStyle::with_template("{msg:10} {bar:40} {percent:>3} %  {elapsed}") {
-        bar.set_style(style);
-    }
-    bar.set_message(what);
-    bar.enable_steady_tick(std::time::Duration::from_millis(200));
-    bar
 }
 
 /// What one message of a streamed reply says.
@@ -46,7 +34,7 @@ pub async fn result<M, T>(
     stream: Streaming<M>,
     said: impl Fn(M) -> Option<Said<T>>,
 ) -> Result<T, Failure> {
-    let bar = bar(what);
+    let bar = progress::percent(what);
     let found = last(stream, said, |f| bar.set_position((100.0 * f) as u64)).await;
     bar.finish_and_clear();
     found

@@ -68,12 +68,12 @@ impl Engine {
             return Err(EngineError::invalid("others", message));
         }
         let id = canonical_digest("joint", &(&videos, &models, &options, env!("CARGO_PKG_VERSION")));
-        let engine = self.clone();
+        let (engine, first) = (self.clone(), videos.first().cloned().unwrap_or_default());
         let work = {
             let id = id.clone();
             move |control| async move { engine.run_joint(id, videos, scenes, models, options, control).await }
         };
-        Ok(self.joint_fits.join(format!("{key}{id}"), self.deadline(), work).await)
+        Ok(self.joint_fits.join(format!("{key}{id}"), &first, self.deadline(), work).await)
     }
 
     async fn run_joint(

@@ -31,8 +31,22 @@ impl<T> Clone for Memo<T> {
 
 type Flights<T> = Arc<Mutex<HashMap<String, Arc<Flight<T>>>>>;
 
+/// A piece of work that goes on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// What its result is: fit, study, simulation, answer.
+    pub kind: &'static str,
+    /// Id of the (first) video that it is about.
+    pub video: String,
+    /// 0 to 1.
+    pub progress: f64,
+    pub age: Duration,
+}
+
 /// One piece of work and those who wait for it.
 struct Flight<T> {
+    video: String,
+    began: Instant,
     stage: watch::Sender<Stage<T>>,
     token: CancellationToken,
     /// Changed under the lock of `flights` only.
@@ -66,8 +80,25 @@ impl<T: Send + Sync + 'static> Memo<T> {
         Memo { kind, cache, flights: Arc::default() }
     }
 
-    /// Joins the work under `key`, or starts it. It runs in a task of its own: no caller carries it.
-    pub async fn join<F, W>(&self, key: String, deadline: Instant, work: F) -> Waiting<T>
+    /// What goes on under keys that begin so, the oldest first.
+    pub fn jobs(&self, prefix: &str) -> Vec<Job> {
+        let flights = locked(&self.flights);
+        let ours = flights.iter().filter(|(key, _)| key.starts_with(prefix)).map(|(_, flight)| flight);
+        let job = |flight: &Arc<Flight<T>>| {
+            let progress = match &*flight.stage.borrow() {
+                Stage::Running(fraction) => *fraction,
+                Stage::Done(_) => 1.0,
+            };
+            Job { kind: self.kind, video: flight.video.clone(), progress, age: flight.began.elapsed() }
+        };
+        let mut jobs: Vec<Job> = ours.map(job).collect();
+        jobs.sort_by(|a, b| b.age.cmp(&a.age).then_with(|| a.video.cmp(&b.video)));
+        jobs
+    }
+
+    /// Joins the work under `key`, or starts it: something about a video. It runs in a task of its own: no caller
+    /// carries it.
+    pub async fn join<F, W>(&self, key: String, video: &str, deadline: Instant, work: F) -> Waiting<T>
     where
         F: FnOnce(Control) -> W + Send,
         W: Future<Output = Result<T, EngineError>> + Send + 'static,
@@ -84,6 +115,8 @@ impl<T: Send + Sync + 'static> Memo<T> {
             None => Stage::Running(0.0),
         };
         let flight = Arc::new(Flight {
+            video: video.to_string(),
+            began: Instant::now(),
             stage: watch::Sender::new(stage),
             token: CancellationToken::new(),
             callers: Mutex::new(1),
@@ -216,33 +249,35 @@ mod tests {
         let mut callers = Vec::new();
         for _ in 0..100 {
             let (runs, gate) = (runs.clone(), gate.clone());
-            let join = memo.join("k".into(), later(), |_| async move {
+            let join = memo.join("k".into(), "v", later(), |_| async move {
                 runs.fetch_add(1, Ordering::SeqCst);
                 let _open = gate.acquire().await;
                 Ok(5)
             });
             callers.push(join.await);
         }
+        let jobs = memo.jobs("k");
+        assert_eq!((jobs.len(), jobs[0].video.as_str(), memo.jobs("l").len()), (1, "v", 0));
         drop(callers.remove(0));
         gate.add_permits(1);
         for caller in callers {
             assert_eq!(*caller.finish().await.unwrap(), 5);
         }
         assert_eq!(runs.load(Ordering::SeqCst), 1);
-        assert!(locked(&memo.flights).is_empty());
+        assert!(memo.jobs("").is_empty());
     }
 
     #[tokio::test]
     async fn work_that_nobody_waits_for_is_stopped_and_never_joined() {
         let memo = Memo::<usize>::new("test", 9, |_| 1);
         let (send, receive) = tokio::sync::oneshot::channel();
-        let first = memo.join("k".into(), later(), |control| async move {
+        let first = memo.join("k".into(), "v", later(), |control| async move {
             control.token.cancelled().await;
             let _ = send.send(());
             Err(EngineError::Cancelled)
         });
         drop(first.await);
-        let second = memo.join("k".into(), later(), |_| async { Ok(2) }).await;
+        let second = memo.join("k".into(), "v", later(), |_| async { Ok(2) }).await;
         receive.await.unwrap();
         assert_eq!(*second.finish().await.unwrap(), 2);
     }

@@ -4,6 +4,7 @@ mod check;
 pub mod figures;
 mod joint;
 mod memo;
+mod overview;
 mod pool;
 mod replay;
 mod report;
@@ -16,7 +17,7 @@ mod trace;
 pub use crate::store::Tenant;
 pub use check::{MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED};
 pub use joint::Others;
-pub use memo::{Update, Waiting};
+pub use memo::{Job, Update, Waiting};
 pub use pool::{Control, Load, panic_message};
 pub use replay::{MAX_REPLAYS, Played, Replay, ReplayOptions};
 pub use report::{Page, Query};
@@ -166,7 +167,8 @@ pub struct SimulateOptions {
 pub struct Engine {
     store: Store,
     pool: Arc<Pool>,
-    job_timeout: Duration,
+    capacity: Capacity,
+    began: Instant,
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
     joint_fits: Memo<Vec<StoredFit>>,
@@ -187,7 +189,8 @@ impl Engine {
         Ok(Engine {
             store: Store::open(data_dir)?,
             pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
-            job_timeout: capacity.job_timeout,
+            capacity,
+            began: Instant::now(),
             scenes: Cache::builder()
                 .max_capacity(CACHED_BYTES)
                 .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
@@ -229,13 +232,33 @@ impl Engine {
         self.pool.load()
     }
 
+    pub fn capacity(&self) -> Capacity {
+        self.capacity
+    }
+
+    pub fn uptime(&self) -> Duration {
+        self.began.elapsed()
+    }
+
+    /// The work that goes on, the oldest first.
+    pub fn jobs(&self) -> Vec<Job> {
+        let ours = self.key("");
+        let mut jobs = self.fits.jobs(&ours);
+        jobs.extend(self.joint_fits.jobs(&ours));
+        jobs.extend(self.studies.jobs(&ours));
+        jobs.extend(self.simulations.jobs(&ours));
+        jobs.extend(self.answers.jobs(&ours));
+        jobs.sort_by_key(|job| std::cmp::Reverse(job.age));
+        jobs
+    }
+
     fn fitted_anew(&self) {
         self.fits_run.fetch_add(1, Ordering::Relaxed);
         metrics::counter!(figures::FITS).increment(1);
     }
 
     fn deadline(&self) -> Instant {
-        Instant::now() + self.job_timeout
+        Instant::now() + self.capacity.job_timeout
     }
 
     fn key(&self, id: &str) -> String {
@@ -303,12 +326,11 @@ impl Engine {
         let scene = self.video(video).await?;
         let model = start.unfitted(&scene)?;
         let id = canonical_digest("model", &(video, &model, &options, env!("CARGO_PKG_VERSION")));
-        let (engine, video) = (self.clone(), video.to_string());
         let work = {
-            let id = id.clone();
+            let (engine, video, id) = (self.clone(), video.to_string(), id.clone());
             move |control| async move { engine.run_fit(video, id, scene, model, options, control).await }
         };
-        Ok(self.fits.join(format!("{key}{id}"), self.deadline(), work).await)
+        Ok(self.fits.join(format!("{key}{id}"), video, self.deadline(), work).await)
     }
 
     async fn run_fit(
@@ -403,7 +425,7 @@ impl Engine {
             let trace = engine.publish(batch).await?.pop().unwrap_or_default();
             Ok(Simulated { model: fitted.id.clone(), fps: scene.fps, imagined, trace })
         };
-        self.simulations.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await
+        self.simulations.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }
 
     /// Answers a question; the traces it stands on are durable before the answer is given.
@@ -438,7 +460,7 @@ impl Engine {
             let traces = engine.publish(batch).await?;
             Ok(Answered { model, answer, traces })
         };
-        self.answers.join(format!("{key}{digest}"), self.deadline(), work).await.finish().await
+        self.answers.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }
 
     async fn put_of_video<T: Serialize>(

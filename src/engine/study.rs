@@ -108,7 +108,8 @@ impl Engine {
             let id = id.clone();
             move |control| async move { engine.run_study(id, subject, inquiry, control).await }
         };
-        Ok(self.studies.join(format!("{key}{id}"), self.deadline(), work).await)
+        let first = videos.first().map_or("", String::as_str);
+        Ok(self.studies.join(format!("{key}{id}"), first, self.deadline(), work).await)
     }
 
     /// The fits that a study begins with, one a video; none where it begins anew.

@@ -192,7 +192,9 @@ impl Session<'_> {
         rollout: usize,
     ) -> Result<(Option<Value>, Vec<Step>), ReasonError> {
         loop {
-            let facts = Facts { scene: self.scene, effects: &self.effects, worlds: &self.worlds, rollout };
+            let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
+            let (scene, effects, worlds) = (self.scene, &self.effects, &self.worlds);
+            let facts = Facts { scene, bodies, effects, worlds, rollout };
             let mut trail = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, facts, stack)?;

@@ -43,6 +43,16 @@ pub(super) static FORMS: &[Form] = &[
     ),
     form("if", "if {change}", "{change}"),
     form("if", "if {change1} and {change2}", "{change1} {change2} both"),
+    form(
+        "if",
+        "if there is|was|were another {some} {length} {way} of {S}",
+        "{some} {S} {length} {way} add_another",
+    ),
+    form(
+        "if",
+        "if another {some} is|was|were {length} {way} of {S}",
+        "{some} {S} {length} {way} add_another",
+    ),
     form("if", "without {S}", "{S}"),
     form("if", "without {S1} and {S2}", "{S1} {S2} both"),
     form("if", "without {law}", "{law} switch_off"),

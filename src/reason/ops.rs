@@ -4,7 +4,7 @@ use super::ReasonError;
 use super::events::{Happening, Kind, Past, SIDES};
 use crate::num::{Vec2, vec2};
 use crate::scene::{Object, Scene};
-use crate::world::{Intervention, InterventionError};
+use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
 
 /// Mass factors of "heavier" and "lighter".
 pub const HEAVIER: f64 = 5.0;
@@ -114,6 +114,27 @@ pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Re
         [] => Err(ReasonError::NoSuchObject { phrase, candidates: names(&all(scene)) }),
         several => Err(ReasonError::AmbiguousObject { phrase, candidates: names(several) }),
     }
+}
+
+/// The first of the objects: a pattern for more of its kind.
+pub fn first_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
+    objects.first().map_or_else(|| unique_object(scene, &[], phrase_asked), |first| Ok(*first))
+}
+
+/// A body like the first one, at rest, `by` (m) off where the second one begins.
+pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Result<Intervention, ReasonError> {
+    let find = |id: u32| {
+        let known = || bodies.iter().map(|b| b.id).collect();
+        bodies
+            .iter()
+            .find(|b| b.id == id)
+            .ok_or_else(|| InterventionError::UnknownObject { id, known: known() })
+    };
+    let (like, beside) = (find(like)?, find(beside)?);
+    let state = State { position: beside.start.state.position + by, ..State::default() };
+    let start = Start { time: 0.0, state, rolling: false };
+    let id = bodies.iter().map(|b| b.id).max().map_or(0, |id| id.saturating_add(1));
+    Ok(Intervention::Add { body: BodySpec { id, start, ..like.clone() } })
 }
 
 /// The one event; the same event twice is taken as its first time.

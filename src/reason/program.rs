@@ -86,6 +86,7 @@ ops! {
     AtRest: "at_rest";
     Reverse: "reverse";
     Shift: "shift";
+    AddAnother: "add_another";
     SwitchOff: "switch_off";
     Both: "both";
     QueryColor: "query_color";
@@ -228,6 +229,12 @@ fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
             pop("left, right, top or bottom", &[Side])?;
             pop("a length", &[Factor])?;
             pop("an object", &[Object]).map(|_| Change)?
+        }
+        Op::AddAnother => {
+            pop("left, right, top or bottom", &[Side])?;
+            pop("a length", &[Factor])?;
+            pop("an object", &[Object])?;
+            pop("objects", &[Objects]).map(|_| Change)?
         }
         Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => {
             pop("a factor", &[Factor])?;

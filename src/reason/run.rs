@@ -5,7 +5,7 @@ use super::events::{Happening, Kind, Past, World};
 use super::ops;
 use super::program::{Op, Program};
 use crate::scene::Scene;
-use crate::world::Intervention;
+use crate::world::{BodySpec, Intervention};
 use serde::{Deserialize, Serialize};
 
 /// One step of a program: its token and what came of it, in words.
@@ -49,7 +49,9 @@ impl From<ReasonError> for Halt {
 #[derive(Clone, Copy)]
 pub struct Facts<'a> {
     pub scene: &'a Scene,
-    /// Effects that are on in the fitted model.
+    /// Of the fitted model.
+    pub bodies: &'a [BodySpec],
+    /// Effects that are on in it.
     pub effects: &'a [String],
     pub worlds: &'a [World],
     pub rollout: usize,
@@ -253,6 +255,14 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             }
             _ => return Err(untyped(op)),
         },
+        Op::AddAnother => match (pop()?, pop()?, pop()?, pop()?) {
+            (Word(side), Factor(length), Object(beside), Objects(alike)) => {
+                let alike = ops::first_object(scene, &alike, &words.join(" "))?;
+                let ids = [ops::id(scene, alike)?, ops::id(scene, beside)?];
+                Change(vec![ops::another(facts.bodies, ids, ops::towards(side, length))?])
+            }
+            _ => return Err(untyped(op)),
+        },
         Op::SwitchOff => match pop()? {
             Word(law) => Change(ops::switch_off(facts.effects, law)?),
             _ => return Err(untyped(op)),
@@ -324,6 +334,10 @@ fn describe_change(scene: &Scene, change: &Intervention) -> String {
         }
         Intervention::Shift { id, by } => {
             format!("{} moved by ({}, {}) m", name(id).unwrap_or_default(), by.x, by.y)
+        }
+        Intervention::Add { body } => {
+            let p = body.start.state.position;
+            format!("another {} at ({}, {}) m", body.shape.word(), p.x, p.y)
         }
         Intervention::SwitchEffect { name, .. } => format!("without {name}"),
         other => format!("{other:?}"),

@@ -146,6 +146,10 @@ fn changes_beyond_the_paper_have_programs() {
         "all_events BLUE 0.25 right shift BLUE both filter_counterfact belong_to",
     );
     check(
+        "What would happen if there were another red cube 30 cm to the left of the blue object?",
+        "all_events objects red filter_color cube filter_shape BLUE 0.3 left add_another filter_counterfact belong_to",
+    );
+    check(
         "Would the blue ball hit the left side of the table if the blue object were at rest?",
         "BLUE at_rest filter_counterfact objects blue filter_color sphere filter_shape unique left filter_side exist",
     );
@@ -268,7 +272,7 @@ fn true_events_give_the_true_answers() {
                 rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
             });
         }
-        let facts = Facts { scene: &scene, effects: &[], worlds: &worlds, rollout: 0 };
+        let facts = Facts { scene: &scene, bodies: &[], effects: &[], worlds: &worlds, rollout: 0 };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = Program::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);
@@ -328,6 +332,7 @@ fn a_question_is_answered_from_english_and_from_its_program() {
         ("If the cube did not move and the brown sphere were half as heavy, what would happen?", 2),
         ("What would happen if the cube were 25 cm further left?", 1),
         ("What would happen if the cube were 1.5 times as bouncy?", 1),
+        ("What would happen if there were another cube 2 m to the right of the brown sphere?", 1),
     ] {
         let answer = asked(text, &[pair]).unwrap();
         assert_eq!(answer.simulations[0].interventions.len(), edits, "{text}");

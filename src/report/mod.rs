@@ -1,6 +1,8 @@
 //! What was found, as a page to look at: one self-contained HTML file, and its pictures as SVG. Data in, text out.
 
 mod chart;
+pub mod dashboard;
+mod document;
 mod look;
 mod page;
 mod plots;

@@ -1,6 +1,7 @@
 //! The page: what was missing in one glance, then the proof, piece by piece. No network, works without its script.
 
-use super::chart::{Picture, STYLE, number};
+use super::chart::{Picture, number};
+use super::document::document;
 use super::look::Views;
 use super::plots::{class, label, step, word};
 use super::table::{self, Side, name, player};
@@ -10,41 +11,22 @@ use crate::effects::effect;
 use crate::fit::Estimate;
 use crate::reason::Step;
 use crate::scene::Scene;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
-const PAGE_STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
     let [headline, _] = words(report);
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                // Nothing may be fetched, whatever a name holds.
-                meta http-equiv="Content-Security-Policy"
-                    content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
-                title { (headline) " – vrdp" }
-                style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) }
-            }
-            body {
-                main {
-                    (head(report, views, pictures))
-                    (see(report, views, pictures))
-                    (fails(views, pictures))
-                    (ranked(report, pictures))
-                    (parameters(report))
-                    @if !report.answers.is_empty() { (answers(report)) }
-                    @if !report.traces.is_empty() { (traces(report)) }
-                }
-                script { (PreEscaped(SCRIPT)) }
-            }
-        }
+    let main = html! {
+        (head(report, views, pictures))
+        (see(report, views, pictures))
+        (fails(views, pictures))
+        (ranked(report, pictures))
+        (parameters(report))
+        @if !report.answers.is_empty() { (answers(report)) }
+        @if !report.traces.is_empty() { (traces(report)) }
     };
-    page.into_string()
+    document(&format!("{headline} – vrdp"), "", "", main, SCRIPT)
 }
 
 /// Headline, and the verdict in one sentence.

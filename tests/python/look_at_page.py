@@ -1,6 +1,7 @@
-"""Opens a report in headless Chromium: no error, no request, the slider moves the objects, keys work, text has contrast.
+"""Opens a report, or the dashboard of a service, in headless Chromium: no error, no request to elsewhere, text has contrast;
+the slider moves the objects, keys work; the dashboard stays live.
 
-Usage: look_at_page.py REPORT.html [FOLDER FOR SCREENSHOTS]
+Usage: look_at_page.py REPORT.html|URL [FOLDER FOR SCREENSHOTS]
 """
 
 import base64
@@ -83,7 +84,7 @@ class Browser:
         self.process.wait()
 
 
-def look(browser, url, width, scheme, shots):
+def look(browser, url, width, scheme, shots, try_it):
     browser.events.clear()
     browser.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
     browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
@@ -93,6 +94,20 @@ def look(browser, url, width, scheme, shots):
     found = browser.value(CHECK)
     assert not found["poor"], f"{where}: low contrast: {found['poor']}"
     assert not found["wide"], f"{where}: wider than the window: {found['wide']}"
+    try_it(browser, where)
+    wrong = [e for e in browser.events if e.get("method") in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")]
+    assert not wrong, f"{where}: {wrong}"
+    asked = [e["params"]["request"]["url"] for e in browser.events if e.get("method") == "Network.requestWillBeSent"]
+    assert all(a == url for a in asked), f"{where}: requests {asked}"
+    if shots:
+        height = min(browser.value("document.documentElement.scrollHeight"), 12000)
+        browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        picture = browser.call("Page.captureScreenshot", format="png")["data"]
+        (shots / f"{try_it.__name__}-{width}-{scheme}.png").write_bytes(base64.b64decode(picture))
+    print(f"{where}: good")
+
+
+def report(browser, where):
     before = browser.value(BODIES)
     assert before and all(before), f"{where}: no player has bodies"
     browser.value("document.querySelectorAll('.time').forEach(s => { s.value = 0; s.dispatchEvent(new Event('input')) })")
@@ -114,20 +129,18 @@ def look(browser, url, width, scheme, shots):
       c.value = '0'; c.dispatchEvent(new Event('change'));
       return shown.indexOf(true) == 1 && shown.lastIndexOf(true) == 1; })()""")
     assert picked, f"{where}: choosing a video does not show it"
-    wrong = [e for e in browser.events if e.get("method") in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")]
-    assert not wrong, f"{where}: {wrong}"
-    asked = [e["params"]["request"]["url"] for e in browser.events if e.get("method") == "Network.requestWillBeSent"]
-    assert all(a == url for a in asked), f"{where}: requests {asked}"
-    if shots:
-        height = min(browser.value("document.documentElement.scrollHeight"), 12000)
-        browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
-        picture = browser.call("Page.captureScreenshot", format="png")["data"]
-        (shots / f"report-{width}-{scheme}.png").write_bytes(base64.b64decode(picture))
-    print(f"{where}: good")
+
+
+def dashboard(browser, where):
+    browser.value("new Promise(r => setTimeout(r, 2500))")
+    assert browser.value("document.getElementById('fresh').textContent") == "live", f"{where}: it is not live"
+    links = browser.value("document.querySelectorAll('td a, th a').length")
+    assert links > 1, f"{where}: nothing leads to a report or a trace"
 
 
 def main():
-    url = pathlib.Path(sys.argv[1]).resolve().as_uri()
+    service = sys.argv[1].startswith("http")
+    url = sys.argv[1].rstrip("/") + "/" if service else pathlib.Path(sys.argv[1]).resolve().as_uri()
     shots = pathlib.Path(sys.argv[2]) if len(sys.argv) > 2 else None
     if shots:
         shots.mkdir(parents=True, exist_ok=True)
@@ -136,7 +149,7 @@ def main():
         try:
             for width in WIDTHS:
                 for scheme in SCHEMES:
-                    look(browser, url, width, scheme, shots)
+                    look(browser, url, width, scheme, shots, dashboard if service else report)
         finally:
             browser.close()
 

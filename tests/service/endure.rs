@@ -14,12 +14,12 @@ use tonic::transport::Channel;
 use vrdp::api::{self, v1};
 use vrdp::engine::{Capacity, EngineError};
 
-fn is_long() -> bool {
+pub fn is_long() -> bool {
     std::env::var("VRDP_LONG_TESTS").is_ok_and(|v| v == "1")
 }
 
 /// The count that a goal asks for, or one that fits into every run.
-fn count(long: usize, short: usize) -> usize {
+pub fn count(long: usize, short: usize) -> usize {
     if is_long() { long } else { short }
 }
 
@@ -28,38 +28,68 @@ fn runner(long: u32, short: u32) -> TestRunner {
     TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() })
 }
 
-/// Resident memory of this process (MiB).
-fn resident() -> f64 {
-    let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
+/// Resident memory of a process (MiB).
+fn resident(process: &str) -> f64 {
+    let statm = std::fs::read_to_string(format!("/proc/{process}/statm")).unwrap_or_default();
     let pages: f64 = statm.split(' ').nth(1).and_then(|v| v.parse().ok()).unwrap_or(0.0);
     pages * 4096.0 / (1 << 20) as f64
 }
 
 /// The program itself; it is killed where it is dropped.
-struct Program {
+pub struct Program {
     child: Child,
     url: String,
     ready_after: Duration,
 }
 
 impl Program {
-    fn start(data: &Path) -> Program {
+    pub fn start(data: &Path) -> Program {
+        Program::start_with(data, &[])
+    }
+
+    /// With settings in its environment.
+    pub fn start_with(data: &Path, settings: &[(&str, &str)]) -> Program {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_vrdp"));
+        command.envs(settings.iter().copied());
+        Program::run(command, data).unwrap()
+    }
+
+    /// With files of at most so many blocks of 512 bytes, as on a disk that is full; `None` if it ends at once.
+    pub fn start_cramped(data: &Path, blocks: u64) -> Option<Program> {
+        let mut command = Command::new("sh");
+        let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+        command.args(["-c", &script, env!("CARGO_BIN_EXE_vrdp")]);
+        Program::run(command, data)
+    }
+
+    fn run(mut command: Command, data: &Path) -> Option<Program> {
         let began = Instant::now();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_vrdp"))
+        let mut child = command
             .args(["serve", "--listen", "127.0.0.1:0", "--http", "", "--data-dir"])
             .arg(data)
-            .env("VRDP_LOG", "error")
+            .env("VRDP_LOG", "off")
             .env_remove("VRDP_LONG_TESTS")
             .stdout(Stdio::piped())
+            .stderr(Stdio::null())
             .spawn()
             .unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let address = line.trim().rsplit(' ').next().unwrap();
-        Program { url: format!("http://{address}"), child, ready_after: began.elapsed() }
+        let url = format!("http://{}", line.trim().rsplit(' ').next().unwrap());
+        let program = Program { url, child, ready_after: began.elapsed() };
+        (!line.is_empty()).then_some(program)
     }
 
-    async fn channel(&self) -> Channel {
+    pub fn address(&self) -> &str {
+        &self.url["http://".len()..]
+    }
+
+    /// Its resident memory (MiB).
+    pub fn resident(&self) -> f64 {
+        resident(&self.child.id().to_string())
+    }
+
+    pub async fn channel(&self) -> Channel {
         Channel::from_shared(self.url.clone()).unwrap().connect().await.unwrap()
     }
 }
@@ -74,10 +104,10 @@ impl Drop for Program {
 
 /// Names that were told to a client.
 #[derive(Default)]
-struct Told {
-    videos: BTreeSet<String>,
-    models: BTreeSet<String>,
-    traces: BTreeSet<String>,
+pub struct Told {
+    pub videos: BTreeSet<String>,
+    pub models: BTreeSet<String>,
+    pub traces: BTreeSet<String>,
 }
 
 /// Posts videos and simulates them until the service is gone.
@@ -100,7 +130,7 @@ async fn load(channel: Channel, round: usize, client: usize, told: Arc<Mutex<Tol
 }
 
 /// Everything that was told is there, nothing is doubled, and every file is whole.
-async fn whole(channel: &Channel, told: &Told) {
+pub async fn whole(channel: &Channel, told: &Told) {
     let mut videos = vec![];
     let mut request = v1::ListVideosRequest { page_size: 1000, ..Default::default() };
     loop {
@@ -221,7 +251,7 @@ async fn panics_in_one_job_of_a_hundred_are_nobody_elses() {
     let jobs = count(10_000, 1_000);
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), Capacity { queue: 256, ..CAPACITY }).await;
-    let before = resident();
+    let before = resident("self");
     let mut ids = BTreeSet::new();
     for batch in 0..jobs / 100 {
         let one = |k: usize| {
@@ -237,7 +267,7 @@ async fn panics_in_one_job_of_a_hundred_are_nobody_elses() {
         }
     }
     assert_eq!(ids.len(), jobs / 100);
-    let grown = resident() - before;
+    let grown = resident("self") - before;
     // Other tests of this process use memory too, unless this one runs by itself.
     assert!(!is_long() || grown < 50.0, "{grown} MiB more");
     println!("{jobs} jobs, {} panics: {grown:.1} MiB more", ids.len());
@@ -297,6 +327,57 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
         Ok(())
     });
     checked.unwrap();
+}
+
+#[test]
+fn motions_of_any_kind_are_simulated_or_refused() {
+    let number = || prop_oneof![6 => -3.0..3.0f64, 2 => Just(0.0), 1 => -1e4..1e4f64, 1 => prop::sample::select(vec![1e-300, 1e6, -1e6])];
+    let shape = prop_oneof![
+        (1e-3..2.0f64).prop_map(|radius| v1::shape::Kind::Disc(v1::shape::Disc { radius })),
+        (1e-3..2.0f64).prop_map(|radius| v1::shape::Kind::Ball(v1::shape::Ball { radius })),
+        (1e-3..2.0f64).prop_map(|half_side| v1::shape::Kind::Square(v1::shape::Square { half_side })),
+    ];
+    // A straight course, and jumps of the tracker.
+    type Course = ([f64; 4], Vec<(f64, f64)>, u32, u32);
+    let track = (
+        prop::array::uniform4(number()),
+        prop::collection::vec((number(), number()), 0..4),
+        0..3u32,
+        1..25u32,
+    );
+    let objects = prop::collection::vec((shape, track), 1..5);
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let service = runtime.block_on(start(folder.path(), CAPACITY));
+    let mut runner = runner(2_000, 20);
+    let checked = runner.run(&objects, |objects| {
+        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (usize, (_, Course))| {
+            let samples = (from..from + frames).map(|frame| {
+                let t = f64::from(frame) / 25.0;
+                let (jx, jy) = jumps.get(frame as usize / 7).copied().unwrap_or_default();
+                let place =
+                    v1::sample::Place::Position(v1::Vector { x: x + vx * t + jx, y: y + vy * t + jy });
+                v1::Sample { frame, place: Some(place), ..Default::default() }
+            });
+            let shape = Some(v1::Shape { kind: Some(shape) });
+            v1::Object { id: id as u32, shape, samples: samples.collect(), ..Default::default() }
+        };
+        let video =
+            v1::Video { objects: objects.into_iter().enumerate().map(of).collect(), ..Default::default() };
+        let done = runtime.block_on(async {
+            let video = service.create(video).await?;
+            let ask = v1::SimulateRequest { video, frames: 40, rollouts: Some(2), ..Default::default() };
+            service.reasoning().simulate(ask).await
+        });
+        if let Err(status) = done {
+            let known =
+                [tonic::Code::InvalidArgument, tonic::Code::FailedPrecondition, tonic::Code::OutOfRange];
+            prop_assert!(known.contains(&status.code()), "{:?}", status);
+        }
+        Ok(())
+    });
+    checked.unwrap();
+    runtime.block_on(service.stop());
 }
 
 #[test]

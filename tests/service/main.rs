@@ -1,7 +1,9 @@
 //! The service over a real channel: what it does, keeps, shares, and refuses.
 
 mod camera;
+mod crowd;
 mod discover;
+mod disk;
 mod endure;
 mod flow;
 mod garbage;

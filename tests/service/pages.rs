@@ -1,20 +1,39 @@
 //! The HTTP port, and what every call leaves behind: an id and its figures.
 
 use crate::harness::*;
+use std::net::SocketAddr;
+use std::sync::Arc;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinHandle;
 use tonic::Request;
 use vrdp::api::http::serve_http;
-use vrdp::api::v1;
+use vrdp::api::v1::statistics_client::StatisticsClient;
+use vrdp::api::{Tokens, v1};
 
 /// Status line, header fields and body of a page.
-async fn get(address: std::net::SocketAddr, path: &str) -> String {
+async fn get(address: SocketAddr, path: &str) -> String {
+    String::from_utf8_lossy(&ask(address, path, "localhost").await).into_owned()
+}
+
+async fn ask(address: SocketAddr, path: &str, host: &str) -> Vec<u8> {
     let mut stream = TcpStream::connect(address).await.unwrap();
-    let request = format!("GET {path} HTTP/1.1\r\nHost: vrdp\r\nConnection: close\r\n\r\n");
+    let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).await.unwrap();
-    let mut page = String::new();
-    stream.read_to_string(&mut page).await.unwrap();
+    let mut page = vec![];
+    stream.read_to_end(&mut page).await.unwrap();
     page
+}
+
+/// The HTTP port of a service.
+async fn open(
+    service: &Running,
+    tokens: Option<Arc<Tokens>>,
+) -> (SocketAddr, JoinHandle<std::io::Result<()>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let pages = serve_http(listener, service.engine.clone(), tokens, std::future::pending());
+    (address, tokio::spawn(pages))
 }
 
 /// The value of a figure whose line begins so.
@@ -27,9 +46,7 @@ fn figure(page: &str, begin: &str) -> f64 {
 async fn figures_are_read_over_http_and_know_no_video() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = listener.local_addr().unwrap();
-    let pages = tokio::spawn(serve_http(listener, service.engine.clone(), None, std::future::pending()));
+    let (address, pages) = open(&service, None).await;
     assert!(get(address, "/healthz").await.starts_with("HTTP/1.1 200"));
     assert!(get(address, "/nothing").await.starts_with("HTTP/1.1 404"));
     let name = service.create(video("pages", 20)).await.unwrap();
@@ -40,6 +57,20 @@ async fn figures_are_read_over_http_and_know_no_video() {
     let missing = v1::GetVideoRequest { name: "videos/abc".into() };
     service.videos().get_video(missing).await.unwrap_err();
     let busy = service.occupy().await;
+    let mut statistics = StatisticsClient::new(service.channel.clone());
+    let waits = v1::SimulateRequest { video: name.clone(), rollouts: Some(2), ..Default::default() };
+    let mut caller = service.reasoning();
+    let waiting = tokio::spawn(async move { caller.simulate(waits).await });
+    let told = loop {
+        let told = statistics.get_statistics(v1::GetStatisticsRequest {}).await.unwrap().into_inner();
+        match told.jobs_waiting {
+            0 => tokio::task::yield_now().await,
+            _ => break told,
+        }
+    };
+    assert_eq!((told.jobs_running, told.workers, told.fits), (1, 1, 1));
+    assert_eq!((told.jobs[0].kind.as_str(), &told.jobs[0].video), ("simulation", &name));
+    waiting.abort();
     let page = get(address, "/metrics").await;
     // Other tests of this process are counted too.
     for (begin, least) in [
@@ -60,6 +91,47 @@ async fn figures_are_read_over_http_and_know_no_video() {
     drop(busy);
     pages.abort();
     let _ = pages.await;
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_dashboard_leads_to_reports_and_traces() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let (address, pages) = open(&service, None).await;
+    assert!(get(address, "/").await.contains("None yet"));
+    let name = service.create(video("<script>pages", 20)).await.unwrap();
+    let ask_for = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
+    let done = service.reasoning().simulate(ask_for).await.unwrap().into_inner();
+    let page = get(address, "/").await;
+    assert!(page.contains("&lt;script&gt;pages") && !page.contains("<script>pages"), "{page}");
+    assert!(page.contains(&format!("/{name}/report")) && page.contains(&format!("/{}.mcap", done.trace)));
+    assert!(get(address, "/?after=x").await.starts_with("HTTP/1.1 400"));
+
+    let report = get(address, &format!("/{name}/report")).await;
+    assert!(report.starts_with("HTTP/1.1 200") && report.contains("<h1>"), "{report}");
+    assert!(get(address, "/videos/abc/report").await.starts_with("HTTP/1.1 404"));
+    assert!(get(address, "/videos/..%2f/report").await.starts_with("HTTP/1.1 400"));
+
+    let download = v1::DownloadTraceRequest { name: done.trace.clone() };
+    let mut stream = service.traces().download_trace(download).await.unwrap().into_inner();
+    let mut bytes = vec![];
+    while let Some(chunk) = stream.message().await.unwrap() {
+        bytes.extend(chunk.data);
+    }
+    let file = ask(address, &format!("/{}.mcap", done.trace), "127.0.0.1").await;
+    assert!(file.ends_with(&bytes) && !bytes.is_empty());
+    assert!(get(address, "/traces/abc.mcap").await.starts_with("HTTP/1.1 404"));
+    // Another site's name that was made to point to this machine.
+    assert!(ask(address, "/", "rebound.example").await.starts_with(b"HTTP/1.1 421"));
+
+    let tokens = Tokens::parse("secret-of-lab-a-00 = lab-a").unwrap();
+    let (guarded, more) = open(&service, Some(Arc::new(tokens))).await;
+    assert!(get(guarded, "/").await.starts_with("HTTP/1.1 401"));
+    for pages in [pages, more] {
+        pages.abort();
+        let _ = pages.await;
+    }
     service.stop().await;
 }
 

@@ -1,0 +1,118 @@
+//! What people open in a browser: the dashboard, the report of a video, a trace file.
+
+use super::request::is_id;
+use super::status::status;
+use super::study;
+use super::v1;
+use crate::engine::{Engine, EngineError, Lease, TraceRecord};
+use crate::report::dashboard::dashboard;
+use axum::body::{Body, Bytes};
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use axum::http::header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, RETRY_AFTER};
+use axum::response::{Html, IntoResponse, Response};
+use futures_util::stream;
+use serde::Deserialize;
+use std::sync::Arc;
+use tonic::Code;
+
+/// Where the links of a report lead, as seen from its own address.
+const TRACES: &str = "/traces/";
+
+/// An error as a browser is told.
+pub struct Refusal(EngineError);
+
+impl From<EngineError> for Refusal {
+    fn from(error: EngineError) -> Self {
+        Refusal(error)
+    }
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        let status = status(self.0);
+        let code = match status.code() {
+            Code::InvalidArgument | Code::OutOfRange => StatusCode::BAD_REQUEST,
+            Code::NotFound => StatusCode::NOT_FOUND,
+            Code::FailedPrecondition => StatusCode::UNPROCESSABLE_ENTITY,
+            Code::ResourceExhausted | Code::Unavailable | Code::Cancelled => StatusCode::SERVICE_UNAVAILABLE,
+            Code::DeadlineExceeded => StatusCode::GATEWAY_TIMEOUT,
+            _ => StatusCode::INTERNAL_SERVER_ERROR,
+        };
+        let text = format!("{}\n", status.message());
+        match code {
+            StatusCode::SERVICE_UNAVAILABLE => (code, [(RETRY_AFTER, "1")], text).into_response(),
+            _ => (code, text).into_response(),
+        }
+    }
+}
+
+#[derive(Deserialize)]
+pub struct After {
+    #[serde(default)]
+    after: String,
+}
+
+pub async fn home(
+    State(engine): State<Arc<Engine>>,
+    Query(After { after }): Query<After>,
+) -> Result<impl IntoResponse, Refusal> {
+    if !after.is_empty() && !is_id(&after) {
+        return Err(EngineError::invalid("after", format!("is {after:?}; must be a video's id")).into());
+    }
+    let shown = engine.overview(&after).await?;
+    Ok(([(CACHE_CONTROL, "no-store")], Html(dashboard(&shown))))
+}
+
+#[derive(Deserialize)]
+pub struct With {
+    /// Ids of the other videos of the set-up, with commas.
+    #[serde(default)]
+    with: String,
+}
+
+/// What a discovery finds in the videos, by the usual search; made once, and kept. Who leaves before it is done stops it.
+pub async fn report(
+    State(engine): State<Arc<Engine>>,
+    Path(video): Path<String>,
+    Query(With { with }): Query<With>,
+) -> Result<impl IntoResponse, Refusal> {
+    let named = [video.as_str()].into_iter().chain(with.split(',').filter(|id| !id.is_empty()));
+    let videos = named.map(|id| format!("videos/{id}")).collect();
+    let study = Some(v1::StudyRequest { videos, ..Default::default() });
+    let search = v1::DiscoverEffectsRequest { study, ..Default::default() };
+    let (videos, start, inquiry) = study::discovery(search)?;
+    let found = engine.study(&videos, &start, inquiry).await?.finish().await?;
+    let page = engine.page(&found, vec![], Some(TRACES.into())).await?;
+    Ok(([(CACHE_CONTROL, "no-cache")], Html(page.html)))
+}
+
+/// The MCAP file of a trace: `{id}.mcap`.
+pub async fn trace(
+    State(engine): State<Arc<Engine>>,
+    Path(file): Path<String>,
+) -> Result<impl IntoResponse, Refusal> {
+    let id = file.strip_suffix(".mcap").unwrap_or(&file);
+    let missing = || EngineError::NotFound { name: format!("traces/{file}") };
+    let id = Some(id).filter(|id| is_id(id)).ok_or_else(missing)?;
+    let (record, lease) = engine.trace(id).await?;
+    let head = [
+        (CONTENT_TYPE, "application/octet-stream".to_string()),
+        (CONTENT_LENGTH, record.size_bytes.to_string()),
+        (CONTENT_DISPOSITION, format!("attachment; filename=\"{id}.mcap\"")),
+    ];
+    Ok((head, Body::from_stream(chunks(engine, record, lease))))
+}
+
+/// The bytes of a trace; it is not swept away meanwhile.
+fn chunks(
+    engine: Arc<Engine>,
+    record: TraceRecord,
+    lease: Lease,
+) -> impl stream::Stream<Item = Result<Bytes, std::io::Error>> {
+    stream::try_unfold((engine, record, lease, 0), async |(engine, record, lease, offset)| {
+        let chunk = engine.read_trace(&record, offset).await.map_err(std::io::Error::other)?;
+        let next = offset + chunk.len() as u64;
+        Ok((!chunk.is_empty()).then_some((chunk, (engine, record, lease, next))))
+    })
+}
