@@ -1,8 +1,10 @@
-# Builds one static binary and puts it alone into an image; the classic builder and BuildKit both do.
+# One static binary, alone in an image; the classic builder and BuildKit both do.
 FROM rust:1-slim-bookworm AS build
 # Names every dependency inside the binary, for scanners.
 RUN cargo install --locked --version 0.7.0 cargo-auditable
 WORKDIR /src
+# With --target they hold for the program alone, not for build scripts.
+ENV RUSTFLAGS="-C target-feature=+crt-static"
 
 # Dependencies are a layer of their own: editing sources does not build them again.
 COPY Cargo.toml Cargo.lock ./
@@ -10,28 +12,30 @@ RUN mkdir -p src benches \
     && for file in build.rs src/main.rs; do echo 'fn main() {}' >$file; done \
     && touch src/lib.rs \
     && sed -n '/^\[\[bench\]\]/{n;s/name = "\(.*\)"/benches\/\1.rs/p}' Cargo.toml | xargs -r touch \
-    && rustc -vV | sed -n 's/^host: //p' >/target \
-    && RUSTFLAGS='-C target-feature=+crt-static' cargo build --release --locked --target "$(cat /target)"
+    && cargo auditable build --release --locked --target "$(rustc --print host-tuple)"
 
 COPY build.rs ./
 COPY proto proto
 COPY src src
+# The scenes of `vrdp demo`.
+COPY tests tests
 RUN touch build.rs src/main.rs src/lib.rs \
-    && RUSTFLAGS='-C target-feature=+crt-static' cargo auditable build --release --locked --target "$(cat /target)" \
-    && install -D --strip "target/$(cat /target)/release/vrdp" /image/vrdp \
-    && mkdir /image/data
+    && cargo auditable build --release --locked --target "$(rustc --print host-tuple)" \
+    && mkdir -p /image /owned/data \
+    && strip -o /image/vrdp target/*/release/vrdp
 
 FROM gcr.io/distroless/static-debian12:nonroot
 LABEL org.opencontainers.image.title="vrdp" \
       org.opencontainers.image.description="Understands the physics in a video" \
       org.opencontainers.image.licenses="MIT OR Apache-2.0"
+COPY --from=build /image /
 # 65532 is "nonroot" there; a named volume on /data takes over the owner.
-COPY --from=build --chown=65532:65532 /image /
+COPY --from=build --chown=65532:65532 /owned /
 USER 65532:65532
-ENV VRDP_LISTEN=0.0.0.0:50051 VRDP_INSECURE=true VRDP_DATA_DIR=/data
+# Reached from outside, it starts with a certificate and tokens, or where VRDP_INSECURE=true is said.
+ENV VRDP_LISTEN=0.0.0.0:50051 VRDP_HTTP=0.0.0.0:8080 VRDP_DATA_DIR=/data
 VOLUME /data
-EXPOSE 50051
-HEALTHCHECK --interval=10s --timeout=3s --start-period=5s --retries=3 \
-    CMD ["/vrdp", "health", "--server", "http://127.0.0.1:50051"]
+EXPOSE 50051 8080
+HEALTHCHECK --interval=5s --timeout=3s --start-period=5s --retries=3 CMD ["/vrdp", "health"]
 ENTRYPOINT ["/vrdp"]
 CMD ["serve"]

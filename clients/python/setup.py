@@ -1,4 +1,6 @@
 """Compiles the repository's protobuf files into the package while it is built."""
+import shutil
+from importlib.metadata import requires
 from importlib.resources import files
 from pathlib import Path
 
@@ -22,6 +24,9 @@ class WithStubs(build_py):
         if code:
             raise SystemExit(code)
         Path(out, "vrdp", "v1", "__init__.py").touch()
+        shutil.copy(PROTO / "vrdp/v1/service_config.json", Path(out, "vrdp", "v1"))
 
 
-setup(cmdclass={"build_py": WithStubs})
+# Stubs want at least the libraries of the compiler that made them.
+needs = [r for r in requires("grpcio-tools") or [] if r.startswith(("grpcio", "protobuf"))]
+setup(cmdclass={"build_py": WithStubs}, install_requires=needs)

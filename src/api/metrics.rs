@@ -33,7 +33,7 @@ pub fn count() {
 fn describe() {
     describe_counter!(
         CALLS,
-        "Calls that ended, by method and code; CANCELLED: the caller left, or its deadline passed"
+        "Calls that ended, by method and code; Cancelled: the caller left, or its deadline passed"
     );
     describe_histogram!(CALL_SECONDS, Unit::Seconds, "How long calls took, to the end of their streams");
     for (name, meaning) in figures::COUNTERS {
@@ -79,4 +79,22 @@ pub fn methods() -> BTreeSet<String> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_dashboard_asks_for_figures_that_there_are() {
+        let figures = [CALLS, CALL_SECONDS].into_iter();
+        let figures = figures.chain(figures::COUNTERS.map(|(name, _)| name));
+        let figures = figures.chain(figures::HISTOGRAMS.map(|(name, _)| name));
+        let known: BTreeSet<&str> = figures.chain(figures::GAUGES.map(|(name, _)| name)).collect();
+        let dashboard = include_str!("../../deploy/grafana/dashboards/vrdp.json");
+        let words = dashboard.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        let asked: BTreeSet<&str> =
+            words.filter(|w| w.starts_with("vrdp_")).map(|w| w.trim_end_matches("_bucket")).collect();
+        assert!(asked.len() > 5 && asked.is_subset(&known), "{asked:?}");
+    }
 }

@@ -248,7 +248,7 @@ impl Engine {
         jobs.extend(self.studies.jobs(&ours));
         jobs.extend(self.simulations.jobs(&ours));
         jobs.extend(self.answers.jobs(&ours));
-        jobs.sort_by(|a, b| b.age.cmp(&a.age));
+        jobs.sort_by_key(|job| std::cmp::Reverse(job.age));
         jobs
     }
 

@@ -1,4 +1,4 @@
-"""Posts a scene to a running service over gRPC and asks for its future: the README's Python example, checked.
+"""Posts a scene to a running service over gRPC and asks for its future, with generated stubs and nothing of ours.
 
 usage: call.py HOST:PORT OBSERVED.json   (with the generated modules on PYTHONPATH)
 """

@@ -338,6 +338,7 @@ fn motions_of_any_kind_are_simulated_or_refused() {
         (1e-3..2.0f64).prop_map(|half_side| v1::shape::Kind::Square(v1::shape::Square { half_side })),
     ];
     // A straight course, and jumps of the tracker.
+    type Course = ([f64; 4], Vec<(f64, f64)>, u32, u32);
     let track = (
         prop::array::uniform4(number()),
         prop::collection::vec((number(), number()), 0..4),
@@ -350,10 +351,7 @@ fn motions_of_any_kind_are_simulated_or_refused() {
     let service = runtime.block_on(start(folder.path(), CAPACITY));
     let mut runner = runner(2_000, 20);
     let checked = runner.run(&objects, |objects| {
-        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (
-            usize,
-            (_, ([f64; 4], Vec<(f64, f64)>, u32, u32)),
-        )| {
+        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (usize, (_, Course))| {
             let samples = (from..from + frames).map(|frame| {
                 let t = f64::from(frame) / 25.0;
                 let (jx, jy) = jumps.get(frame as usize / 7).copied().unwrap_or_default();

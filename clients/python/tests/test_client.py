@@ -48,5 +48,9 @@ def test_a_refusal_names_the_field(client):
     with pytest.raises(VrdpError, match="object") as refused:
         client.simulate(client.post(tracks()), remove=[7])
     assert refused.value.code is grpc.StatusCode.INVALID_ARGUMENT
+    with Client("127.0.0.1:1") as nobody, pytest.raises(VrdpError, match="UNAVAILABLE"):
+        nobody.post(tracks())
+    with pytest.raises(ValueError, match="https"):
+        Client("vrdp.example:50051", token="my-token")
     with pytest.raises(ValueError, match="cone"):
         client.post([{"id": 1, "frame": 0, "x": 0, "y": 0, "shape": "cone"}])

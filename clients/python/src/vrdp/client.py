@@ -1,8 +1,11 @@
 """Posts tracks, fits, simulates, asks and discovers; tables go in and come out as pandas frames where pandas is there."""
 from __future__ import annotations
 
+import ipaddress
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Union
 
 import grpc
@@ -88,16 +91,24 @@ class Simulation:
 class Client:
     """A connection to a service, such as ``Client("127.0.0.1:50051")``; close it, or use it in ``with``.
 
-    ``ca`` (PEM bytes) trusts a certificate authority and switches TLS on, ``token`` is sent as a bearer token.
-    Every call ends after ``timeout`` seconds.
+    ``https://HOST:PORT`` or a ``ca`` (PEM bytes: who signed the certificate; default: whom gRPC trusts) switches TLS on.
+    ``token`` is sent as a bearer token. Calls are sent again by the interface's policy, and end after ``timeout`` seconds.
     """
 
     def __init__(self, server: str, *, ca: bytes | None = None, token: str | None = None, timeout: float = 300.0):
-        options = [("grpc.max_receive_message_length", MAX_MESSAGE), ("grpc.max_send_message_length", MAX_MESSAGE)]
-        if ca is None:
-            self._channel = grpc.insecure_channel(server, options)
+        options = [
+            ("grpc.max_receive_message_length", MAX_MESSAGE),
+            ("grpc.max_send_message_length", MAX_MESSAGE),
+            ("grpc.service_config", _retries()),
+        ]
+        secure = ca is not None or server.startswith("https://")
+        address = server.removeprefix("https://").removeprefix("http://")
+        if token and not secure and not _is_here(address):
+            raise ValueError(f"the token would be sent to {address} for all to read; use https://")
+        if secure:
+            self._channel = grpc.secure_channel(address, grpc.ssl_channel_credentials(ca), options)
         else:
-            self._channel = grpc.secure_channel(server, grpc.ssl_channel_credentials(ca), options)
+            self._channel = grpc.insecure_channel(address, options)
         self._call = {"timeout": timeout, "metadata": [("authorization", f"Bearer {token}")] if token else None}
         self._videos = videos_pb2_grpc.VideosStub(self._channel)
         self._models = models_pb2_grpc.ModelsStub(self._channel)
@@ -174,7 +185,7 @@ class Client:
             display_name=name,
             setup=setup,
             fps=fps,
-            world=videos_pb2.World.Value(f"WORLD_{world.upper()}"),
+            world=f"WORLD_{world.upper()}",
             objects=list(objects.values()),
         )
         return self._one(self._videos.CreateVideo, videos_pb2.CreateVideoRequest(video=video)).name
@@ -240,3 +251,19 @@ def _choice(model: str | None) -> common_pb2.ModelChoice | None:
     if model is None:
         return None
     return common_pb2.ModelChoice(model=model) if model.startswith("videos/") else common_pb2.ModelChoice(preset=model)
+
+
+def _retries() -> str:
+    """The interface's retry policy; but where nobody listens, a call ends soon."""
+    config = json.loads(files("vrdp.v1").joinpath("service_config.json").read_text())
+    for method in config["methodConfig"]:
+        method["waitForReady"] = False
+    return json.dumps(config)
+
+
+def _is_here(address: str) -> bool:
+    host = address.rpartition(":")[0].strip("[]")
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
