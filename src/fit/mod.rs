@@ -169,7 +169,9 @@ fn gauss_newton(
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
     let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
-    if options.begin != Begin::Near && worst_chi_square(problem, &best.point, frames) > GOOD {
+    let done =
+        |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
+    if options.begin != Begin::Near && !done(&best) {
         let mut grown = grow(problem, problem.start(), frames, budget, stop)?;
         grown.iterations += best.iterations;
         if grown.cost < best.cost {
@@ -179,7 +181,7 @@ fn gauss_newton(
     for other in start::other_spins(problem, &best.point) {
         // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
         for whole in [true, false] {
-            if worst_chi_square(problem, &best.point, frames) <= GOOD {
+            if done(&best) {
                 return Ok(best);
             }
             let tried = if whole {

@@ -4,6 +4,7 @@ use super::noise::{Noise, Whitener, wrapped};
 use crate::num::{Jet, LANES, Real, Stop};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, Ending, Event, Limits, MASS, Model, Owner, Rollout, SPINS, film};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
 const HUBER: f64 = 5.0;
@@ -16,6 +17,13 @@ const LIMITS: Limits = Limits { events: 3_000 };
 
 /// Effects on a foot that slides as a whole, which no ball has.
 const OF_FEET: [&str; 1] = ["friction_offset"];
+
+/// Steps of all simulations of one search, for each video: some twenty times what a video of ten colliding objects takes.
+/// What needs more is ended where it stands: nothing searches for ever.
+const WORK: u64 = 400_000;
+
+/// What a pass with derivatives costs, in simulations without.
+const JET: u64 = 5;
 
 /// One free parameter of the fit, in the space in which it is searched.
 #[derive(Debug, Clone)]
@@ -39,6 +47,8 @@ pub(super) struct Part<'a> {
     pub model: Model,
     pub noise: Noise,
     base: Vec<f64>,
+    /// Steps that were simulated.
+    work: AtomicU64,
     /// Index in [`Model::flatten`] and the free parameter that stands there.
     pub slots: Vec<(usize, usize)>,
 }
@@ -156,7 +166,7 @@ impl<'a> Problem<'a> {
                 }
             }
             let base = model.flatten();
-            parts.push(Part { scene, model, noise: *noise, base, slots });
+            parts.push(Part { scene, model, noise: *noise, base, slots, work: AtomicU64::default() });
         }
         Problem { stop, parts, free }
     }
@@ -168,6 +178,7 @@ impl<'a> Problem<'a> {
             model: p.model.clone(),
             noise: p.noise,
             base: p.base.clone(),
+            work: AtomicU64::default(),
             slots: p.slots.clone(),
         };
         let parts = self.parts.iter().zip(scenes).map(part).collect();
@@ -183,6 +194,12 @@ impl<'a> Problem<'a> {
             }
         }
         point
+    }
+
+    /// Whether the search has worked as much as it may.
+    pub fn is_exhausted(&self) -> bool {
+        let done: u64 = self.parts.iter().map(|p| p.work.load(Ordering::Relaxed)).sum();
+        done > WORK * self.parts.len() as u64
     }
 
     /// Half the sum of squared residuals, priors included.
@@ -282,7 +299,15 @@ impl Part<'_> {
     }
 
     pub fn rollout(&self, free: &[Free], point: &[f64], window: Window) -> Rollout<f64> {
-        film(&self.model, &self.flat(free, point), self.times(window), &LIMITS)
+        let rollout = film(&self.model, &self.flat(free, point), self.times(window), &LIMITS);
+        self.worked(&rollout, 1);
+        rollout
+    }
+
+    /// Counts a simulation that costs as much as so many without derivatives.
+    fn worked<T>(&self, rollout: &Rollout<T>, each: u64) {
+        // An order of additions shows in no sum.
+        self.work.fetch_add(each * (1 + rollout.steps as u64), Ordering::Relaxed);
     }
 
     /// Calls `f(coordinate, whitened residual, row)` for each measurement in a fixed order.
@@ -334,6 +359,7 @@ impl Part<'_> {
     fn linearised(&self, free: &[Free], point: &[f64], window: Window, stop: Stop) -> Linear {
         let flat = self.flat(free, point);
         let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
+        self.worked(&rollout, 1);
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
         let components = self.components(&rollout);
@@ -351,6 +377,7 @@ impl Part<'_> {
                 jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
             }
             let run = film(&self.model, &jets, self.times(window), &LIMITS);
+            self.worked(&run, JET);
             let count = LANES.min(width - first);
             self.each_sample(window, |m, row| {
                 let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };

@@ -41,6 +41,15 @@ pub(super) fn minimise(
         let normal = problem.normal(&point, window);
         cost = normal.cost;
         losses.push(cost);
+        if problem.is_exhausted() {
+            return Ok(Solution {
+                point,
+                cost,
+                iterations: iteration,
+                outcome: Outcome::IterationLimit,
+                losses,
+            });
+        }
         let mut accepted = None;
         while accepted.is_none() && damping < MOST_DAMPING {
             stop(iteration as f64 / budget as f64)?;

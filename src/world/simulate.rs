@@ -46,6 +46,8 @@ pub struct Rollout<T> {
     pub states: Vec<Vec<Option<Kinematics<T>>>>,
     pub events: Vec<Event>,
     pub ending: Ending,
+    /// Of the limit's events, how many it took; what bodies that press do counts too.
+    pub steps: usize,
 }
 
 /// Simulates with the numbers `flat` (laid out as [`Model::flatten`]) and gives the states at `times` (s, increasing).
@@ -62,7 +64,8 @@ pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Li
         run.put_right(cut);
     }
     run.advance(now, end);
-    Rollout { states: run.states, events: run.events, ending: run.ending }
+    let steps = limits.events - run.budget;
+    Rollout { states: run.states, events: run.events, ending: run.ending, steps }
 }
 
 /// Simulates the model as it is. Deterministic: the same input gives the same bits.
