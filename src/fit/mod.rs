@@ -1,6 +1,7 @@
 //! Fits a model to what was observed: start values, damped Gauss-Newton in trajectory space, posterior.
 
 mod anchor;
+mod linear;
 mod noise;
 mod paper;
 mod posterior;

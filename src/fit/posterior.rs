@@ -1,6 +1,7 @@
 //! What the data say about the parameters: mean, covariance, what is identified, and draws.
 
-use super::problem::{Free, Linear, Part, Problem, Window};
+use super::linear::Linear;
+use super::problem::{Free, Part, Problem, Window};
 use super::{Fit, SceneFit};
 use crate::world::{BODY_VALUES, MASS, Model};
 use nalgebra::{DMatrix, DVector};

@@ -1,0 +1,215 @@
+//! One scene linearised at a point: its residuals with their Jacobian, in as few passes as the meetings of its bodies allow.
+
+use super::problem::{Coordinate, Free, HUBER, LIMITS, Normal, Part, Window, rho};
+use crate::num::{Jet, LANES, Real, Stop};
+use crate::world::{Event, Owner, Rollout, film};
+
+/// Frames over which residuals are taken together.
+const BLOCK: usize = 25;
+/// What a pass with derivatives costs, in simulations without.
+const JET: u64 = 5;
+
+impl Part<'_> {
+    pub fn linearised(&self, free: &[Free], point: &[f64], window: Window, stop: Stop) -> Linear {
+        let flat = self.flat(free, point);
+        let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
+        self.worked(&rollout, 1);
+        let mut residuals = vec![];
+        self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
+        let components = self.components(&rollout);
+        let lanes = self.lanes(&rollout, &components);
+        // Derivatives by lane: rows x lanes.
+        let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
+        let mut jacobian = vec![0.0; residuals.len() * width];
+        for first in (0..width).step_by(LANES) {
+            if stop(0.0).is_err() {
+                break;
+            }
+            let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
+            for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
+                let (slot, k) = self.slots[lane.slot];
+                jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
+            }
+            let run = film(&self.model, &jets, self.times(window), &LIMITS);
+            self.worked(&run, JET);
+            let count = LANES.min(width - first);
+            self.each_sample(window, |m, row| {
+                let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
+                for lane in 0..count {
+                    let at = row * width + first + lane;
+                    let [x, y] = m.whitener.apply(k.position.x.d[lane], k.position.y.d[lane]);
+                    (jacobian[at], jacobian[at + width]) = (x, y);
+                    if let Some((_, sigma)) = m.yaw {
+                        jacobian[at + 2 * width] = k.yaw.d[lane] / sigma;
+                    }
+                }
+            });
+        }
+        // Each body's rows meet only the parameters of its component and the shared ones.
+        let columns: Vec<Vec<(usize, usize)>> = (0..self.model.bodies.len())
+            .map(|body| {
+                let relevant = lanes.iter().filter(|l| l.component.is_none_or(|c| c == components[body]));
+                relevant.map(|l| (self.slots[l.slot].1, l.number)).collect()
+            })
+            .collect();
+        let (bodies, residuals) = residuals.into_iter().unzip();
+        Linear { residuals, bodies, jacobian, width, columns }
+    }
+
+    /// How many measurements of this part tell as much as one that is independent: residuals that go together,
+    /// because the model is not quite right, say less than their number. Variance of means over a block of
+    /// frames against that of independent ones, of which the fit has taken its leverage; `factor` L has the
+    /// parameters' covariance L L^T.
+    pub fn redundancy(&self, linear: &Linear, factor: &nalgebra::DMatrix<f64>) -> f64 {
+        /// Residuals of one coordinate of a body over a few frames: their sum, number and derivative.
+        struct Block {
+            key: Coordinate,
+            sum: f64,
+            count: usize,
+            slope: nalgebra::DVector<f64>,
+        }
+        let mut blocks: Vec<Block> = vec![];
+        let mut rows = linear.rows();
+        self.each_sample(self.scene.times.len(), |m, _| {
+            for coordinate in 0..2 + usize::from(m.yaw.is_some()) {
+                let Some((residual, j, columns)) = rows.next() else { return };
+                let key = (m.body, m.sample.frame / BLOCK, coordinate);
+                // The coordinates of a sample come one after the other.
+                let known = blocks.iter().rposition(|b| b.key == key).filter(|at| at + 3 >= blocks.len());
+                let at = known.unwrap_or_else(|| {
+                    let slope = nalgebra::DVector::zeros(factor.nrows());
+                    blocks.push(Block { key, sum: 0.0, count: 0, slope });
+                    blocks.len() - 1
+                });
+                let block = &mut blocks[at];
+                block.sum += residual;
+                block.count += 1;
+                for &(k, lane) in columns {
+                    block.slope[k] += j[lane];
+                }
+            }
+        });
+        let full = blocks.iter().filter(|b| 2 * b.count > BLOCK);
+        let (found, expected) = full.fold((0.0, 0.0), |(found, expected), block| {
+            let count = block.count as f64;
+            let leverage = factor.tr_mul(&block.slope).norm_squared() / count;
+            (found + block.sum * block.sum / count, expected + (1.0 - leverage).max(0.0))
+        });
+        if expected < 1.0 { 1.0 } else { f64::max(1.0, found / expected) }
+    }
+
+    /// Bodies that met, directly or through others, share a component: the smallest index among them.
+    fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
+        let mut component: Vec<usize> = (0..self.model.bodies.len()).collect();
+        if self.model.has_pair_forces() {
+            return vec![0; component.len()];
+        }
+        for (a, b) in self.meetings(rollout) {
+            let (from, to) = (component[a].max(component[b]), component[a].min(component[b]));
+            component.iter_mut().filter(|c| **c == from).for_each(|c| *c = to);
+        }
+        component
+    }
+
+    fn meetings(&self, rollout: &Rollout<f64>) -> Vec<(usize, usize)> {
+        let index = |id: &u32| self.model.body_index(*id);
+        let met = |e: &Event| match e.objects[..] {
+            [a, b] => Some((index(&a)?, index(&b)?)),
+            _ => None,
+        };
+        rollout.events.iter().filter_map(met).collect()
+    }
+
+    /// A lane for each slot that can matter; lanes are shared by slots of components that never meet, so that
+    /// one pass carries several of them (column compression: Curtis, Powell and Reid, 1974).
+    fn lanes(&self, rollout: &Rollout<f64>, components: &[usize]) -> Vec<Lane> {
+        let owners = self.model.owners();
+        let meetings = self.meetings(rollout);
+        let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
+        let component = |slot: usize| match owners[slot] {
+            Owner::Body(a) => Some(Some(components[a])),
+            Owner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
+            Owner::Shared => Some(None),
+        };
+        let mut lanes = vec![];
+        let mut shared = 0;
+        for (s, &(slot, _)) in self.slots.iter().enumerate() {
+            if component(slot) == Some(None) {
+                lanes.push(Lane { slot: s, component: None, number: shared });
+                shared += 1;
+            }
+        }
+        let mut own = vec![shared; components.len()];
+        for (s, &(slot, _)) in self.slots.iter().enumerate() {
+            if let Some(Some(c)) = component(slot) {
+                lanes.push(Lane { slot: s, component: Some(c), number: own[c] });
+                own[c] += 1;
+            }
+        }
+        lanes
+    }
+}
+
+/// Residuals of one scene with their Jacobian, compressed: of each row only what can differ from zero.
+pub(super) struct Linear {
+    pub residuals: Vec<f64>,
+    /// Body of each row.
+    bodies: Vec<usize>,
+    /// Rows x width.
+    jacobian: Vec<f64>,
+    width: usize,
+    /// For each body, the parameters that reach it and where in the row their derivatives stand.
+    columns: Vec<Vec<(usize, usize)>>,
+}
+
+impl Linear {
+    fn rows(&self) -> impl Iterator<Item = (f64, &[f64], &[(usize, usize)])> {
+        let row = |(row, (&r, &body)): (usize, (&f64, &usize))| {
+            (r, &self.jacobian[row * self.width..(row + 1) * self.width], self.columns[body].as_slice())
+        };
+        self.residuals.iter().zip(&self.bodies).enumerate().map(row)
+    }
+
+    /// Adds its cost and derivatives to the normal equations, counted `share` times.
+    pub fn add_to(&self, normal: &mut Normal, share: f64) {
+        for (r, j, columns) in self.rows() {
+            let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
+            normal.cost += share * rho(r);
+            for (x, &(k, lane)) in columns.iter().enumerate() {
+                let scaled = weight * j[lane];
+                if scaled == 0.0 {
+                    continue;
+                }
+                normal.gradient[k] += scaled * r;
+                for &(m, other) in &columns[..=x] {
+                    normal.hessian[(k.max(m), k.min(m))] += scaled * j[other];
+                }
+            }
+        }
+    }
+
+    /// What the residuals become after a step, were they linear.
+    pub fn predicted(&self, step: &[f64]) -> Vec<f64> {
+        let along = |j: &[f64], columns: &[(usize, usize)]| {
+            columns.iter().map(|&(k, lane)| j[lane] * step[k]).sum::<f64>()
+        };
+        self.rows().map(|(r, j, columns)| r + along(j, columns)).collect()
+    }
+
+    /// Adds the transposed Jacobian's product with `difference`.
+    pub fn pull_back(&self, difference: &[f64], gradient: &mut nalgebra::DVector<f64>) {
+        for ((_, j, columns), d) in self.rows().zip(difference) {
+            for &(k, lane) in columns {
+                gradient[k] += j[lane] * d;
+            }
+        }
+    }
+}
+
+/// Where the derivative by one slot is carried.
+struct Lane {
+    slot: usize,
+    /// The bodies it can reach; `None`: all.
+    component: Option<usize>,
+    number: usize,
+}
