@@ -56,10 +56,14 @@ pub enum StoreError {
          another --data-dir"
     )]
     Newer { path: String, found: u64, known: u64 },
-    #[error("data folder {path} cannot be used: {cause}; make it writable, or choose another --data-dir")]
+    #[error(
+        "data folder {path} cannot be used: {cause}; make it writable, put back a copy if it is damaged, or choose another --data-dir"
+    )]
     Unusable { path: String, cause: String },
     #[error("the video was deleted meanwhile")]
     VideoGone,
+    #[error("the file of trace {id} is gone from the data folder; ask for what it is of again")]
+    FileGone { id: String },
     #[error("storage failed: {0}; look for space and rights in the service's data folder, then try again")]
     Failed(String),
 }
@@ -139,7 +143,10 @@ pub struct Store {
 impl Store {
     /// Opens the folder, or makes it.
     pub fn open(folder: &Path) -> Result<Store, StoreError> {
-        Store::open_here(folder).map_err(|error| match error {
+        // The database panics at some kinds of damage.
+        let opened = std::panic::catch_unwind(|| Store::open_here(folder));
+        let opened = opened.unwrap_or_else(|_| Err(StoreError::Failed("the database is damaged".into())));
+        opened.map_err(|error| match error {
             StoreError::Failed(cause) => StoreError::Unusable { path: folder.display().to_string(), cause },
             other => other,
         })
@@ -334,7 +341,11 @@ impl Store {
 
     /// Bytes `offset..offset + len` of a blob, less at its end.
     pub async fn read_blob(&self, id: &str, offset: u64, len: u64) -> Result<Bytes, StoreError> {
-        self.blobs.get_range(&blob(&self.key(id)), offset..offset + len).await.map_err(failed)
+        let read = self.blobs.get_range(&blob(&self.key(id)), offset..offset + len).await;
+        read.map_err(|error| match error {
+            object_store::Error::NotFound { .. } => StoreError::FileGone { id: id.into() },
+            error => failed(error),
+        })
     }
 
     /// A blob to be read like a file.

@@ -96,6 +96,8 @@ pub async fn trace(
     let missing = || EngineError::NotFound { name: format!("traces/{file}") };
     let id = Some(id).filter(|id| is_id(id)).ok_or_else(missing)?;
     let (record, lease) = engine.trace(id).await?;
+    // Whether it can be read, while that can still be told.
+    engine.read_trace(&record, 0).await?;
     let head = [
         (CONTENT_TYPE, "application/octet-stream".to_string()),
         (CONTENT_LENGTH, record.size_bytes.to_string()),

@@ -104,15 +104,16 @@ impl v1::models_server::Models for Services {
         if videos.len() == 1 {
             let waiting = owner.fit(&video, &start, options).await.map_err(status)?;
             let done = |fit: &StoredFit| reply::fitted(fit, &[]);
-            return Ok(updates(waiting, progress, move |fit| Some(done(fit))));
+            return updates(waiting, progress, move |fit| Some(done(fit))).await;
         }
         let waiting = owner.fit_together(videos, &start, options).await.map_err(status)?;
         let own = Arc::<str>::from(video);
-        Ok(updates(waiting, progress, move |fits: &Vec<StoredFit>| {
+        updates(waiting, progress, move |fits: &Vec<StoredFit>| {
             let fit = fits.iter().find(|f| *f.video == *own)?;
             let others: Vec<&StoredFit> = fits.iter().filter(|f| *f.video != *own).collect();
             Some(reply::fitted(fit, &others))
-        }))
+        })
+        .await
     }
 
     type CompareModelsStream = Items<v1::CompareModelsResponse>;
@@ -127,7 +128,7 @@ impl v1::models_server::Models for Services {
         let waiting = owner.study(&videos, &start, Inquiry::Compare).await.map_err(status)?;
         let event = |event| v1::CompareModelsResponse { event: Some(event) };
         let done = move |found: &Study| study::comparison(found).map(|c| event(Event::Comparison(c)));
-        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+        updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     type DiagnoseModelStream = Items<v1::DiagnoseModelResponse>;
@@ -142,7 +143,7 @@ impl v1::models_server::Models for Services {
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiagnoseModelResponse { event: Some(event) };
         let done = move |found: &Study| study::diagnosis(found).map(|d| event(Event::Diagnosis(d)));
-        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+        updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     type DiscoverEffectsStream = Items<v1::DiscoverEffectsResponse>;
@@ -157,7 +158,7 @@ impl v1::models_server::Models for Services {
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
         let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
-        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+        updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     type WriteReportStream = Items<v1::WriteReportResponse>;
@@ -176,7 +177,7 @@ impl v1::models_server::Models for Services {
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::AddEffectResponse { event: Some(event) };
         let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
-        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+        updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     type RemoveEffectStream = Items<v1::RemoveEffectResponse>;
@@ -191,7 +192,7 @@ impl v1::models_server::Models for Services {
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::RemoveEffectResponse { event: Some(event) };
         let done = move |found: &Study| study::revised(found).map(|r| event(Event::Revised(r)));
-        Ok(updates(waiting, move |f| event(Event::Progress(f)), done))
+        updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     async fn get_model(&self, request: Request<v1::GetModelRequest>) -> Reply<v1::Model> {
@@ -251,12 +252,18 @@ impl v1::reasoning_server::Reasoning for Services {
     }
 }
 
+/// What is refused at once is no stream: then clients may try again by themselves.
+const AT_ONCE: Duration = Duration::from_millis(30);
+
 /// Progress, then the result. The stream owns the place at the work: a caller who leaves gives it up.
-fn updates<T: Send + Sync + 'static, M: Send + 'static>(
+async fn updates<T: Send + Sync + 'static, M: Send + 'static>(
     waiting: Waiting<T>,
     progress: impl Fn(f64) -> M + Copy + Send + 'static,
     done: impl Fn(&T) -> Option<M> + Clone + Send + 'static,
-) -> Response<Items<M>> {
+) -> Reply<Items<M>> {
+    if let Some(error) = waiting.refused(AT_ONCE).await {
+        return Err(status(error));
+    }
     let updates = stream::unfold(Some(waiting), move |waiting| {
         let done = done.clone();
         async move {
@@ -275,7 +282,7 @@ fn updates<T: Send + Sync + 'static, M: Send + 'static>(
             })
         }
     });
-    Response::new(updates.boxed())
+    Ok(Response::new(updates.boxed()))
 }
 
 async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskResponse, EngineError> {

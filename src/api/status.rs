@@ -51,7 +51,9 @@ pub fn status(error: EngineError) -> Status {
             details.set_request_info(id, "");
             Status::with_error_details(Code::Internal, message, details)
         }
-        EngineError::Store(StoreError::VideoGone) => plain(Code::NotFound, message, "NOT_FOUND"),
+        EngineError::Store(StoreError::VideoGone | StoreError::FileGone { .. }) => {
+            plain(Code::NotFound, message, "NOT_FOUND")
+        }
         EngineError::Store(_) => {
             tracing::error!(message, "storage");
             plain(Code::Unavailable, message, "STORAGE")
@@ -63,6 +65,9 @@ pub fn status(error: EngineError) -> Status {
         }
         EngineError::Fit(FitError::TooLittleData { .. }) => {
             plain(Code::FailedPrecondition, message, "TOO_LITTLE_DATA")
+        }
+        EngineError::Fit(FitError::Undefined { .. }) => {
+            refused("UNDEFINED", vec![Violation { path: "formula".into(), message }])
         }
         EngineError::Fit(_) => plain(Code::Internal, message, "FIT"),
         EngineError::Reason(reason) => {

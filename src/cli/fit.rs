@@ -69,7 +69,7 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
             None => output::print(&tables)?,
         }
         match args.json.as_deref() {
-            Some("-") => eprintln!("{summary}"),
+            Some("-") => output::tell(&summary),
             _ => output::print(&format!("{summary}\n"))?,
         }
     }
@@ -172,11 +172,8 @@ impl Watch {
         self.bar.set_position(100 * done as u64 + (100.0 * fraction) as u64);
         if self.bar.is_hidden() && !progress::is_quiet() && self.told.get().elapsed() >= LINE_EVERY {
             self.told.set(Instant::now());
-            eprintln!(
-                "fitting {name}: {:.0} % after {:.0} s",
-                100.0 * fraction,
-                began.elapsed().as_secs_f64()
-            );
+            let seconds = began.elapsed().as_secs_f64();
+            output::tell(&format!("fitting {name}: {:.0} % after {seconds:.0} s", 100.0 * fraction));
         }
     }
 }

@@ -52,6 +52,11 @@ pub fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
+/// A line to standard error; who does not listen misses it.
+pub fn tell(line: &str) {
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
+}
+
 /// Columns as wide as their widest cell: the first to the left, the others to the right.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let count = |s: &str| s.chars().count();

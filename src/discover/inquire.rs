@@ -262,9 +262,13 @@ fn conclude(
     let terms = if doubtful { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
     let compromise = (terms > 0).then(|| law_beside(&base, terms)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
-    let outside = misfit || compromise.is_some() || (lost && effects.is_empty());
+    // A lens knows less of the state than a trajectory (a ball's spin): where trajectories are followed, nothing is outside.
+    let begun = revisions.first().map_or(f64::INFINITY, |r| r.reduced_chi_square);
+    let followed = begun <= 1.0 + CLEAN && effects.is_empty();
+    let outside = !followed && (misfit || compromise.is_some() || (lost && effects.is_empty()));
     let formula = compromise
-        .or_else(|| misfit.then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
+        .filter(|_| outside)
+        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
         .map(|l| l.text);
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
@@ -277,7 +281,14 @@ fn conclude(
         _ => None,
     };
     Ok(Discovery {
-        reason: reason(verdict, &motion, &effects, &ambiguous, formula.is_some()),
+        reason: reason(
+            verdict,
+            &motion,
+            if followed { begun } else { motion.reduced_chi_square() },
+            &effects,
+            &ambiguous,
+            formula.is_some(),
+        ),
         verdict,
         effects,
         ranked,
@@ -433,15 +444,18 @@ fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
 fn reason(
     verdict: Verdict,
     motion: &FreeMotion,
+    left: f64,
     effects: &[Found],
     ambiguous: &[Vec<String>],
     written: bool,
 ) -> String {
-    let left = motion.reduced_chi_square();
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
-            format!("{} explains the motion; reduced chi-square {left:.2} remains", names.join(" and "))
+            format!(
+                "{} explains the motion; between contacts reduced chi-square {left:.2} remains",
+                names.join(" and ")
+            )
         }
         Verdict::Ambiguous => format!(
             "{} explain the motion equally well; film the launch given as experiment",

@@ -197,6 +197,16 @@ impl<T> Waiting<T> {
         }
     }
 
+    /// The error, if it ends with one within that time.
+    pub async fn refused(&self, patience: Duration) -> Option<EngineError> {
+        let mut stage = self.stage.clone();
+        let ended = stage.wait_for(|stage| matches!(stage, Stage::Done(_)));
+        match tokio::time::timeout(patience, ended).await.ok()?.as_deref() {
+            Ok(Stage::Done(Err(error))) => Some(error.clone()),
+            _ => None,
+        }
+    }
+
     /// Waits for the end.
     pub async fn finish(mut self) -> Outcome<T> {
         match self.stage.wait_for(|stage| matches!(stage, Stage::Done(_))).await.as_deref() {

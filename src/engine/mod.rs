@@ -167,6 +167,8 @@ pub struct SimulateOptions {
 pub struct Engine {
     store: Store,
     pool: Arc<Pool>,
+    /// Takes videos in: long jobs do not hold that up.
+    gate: Arc<Pool>,
     capacity: Capacity,
     began: Instant,
     scenes: Cache<String, Arc<Scene>>,
@@ -189,6 +191,7 @@ impl Engine {
         Ok(Engine {
             store: Store::open(data_dir)?,
             pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
+            gate: Arc::new(Pool::new(1, capacity.queue)?),
             capacity,
             began: Instant::now(),
             scenes: Cache::builder()
@@ -265,14 +268,14 @@ impl Engine {
         self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
     }
 
-    /// Stores the scene that `make` gives (on the CPU pool) and returns its id; the same scene again changes nothing.
+    /// Stores the scene that `make` gives (on a thread for that) and returns its id; the same scene again changes nothing.
     pub async fn create_video<F>(&self, make: F) -> Result<(String, Arc<Scene>), EngineError>
     where
         F: FnOnce() -> Result<Scene, EngineError> + Send + 'static,
     {
         let control =
             Control { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) };
-        let made = self.pool.run(control, move |_| {
+        let made = self.gate.run(control, move |_| {
             let scene = make()?;
             Ok((scene.digest(), scene))
         });
@@ -450,6 +453,7 @@ impl Engine {
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
                 for imagined in &mut answer.simulations {
+                    check::places(&imagined.model, &imagined.interventions)?;
                     check::finite(imagined)?;
                     files.push(trace::simulation(&scene, &fitted, imagined, options.seed, &request)?);
                     imagined.ensemble = vec![];

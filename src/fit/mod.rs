@@ -17,7 +17,7 @@ pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
-use crate::world::Model;
+use crate::world::{Ending, Model};
 use problem::Problem;
 use serde::{Deserialize, Serialize};
 use solve::{Solution, minimise};
@@ -106,6 +106,8 @@ pub enum Outcome {
 pub enum FitError {
     #[error("no scene was given; give at least one")]
     NoScene,
+    #[error("a formula of the model has no finite value where the objects of scene {scene} go; change it")]
+    Undefined { scene: String },
     #[error("{scenes} scenes but {models} models were given; give one model a scene")]
     Count { scenes: usize, models: usize },
     #[error(
@@ -148,6 +150,11 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
         Method::GaussNewton => gauss_newton(&problem, frames, options, stop)?,
         Method::Paper => paper::minimise(&problem, frames, options.max_iterations, stop)?,
     };
+    for part in &problem.parts {
+        if part.rollout(&problem.free, &best.point, frames).ending == Ending::FormulaUndefined {
+            return Err(FitError::Undefined { scene: part.scene.name.clone() });
+        }
+    }
     let posterior = Posterior::at(&problem, &best.point, frames);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();

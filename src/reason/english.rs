@@ -243,6 +243,13 @@ impl Reader<'_> {
 fn words(text: &str) -> Vec<String> {
     let text = text.to_lowercase().replace(['\u{2019}', '\u{2018}', '`'], "'").replace("'s", " 's ");
     let text = text.replace("billiard ball", "ball");
+    // A negative number is no word of any form: it is refused, not read without its sign.
+    let negative = |w: &str| {
+        w.strip_prefix(['-', '\u{2212}']).is_some_and(|n| n.starts_with(|c: char| c.is_ascii_digit()))
+    };
+    let signed =
+        text.split_whitespace().map(|w| if negative(w) { format!("minus {w}") } else { w.to_string() });
+    let text = signed.collect::<Vec<_>>().join(" ");
     let split = text.split(|c: char| !(c.is_alphanumeric() || c == '\'' || c == '.'));
     split.map(|w| w.trim_matches('.')).filter(|w| !w.is_empty()).map(str::to_string).collect()
 }

@@ -257,7 +257,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
         },
         Op::AddAnother => match (pop()?, pop()?, pop()?, pop()?) {
             (Word(side), Factor(length), Object(beside), Objects(alike)) => {
-                let alike = ops::first_object(scene, &alike, &words.join(" "))?;
+                let alike = ops::first_object(scene, &alike, "the object to be another of")?;
                 let ids = [ops::id(scene, alike)?, ops::id(scene, beside)?];
                 Change(vec![ops::another(facts.bodies, ids, ops::towards(side, length))?])
             }

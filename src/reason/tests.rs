@@ -119,6 +119,7 @@ fn english_is_lenient_but_never_guesses() {
     same("Does the grey cube hit the ball?", "do the gray box collide with the sphere");
     for bad in [
         "what will happen if the red is removed and added?",
+        "what will happen if the red cube is -2 times as heavy?",
         "why?",
         "how many red red cubes are there",
         "the",

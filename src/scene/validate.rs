@@ -134,6 +134,9 @@ impl Scene {
                 r.add(format!("times[{k}]"), format!("is {t}; give a finite number"));
                 continue;
             }
+            if k == 0 && t < 0.0 {
+                r.add("times[0]", format!("is {t} s; times begin at 0 or later"));
+            }
             if t <= before {
                 r.add(format!("times[{k}]"), format!("is {t} after {before}; times must increase"));
             }

@@ -72,9 +72,9 @@ impl Running {
             let job = move || {
                 let _ = started.send(());
                 let _ = wait.recv();
-                Err(EngineError::Cancelled)
+                Err::<(), _>(EngineError::Cancelled)
             };
-            engine.create_video(job).await.map(|_| ())
+            engine.compute(job).await
         });
         start.await.unwrap();
         release

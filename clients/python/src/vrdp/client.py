@@ -158,9 +158,13 @@ class Client:
         """
         rows = tracks.to_dict("records") if hasattr(tracks, "to_dict") else [dict(row) for row in tracks]
         objects: dict[int, dict[str, Any]] = {}
-        for row in rows:
+        for number, row in enumerate(rows):
             # pandas writes an absent value as NaN, which is not equal to itself.
             row = {k: v for k, v in row.items() if v is not None and v == v}
+            if absent := [key for key in ("id", "frame", "x", "y") if key not in row]:
+                raise ValueError(f"row {number} has no {', '.join(absent)}; each needs id, frame, x, y (leave out what was not seen)")
+            if float(row["frame"]) != int(row["frame"]) or int(row["frame"]) < 0:
+                raise ValueError(f"row {number}: frame is {row['frame']}; it must be a whole number from 0")
             word = row.get("shape", shape)
             if word not in _SHAPES:
                 raise ValueError(f"shape is {word!r}; it must be one of {', '.join(sorted(_SHAPES))}")
