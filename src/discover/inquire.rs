@@ -331,8 +331,11 @@ fn borne_out<'c>(
     }
     let mut refused = 0;
     while let [.., before, after] = &revisions[..] {
-        added = motion.found[forces - refused - 1].added;
-        if proof::borne_out(before, after, added) {
+        let left = &motion.found[..forces - refused];
+        added = left.last().map_or(0, |c| c.added);
+        let all = left.iter().map(|c| c.added).sum();
+        // Each step by itself, and all of them against none: one may mend what another spoilt.
+        if proof::borne_out(before, after, added) && proof::borne_out(&revisions[0], after, all) {
             break;
         }
         refused += 1;

@@ -99,7 +99,7 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                     (tile("", "Motion explained", percent(views), "share of the measured motion".into()))
                 }
             }
-            @if let Some(worst) = worst(views) { p class="verdict" { (worst) } }
+            @if let Some(worst) = worst(report, views) { p class="verdict" { (worst) } }
             p class="quiet" { (found.reason) }
             @for kinds in &found.ambiguous { p { "Cannot be told apart: " strong { (kinds.join(", ").replace('_', " ")) } "." } }
             @if let Some(e) = &found.experiment {
@@ -123,7 +123,7 @@ fn percent(views: &Views) -> String {
 }
 
 /// Where the first model fails most, in words.
-fn worst(views: &Views) -> Option<String> {
+fn worst(report: &Report, views: &Views) -> Option<String> {
     let first = views.stages.first().filter(|_| views.stages.len() > 1)?;
     let last = views.stages.last()?;
     let (name, before, _) = first.regimes.iter().max_by(|a, b| {
@@ -131,10 +131,18 @@ fn worst(views: &Views) -> Option<String> {
         weight(a).total_cmp(&weight(b))
     })?;
     let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
+    let all = first.residuals.iter().enumerate().flat_map(|(k, video)| video.iter().map(move |r| (k, r)));
+    let (k, far) = all.max_by(|a, b| a.1.size().total_cmp(&b.1.size()))?;
+    let scene = report.scenes.get(k)?;
     Some(format!(
-        "The first model failed most where the motion is “{name}”: {} there, {} now.",
+        "The first model failed most where the motion is “{name}”: {} there, {} now. It was off most, by {}, for the {} of {} \
+         at {:.2} s.",
         mm(*before),
-        mm(after)
+        mm(after),
+        mm(far.size()),
+        table::name(scene.objects.get(far.object)?),
+        scene.name,
+        scene.times.get(far.frame)?,
     ))
 }
 
@@ -146,7 +154,7 @@ fn rungs(report: &Report) -> Markup {
             tbody {
                 @for (k, r) in report.discovery.revisions.iter().enumerate() {
                     tr { th { (step(k, r.effect.as_deref())) } td { (mm(r.rmse)) } td { (mm(r.held_out_rmse)) }
-                        td { (mm(r.left_out_rmse)) } td { (number(r.reduced_chi_square)) } }
+                        td { @if report.scenes.len() > 1 { (mm(r.left_out_rmse)) } @else { "–" } } td { (number(r.reduced_chi_square)) } }
                 }
                 tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} td {} td { "1" } }
             }
