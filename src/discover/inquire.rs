@@ -262,9 +262,15 @@ fn conclude(
     let terms = if doubtful { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
     let compromise = (terms > 0).then(|| law_beside(&base, terms)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
-    // A lens knows less of the state than a trajectory (a ball's spin): where trajectories are followed, nothing is outside.
+    // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
+    // from the start, what it saw is nothing.
     let begun = revisions.first().map_or(f64::INFINITY, |r| r.reduced_chi_square);
-    let followed = begun <= 1.0 + CLEAN && effects.is_empty();
+    let follows = begun <= 1.0 + CLEAN;
+    if follows && motion.typical > super::MISFIT && proven.is_none() {
+        effects.clear();
+        revisions.truncate(1);
+    }
+    let followed = follows && effects.is_empty();
     let outside = !followed && (misfit || compromise.is_some() || (lost && effects.is_empty()));
     let formula = compromise
         .filter(|_| outside)
