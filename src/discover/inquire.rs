@@ -210,8 +210,7 @@ fn conclude(
     }
     let revisions: Result<Vec<Revision>, FitError> =
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
-    let (revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
-    let mut revisions = revisions;
+    let (mut revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most.
@@ -262,15 +261,9 @@ fn conclude(
     let terms = if doubtful { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
     let compromise = (terms > 0).then(|| law_beside(&base, terms)).flatten();
     let compromise = compromise.filter(|law| beats(law, &motion));
-    // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
-    // from the start, what it saw is nothing.
+    // Where trajectories are followed from the start, nothing is outside.
     let begun = revisions.first().map_or(f64::INFINITY, |r| r.reduced_chi_square);
-    let follows = begun <= 1.0 + CLEAN;
-    if follows && motion.typical > super::MISFIT && proven.is_none() {
-        effects.clear();
-        revisions.truncate(1);
-    }
-    let followed = follows && effects.is_empty();
+    let followed = begun <= 1.0 + CLEAN && effects.is_empty();
     let outside = !followed && (misfit || compromise.is_some() || (lost && effects.is_empty()));
     let formula = compromise
         .filter(|_| outside)
@@ -319,7 +312,7 @@ fn borne_out<'c>(
 ) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
     let forces = motion.found.len();
     let with_contact = revisions.split_off(forces + 1);
-    let mut added: usize = motion.found.iter().map(|c| c.added).sum();
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
     if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
         if let [alone] = alone
             && !proof::borne_out(alone, all, added)
@@ -335,13 +328,16 @@ fn borne_out<'c>(
             return Ok((revisions, motion, proven));
         }
     }
+    // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
+    // from the start, what it saw is nothing.
+    let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.typical > super::MISFIT;
     let mut refused = 0;
     while let [.., before, after] = &revisions[..] {
         let left = &motion.found[..forces - refused];
-        added = left.last().map_or(0, |c| c.added);
+        let own = left.last().map_or(0, |c| c.added);
         let all = left.iter().map(|c| c.added).sum();
         // Each step by itself, and all of them against none: one may mend what another spoilt.
-        if proof::borne_out(before, after, added) && proof::borne_out(&revisions[0], after, all) {
+        if !blind && proof::borne_out(before, after, own) && proof::borne_out(&revisions[0], after, all) {
             break;
         }
         refused += 1;
