@@ -20,8 +20,8 @@ const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
 const OTHER_SPINS: [(f64, f64); 7] =
     [(1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -1.0)];
 
-/// Puts each body of the model where its track begins, with the velocity of its first frames. A body that does
-/// not move there is at rest: friction holds it, and its velocity is no parameter.
+/// Puts each body of the model where its track begins, with the velocity of its first frames. A body that neither moves
+/// nor turns there is at rest: friction holds it, and its velocity is no parameter.
 pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
     let holds = DRY_FRICTION.iter().any(|name| model.effect(name).is_some_and(|e| e.on));
     for (body, track) in model.bodies.iter_mut().zip(&scene.tracks) {
@@ -33,13 +33,16 @@ pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
         let (position, velocity, sd) = line(scene, begin, noise.position, |s| Some(s.position));
         state.velocity = velocity;
         state.position = position;
-        if velocity.norm() < REST_DEVIATIONS * sd && holds {
+        let unwound = unwound(begin);
+        let turn = noise.yaw.map(|sigma| line(scene, &unwound, sigma, |s| s.yaw.map(|yaw| vec2(yaw, 0.0))));
+        let turns =
+            !body.shape.is_ball() && turn.is_some_and(|(_, spin, sd)| spin.x.abs() > REST_DEVIATIONS * sd);
+        if velocity.norm() < REST_DEVIATIONS * sd && holds && !turns {
             state.velocity = vec2(0.0, 0.0);
             state.position = mean(begin);
         }
         let moves = state.velocity.norm() > 0.0;
-        if let Some(sigma) = noise.yaw {
-            let (yaw, spin, _) = line(scene, begin, sigma, |s| s.yaw.map(|yaw| vec2(yaw, 0.0)));
+        if let Some((yaw, spin, _)) = turn {
             state.yaw = yaw.x;
             state.spin = if moves && !body.shape.is_ball() { spin.x } else { 0.0 };
         }
@@ -91,6 +94,17 @@ fn straight<'a>(scene: &Scene, track: &'a Track, sigma: f64) -> &'a [Sample] {
         begin = &begin[..begin.len() - 1];
     }
     begin
+}
+
+/// The samples with yaws that go on over a whole turn, as most trackers' do not.
+fn unwound(samples: &[Sample]) -> Vec<Sample> {
+    let mut samples = samples.to_vec();
+    let mut before: Option<f64> = None;
+    for yaw in samples.iter_mut().filter_map(|s| s.yaw.as_mut()) {
+        *yaw = before.map_or(*yaw, |before| before + wrapped(*yaw - before));
+        before = Some(*yaw);
+    }
+    samples
 }
 
 /// Mean turn rate (rad/s) over samples that follow each other, each turn taken the short way.

@@ -40,12 +40,19 @@ fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
         body.start.state.position = vec2(x, y);
         body.start.state.velocity = vec2(vx, vy);
     }
-    let truth = trace(&model, &scene.times);
+    measure(&mut scene, &model, seed);
+    (scene, model)
+}
+
+/// Gives the scene the tracks that the model leaves, with noise.
+fn measure(scene: &mut Scene, model: &Model, seed: u64) {
+    let truth = trace(model, &scene.times);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = move |sd: f64| -> f64 {
         let z: f64 = StandardNormal.sample(&mut random);
         sd * z
     };
+    scene.tracks.iter_mut().for_each(|t| t.samples.clear());
     for (frame, row) in truth.states.iter().enumerate() {
         for (track, state) in scene.tracks.iter_mut().zip(row) {
             let s = state.expect("all are there from the start");
@@ -53,7 +60,25 @@ fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
             track.samples.push(Sample { frame, position, yaw: Some(s.yaw + noise(0.01)), covariance: None });
         }
     }
-    (scene, model)
+}
+
+#[test]
+fn bodies_turn_in_place_and_yaws_may_wrap() {
+    let (mut scene, mut model) = film("turning", 5, [1.0; 3]);
+    model.bodies[0].start.state.spin = 5.0;
+    (model.bodies[2].start.state.yaw, model.bodies[2].start.state.spin) = (3.0, 4.0);
+    measure(&mut scene, &model, 5);
+    let whole = fitted(std::slice::from_ref(&scene));
+    for (body, spin) in [(0, 5.0), (2, 4.0)] {
+        let found = whole.scenes[0].model.bodies[body].start.state.spin;
+        assert!((found - spin).abs() < 0.1, "body {body}: {found}");
+    }
+    assert!(whole.scenes[0].adequate, "{}", whole.scenes[0].reduced_chi_square);
+    for yaw in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).filter_map(|s| s.yaw.as_mut()) {
+        *yaw = noise::wrapped(*yaw);
+    }
+    let wrapped = fitted(&[scene]);
+    assert!((wrapped.scenes[0].reduced_chi_square - whole.scenes[0].reduced_chi_square).abs() < 1e-3);
 }
 
 fn fitted(scenes: &[Scene]) -> Fit {
