@@ -191,6 +191,17 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
         "meaning of life",
         "what is the color of the first object to collide with the blue cube",
     );
+    check(
+        "Why did the red ball bump into the cube?",
+        "why did the red ball bump into the cube",
+        "what is not responsible for the collision between the blue cube and the red metal sphere",
+    );
+    check(
+        "Suppose the cube weighed ten times as much, what happens?",
+        "suppose the cube weighed ten times as much what happens",
+        "",
+    );
+    check("How quick is the cube at the end?", "quick is the cube at the end", "");
 }
 
 #[test]
