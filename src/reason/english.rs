@@ -10,11 +10,19 @@ const MAX_PART: usize = 200;
 /// Objects in examples.
 const OBJECTS: [&str; 2] = ["the blue cube", "the red metal sphere"];
 
+/// Questions that phrases are part of, for examples.
+const WITHIN: [(&str, &str); 5] = [
+    ("if", "what will happen"),
+    ("change", "what will happen if"),
+    ("mass", "what will happen if the blue cube is"),
+    ("speed", "what will happen if the blue cube moved"),
+    ("law", "what will happen without"),
+];
 /// Words that tell nothing by themselves.
 const JOINING: &[&str] = &[
-    "a", "an", "and", "any", "are", "be", "by", "did", "do", "does", "for", "happen", "happens", "how", "if",
-    "in", "is", "it", "its", "not", "of", "on", "or", "'s", "that", "the", "there", "this", "to", "was",
-    "were", "what", "when", "which", "will", "with", "would",
+    "a", "an", "and", "any", "are", "as", "be", "by", "did", "do", "does", "for", "happen", "happens", "how",
+    "if", "in", "is", "it", "its", "not", "of", "on", "or", "'s", "that", "the", "there", "this", "to",
+    "was", "were", "what", "when", "which", "will", "with", "would",
 ];
 /// Stems of the forms and others that people use for them.
 const ALIKE: &[(&str, &[&str])] = &[
@@ -62,7 +70,12 @@ fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec
         sentence(&out)
     });
     // What tells most of the same things: as far as it was understood, completed by an example, or else an example.
-    let examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
+    let mut examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
+    if phrase == "question" {
+        let within =
+            |f: &Form| Some(format!("{} {}", WITHIN.iter().find(|w| w.0 == f.phrase)?.1, example(f)));
+        examples.extend(FORMS.iter().filter_map(within));
+    }
     let told = content(&words);
     let shared = |example: &str| content(&self::words(example)).intersection(&told).count();
     let most = examples.iter().map(|e| shared(e)).max().unwrap_or(0);

@@ -94,7 +94,7 @@ fn everything_wrong_is_told_with_its_place() {
         "# ftp: 50\nid,frame,x,y,massa,vx,coulor,note\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
         &[
             "header, column 5 (massa): is no known column; did you mean mass?",
-            "header, column 7 (coulor): is no known column; did you mean colour?",
+            "header, column 7 (coulor): is no known column; did you mean color?",
         ],
     );
     check(
