@@ -178,7 +178,7 @@ fn advice(cause: &str, encrypted: bool) -> &'static str {
         "its certificate is for another name: use that in --server"
     } else if says(&["Expired", "NotValidYet"]) {
         "its certificate is not valid today: renew it, or set the clock"
-    } else if says(&["CertificateRequired"]) {
+    } else if says(&["CertificateRequired"]) || (encrypted && says(&["broken pipe", "closed", "reset"])) {
         "the service wants to know us: give --cert and --key"
     } else if encrypted && says(&["alert"]) {
         "the service does not accept our certificate: give one that its --tls-client-ca signed with --cert and --key"
