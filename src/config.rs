@@ -5,7 +5,7 @@ use crate::engine::{Capacity, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, ToSocketAddrs};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -147,6 +147,20 @@ fn told(errors: &figment::Error) -> String {
         format!("{} {}{}", e.path.join("."), e.kind, place.unwrap_or_default()).trim().to_string()
     };
     errors.clone().into_iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+/// The URL at which a service of this environment (`VRDP_LISTEN`, `VRDP_TLS_CERT`) is reached on this machine.
+pub fn reached_here() -> Result<String, ConfigError> {
+    let figment = Figment::from(Serialized::defaults(Config::default())).merge(Env::prefixed("VRDP_"));
+    let config: Config = figment.extract().map_err(Box::new)?;
+    let mut address = config.listen;
+    match address.ip() {
+        IpAddr::V4(ip) if ip.is_unspecified() => address.set_ip(Ipv4Addr::LOCALHOST.into()),
+        IpAddr::V6(ip) if ip.is_unspecified() => address.set_ip(Ipv6Addr::LOCALHOST.into()),
+        _ => {}
+    }
+    let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
+    Ok(format!("{scheme}://{address}"))
 }
 
 impl Config {

@@ -329,28 +329,42 @@ impl Store {
         Ok(found)
     }
 
-    /// Publishes a blob whole or not at all; durable when it returns. The same id again changes nothing.
+    /// Publishes a blob whole or not at all; durable when it returns. The same again changes nothing, but mends what the
+    /// disk has damaged since.
     pub async fn put_blob(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
         let _permit = self.gate.acquire().await.map_err(failed)?;
-        let options = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
-        match self.blobs.put_opts(&blob(&self.key(id)), bytes.into(), options).await {
-            Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
+        let place = blob(&self.key(id));
+        let create = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
+        match self.blobs.put_opts(&place, bytes.clone().into(), create).await {
+            Ok(_) => Ok(()),
+            Err(object_store::Error::AlreadyExists { .. }) => {
+                let known = self.blobs.get(&place).await.map_err(failed)?.bytes().await.map_err(failed)?;
+                if known != bytes {
+                    tracing::warn!(trace = id, "a damaged file was written anew");
+                    self.blobs.put(&place, bytes.into()).await.map_err(failed)?;
+                }
+                Ok(())
+            }
             Err(error) => Err(failed(error)),
         }
+    }
+
+    /// Bytes of a blob's file.
+    pub async fn blob_size(&self, id: &str) -> Result<u64, StoreError> {
+        let found = self.blobs.head(&blob(&self.key(id))).await;
+        found.map(|meta| meta.size).map_err(|error| unread(id, error))
     }
 
     /// Bytes `offset..offset + len` of a blob, less at its end.
     pub async fn read_blob(&self, id: &str, offset: u64, len: u64) -> Result<Bytes, StoreError> {
         let read = self.blobs.get_range(&blob(&self.key(id)), offset..offset + len).await;
-        read.map_err(|error| match error {
-            object_store::Error::NotFound { .. } => StoreError::FileGone { id: id.into() },
-            error => failed(error),
-        })
+        read.map_err(|error| unread(id, error))
     }
 
     /// A blob to be read like a file.
     pub async fn open_blob(&self, id: &str) -> Result<File, StoreError> {
-        match self.blobs.get(&blob(&self.key(id))).await.map_err(failed)?.payload {
+        let found = self.blobs.get(&blob(&self.key(id))).await.map_err(|error| unread(id, error))?;
+        match found.payload {
             GetResultPayload::File(file, _) => Ok(file),
             GetResultPayload::Stream(_) => Err(StoreError::Failed(format!("blob {id} is no local file"))),
         }
@@ -422,6 +436,14 @@ fn sweep(traces: &Path) -> Result<(), StoreError> {
 /// The file of a trace, by its whole key.
 fn blob(key: &str) -> BlobPath {
     BlobPath::from(format!("{}.mcap", key.trim_start_matches('~').replace('/', ".")))
+}
+
+/// Why a blob cannot be read.
+fn unread(id: &str, error: object_store::Error) -> StoreError {
+    match error {
+        object_store::Error::NotFound { .. } => StoreError::FileGone { id: id.into() },
+        error => failed(error),
+    }
 }
 
 fn failed(error: impl std::fmt::Display) -> StoreError {

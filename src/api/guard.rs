@@ -123,7 +123,7 @@ where
 }
 
 fn refusal() -> Status {
-    let message = "no valid token; send the header authorization: Bearer TOKEN";
+    let message = "no valid token; send the header authorization: Bearer TOKEN (on the command line: --token FILE, a file with a token that the service knows)";
     super::status::plain(Code::Unauthenticated, message.into(), "UNAUTHENTICATED")
 }
 

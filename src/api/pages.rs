@@ -4,14 +4,14 @@ use super::request::is_id;
 use super::status::status;
 use super::study;
 use super::v1;
-use crate::engine::{Engine, EngineError, Lease, TraceRecord};
+use crate::engine::{Engine, EngineError};
 use crate::report::dashboard::dashboard;
-use axum::body::{Body, Bytes};
+use axum::body::Body;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::http::header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, RETRY_AFTER};
 use axum::response::{Html, IntoResponse, Response};
-use futures_util::stream;
+use futures_util::{StreamExt, stream};
 use serde::Deserialize;
 use std::sync::Arc;
 use tonic::Code;
@@ -95,26 +95,18 @@ pub async fn trace(
     let id = file.strip_suffix(".mcap").unwrap_or(&file);
     let missing = || EngineError::NotFound { name: format!("traces/{file}") };
     let id = Some(id).filter(|id| is_id(id)).ok_or_else(missing)?;
-    let (record, lease) = engine.trace(id).await?;
+    let mut download = engine.download(id).await?;
+    let size = download.record().size_bytes;
     // Whether it can be read, while that can still be told.
-    engine.read_trace(&record, 0).await?;
+    let (_, first) = download.next().await?;
     let head = [
         (CONTENT_TYPE, "application/octet-stream".to_string()),
-        (CONTENT_LENGTH, record.size_bytes.to_string()),
+        (CONTENT_LENGTH, size.to_string()),
         (CONTENT_DISPOSITION, format!("attachment; filename=\"{id}.mcap\"")),
     ];
-    Ok((head, Body::from_stream(chunks(engine, record, lease))))
-}
-
-/// The bytes of a trace; it is not swept away meanwhile.
-fn chunks(
-    engine: Arc<Engine>,
-    record: TraceRecord,
-    lease: Lease,
-) -> impl stream::Stream<Item = Result<Bytes, std::io::Error>> {
-    stream::try_unfold((engine, record, lease, 0), async |(engine, record, lease, offset)| {
-        let chunk = engine.read_trace(&record, offset).await.map_err(std::io::Error::other)?;
-        let next = offset + chunk.len() as u64;
-        Ok((!chunk.is_empty()).then_some((chunk, (engine, record, lease, next))))
-    })
+    let others = stream::try_unfold(download, async |mut download| {
+        let (_, chunk) = download.next().await?;
+        Ok::<_, EngineError>((!chunk.is_empty()).then_some((chunk, download)))
+    });
+    Ok((head, Body::from_stream(stream::once(async { Ok(first) }).chain(others))))
 }

@@ -1,11 +1,8 @@
-//! Reports: requests to what is asked, and the stream that ends with the page.
+//! Reports: requests to what is asked, pages to replies.
 
 use super::reply::trace_name;
-use super::services::{HEARTBEAT, Items};
-use super::status::status;
 use super::{request, study, v1};
-use crate::engine::{Engine, EngineError, Page, Query, Study, Update, Waiting};
-use futures_util::{StreamExt, stream};
+use crate::engine::{Engine, EngineError, Page, Query, Study, Waiting};
 use std::sync::Arc;
 
 /// Most questions of one report.
@@ -15,9 +12,9 @@ const MAX_PREFIX: usize = 1000;
 
 /// What is searched for, what the page is to answer, and where its links lead.
 pub struct Asked {
-    waiting: Waiting<Study>,
-    queries: Vec<Query>,
-    prefix: Option<String>,
+    pub waiting: Waiting<Study>,
+    pub queries: Vec<Query>,
+    pub prefix: Option<String>,
 }
 
 pub async fn asked(engine: &Arc<Engine>, given: v1::WriteReportRequest) -> Result<Asked, EngineError> {
@@ -46,29 +43,14 @@ pub async fn asked(engine: &Arc<Engine>, given: v1::WriteReportRequest) -> Resul
     Ok(Asked { waiting, queries, prefix: Some(given.trace_prefix).filter(|p| !p.is_empty()) })
 }
 
-/// Progress of the search, then the page.
-pub fn written(engine: Arc<Engine>, asked: Asked) -> Items<v1::WriteReportResponse> {
-    use v1::write_report_response::Event;
-    let reply = |event| v1::WriteReportResponse { event: Some(event) };
-    let steps = stream::unfold(Some(asked), move |asked| {
-        let engine = engine.clone();
-        async move {
-            let mut asked = asked?;
-            let update = match asked.waiting.ready() {
-                Some(outcome) => Update::Done(outcome),
-                None => asked.waiting.news(HEARTBEAT).await,
-            };
-            Some(match update {
-                Update::Progress(fraction) => (Ok(reply(Event::Progress(fraction))), Some(asked)),
-                Update::Done(Ok(study)) => {
-                    let page = engine.page(&study, asked.queries, asked.prefix).await;
-                    (page.map(|page| reply(Event::Report(report(page)))).map_err(status), None)
-                }
-                Update::Done(Err(error)) => (Err(status(error)), None),
-            })
-        }
-    });
-    steps.boxed()
+/// The page of what was found.
+pub async fn written(
+    engine: &Arc<Engine>,
+    study: &Study,
+    queries: Vec<Query>,
+    prefix: Option<String>,
+) -> Result<v1::Report, EngineError> {
+    Ok(report(engine.page(study, queries, prefix).await?))
 }
 
 fn report(page: Page) -> v1::Report {

@@ -5,6 +5,7 @@ use super::{camera, reply, report, request, study, trace, v1, video};
 use crate::engine::{Engine, EngineError, Inquiry, StoredFit, Study, Tenant, Update, Waiting};
 use crate::scene::calibrate;
 use futures_util::stream::{self, BoxStream, StreamExt};
+use std::future::Future;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tonic::{Request, Response, Status, Streaming};
@@ -12,10 +13,10 @@ use tonic::{Request, Response, Status, Streaming};
 /// Questions of one stream that are worked on at a time.
 const QUESTIONS_AT_ONCE: usize = 4;
 /// How often the progress of a fit is told though it has not changed: a watcher sees that it is alive.
-pub(super) const HEARTBEAT: Duration = Duration::from_secs(1);
+const HEARTBEAT: Duration = Duration::from_secs(1);
 
 type Reply<T> = Result<Response<T>, Status>;
-pub(super) type Items<T> = BoxStream<'static, Result<T, Status>>;
+type Items<T> = BoxStream<'static, Result<T, Status>>;
 
 /// All services over one engine.
 #[derive(Clone)]
@@ -164,8 +165,16 @@ impl v1::models_server::Models for Services {
     type WriteReportStream = Items<v1::WriteReportResponse>;
 
     async fn write_report(&self, request: Request<v1::WriteReportRequest>) -> Reply<Self::WriteReportStream> {
-        let asked = report::asked(&self.0, request.into_inner()).await.map_err(status)?;
-        Ok(Response::new(report::written(self.0.clone(), asked)))
+        let owner = self.owner(&request);
+        use v1::write_report_response::Event;
+        let asked = report::asked(&owner, request.into_inner()).await.map_err(status)?;
+        let report::Asked { waiting, queries, prefix } = asked;
+        let event = |event| v1::WriteReportResponse { event: Some(event) };
+        let done = async move |found: Arc<Study>| {
+            let page = report::written(&owner, &found, queries, prefix).await?;
+            Ok(Some(event(Event::Report(page))))
+        };
+        updates_then(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
     type AddEffectStream = Items<v1::AddEffectResponse>;
@@ -259,28 +268,39 @@ const AT_ONCE: Duration = Duration::from_millis(30);
 async fn updates<T: Send + Sync + 'static, M: Send + 'static>(
     waiting: Waiting<T>,
     progress: impl Fn(f64) -> M + Copy + Send + 'static,
-    done: impl Fn(&T) -> Option<M> + Clone + Send + 'static,
+    done: impl Fn(&T) -> Option<M> + Send + 'static,
 ) -> Reply<Items<M>> {
+    updates_then(waiting, progress, move |found: Arc<T>| std::future::ready(Ok(done(&found)))).await
+}
+
+/// The same where the result is made of what was found.
+async fn updates_then<T, M, F>(
+    waiting: Waiting<T>,
+    progress: impl Fn(f64) -> M + Copy + Send + 'static,
+    done: impl FnOnce(Arc<T>) -> F + Send + 'static,
+) -> Reply<Items<M>>
+where
+    T: Send + Sync + 'static,
+    M: Send + 'static,
+    F: Future<Output = Result<Option<M>, EngineError>> + Send,
+{
     if let Some(error) = waiting.refused(AT_ONCE).await {
         return Err(status(error));
     }
-    let updates = stream::unfold(Some(waiting), move |waiting| {
-        let done = done.clone();
-        async move {
-            let mut waiting = waiting?;
-            let update = match waiting.ready() {
-                Some(outcome) => Update::Done(outcome),
-                None => waiting.news(HEARTBEAT).await,
-            };
-            Some(match update {
-                Update::Progress(fraction) => (Ok(progress(fraction)), Some(waiting)),
-                Update::Done(Ok(found)) => {
-                    let other = || Status::internal("the work has another result than was asked for");
-                    (done(&found).ok_or_else(other), None)
-                }
-                Update::Done(Err(error)) => (Err(status(error)), None),
-            })
-        }
+    let updates = stream::unfold(Some((waiting, done)), move |at| async move {
+        let (mut waiting, done) = at?;
+        let update = match waiting.ready() {
+            Some(outcome) => Update::Done(outcome),
+            None => waiting.news(HEARTBEAT).await,
+        };
+        Some(match update {
+            Update::Progress(fraction) => (Ok(progress(fraction)), Some((waiting, done))),
+            Update::Done(Ok(found)) => {
+                let other = || Status::internal("the work has another result than was asked for");
+                (done(found).await.map_err(status).and_then(|made| made.ok_or_else(other)), None)
+            }
+            Update::Done(Err(error)) => (Err(status(error)), None),
+        })
     });
     Ok(Response::new(updates.boxed()))
 }
@@ -320,21 +340,11 @@ impl v1::traces_server::Traces for Services {
     ) -> Reply<Self::DownloadTraceStream> {
         let owner = self.owner(&request);
         let id = request::trace_id("name", &request.into_inner().name).map_err(status)?;
-        let held = Arc::new(owner.trace(&id).await.map_err(status)?);
-        let engine = owner.clone();
-        let chunks = stream::unfold(Some(0), move |offset: Option<u64>| {
-            let (engine, held) = (engine.clone(), held.clone());
-            async move {
-                let offset = offset?;
-                match engine.read_trace(&held.0, offset).await {
-                    Ok(data) if data.is_empty() => None,
-                    Ok(data) => {
-                        let next = offset + data.len() as u64;
-                        Some((Ok(v1::DownloadTraceResponse { offset, data: data.into() }), Some(next)))
-                    }
-                    Err(error) => Some((Err(status(error)), None)),
-                }
-            }
+        let download = owner.download(&id).await.map_err(status)?;
+        let chunks = stream::try_unfold(download, async |mut download| {
+            let (offset, data) = download.next().await.map_err(status)?;
+            let reply = v1::DownloadTraceResponse { offset, data: data.into() };
+            Ok((!reply.data.is_empty()).then_some((reply, download)))
         });
         Ok(Response::new(chunks.boxed()))
     }

@@ -60,6 +60,7 @@ pub fn status(error: EngineError) -> Status {
         }
         EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
         EngineError::Recording(_) => plain(Code::Internal, message, "RECORDING"),
+        EngineError::Damaged { .. } => plain(Code::DataLoss, message, "TRACE_DAMAGED"),
         EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)) => {
             plain(Code::Cancelled, message, "CANCELLED")
         }

@@ -67,7 +67,10 @@ pub fn request(video: String, question: &str, choices: &[impl AsRef<str>]) -> As
 pub fn text(reply: &AskResponse) -> String {
     let mut text = String::new();
     if let Some(answer) = &reply.answer {
-        text += &format!("  {answer}  ({:.0} %)\n{}", 100.0 * reply.probability, trail(&reply.trail));
+        // Several events have each their own.
+        let own = answer.ends_with(" %)");
+        let probability = if own { String::new() } else { format!("  ({:.0} %)", 100.0 * reply.probability) };
+        text += &format!("  {answer}{probability}\n{}", trail(&reply.trail));
     }
     for choice in &reply.choices {
         let (mark, probability) =

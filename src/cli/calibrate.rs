@@ -9,11 +9,21 @@ use crate::scene::parse_pairs;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-/// FILE is JSON: {"image_size": [w, h], "pairs": [{"image": [u, v], "world": [x, y, z]}]}, or {"image_size", "table": {"x": [lo, hi],
-/// "y": [lo, hi]}, "corners": [[u, v] x 4]} (corners in the order x lo y lo, x hi y lo, x hi y hi, x lo y hi), or a scene whose
-/// objects have both `location` and `image_center`. Several files are of one camera: their points are pooled.
+/// What is read, for `--help`.
+const FORMATS: &str = r#"FILE is JSON, one of:
+  points      {"image_size": [480, 320], "pairs": [{"image": [u, v], "world": [x, y, z]}, ...]}
+  a table     {"image_size": [480, 320], "table": {"x": [lo, hi], "y": [lo, hi]},
+               "corners": [[u, v], [u, v], [u, v], [u, v]]}
+              corners at (x lo, y lo), (x hi, y lo), (x hi, y hi), (x lo, y hi); height 0
+  a scene     a CLEVRER annotation whose objects have both `location` and `image_center`, or its folder
+Pixels count from the image's left upper corner, u to the right and v down; the world is in metres, z up (0 if left out).
+Six points that are not in one plane give the whole camera, four in a plane one that is good at that height.
+Several files are of one camera: their points are pooled."#;
+
 #[derive(clap::Args)]
+#[command(after_help = FORMATS)]
 pub struct Args {
+    /// Files of points, of one camera: see below.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Writes the result as JSON (`import --camera` reads it); `-`: to standard output.

@@ -7,7 +7,7 @@ use super::study::Said;
 use super::{input, ladder, output, study};
 use crate::api::v1::{
     Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
-    RankedEffect, Verdict, discover_effects_response::Event,
+    RankedEffect, Revision, Verdict, discover_effects_response::Event,
 };
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     max_effects: Option<u32>,
     /// Frames of the simulated courses in the JSON, from frame 0 [default: observed + 60].
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", requires = "json")]
     frames: Option<u32>,
     /// Writes the result as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
@@ -89,18 +89,9 @@ pub fn text(found: &Discovery) -> String {
     if !found.formula.is_empty() {
         text += &format!("\n  {}\n", found.formula);
     }
-    let mm = |v: f64| format!("{:.2}", 1e3 * v);
-    let rows: Vec<Vec<String>> = found
-        .revisions
-        .iter()
-        .map(|r| {
-            let name = ladder::change(r);
-            let chi = format!("{:.2}", r.reduced_chi_square);
-            vec![name, mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi]
-        })
-        .collect();
-    let header = ["revision", "rmse mm", "held out", "other videos", "chi-square"];
-    text += &format!("\n{}  noise {} mm\n", output::table(&header, &rows), mm(found.noise_sigma));
+    let revisions: Vec<&Revision> = found.revisions.iter().collect();
+    let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
+    text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
     text + &study::ranking(&found.ranked, SHOWN)
 }
 
@@ -128,7 +119,7 @@ fn verdict(found: &Discovery) -> &'static str {
 fn to_json(found: &Discovery, names: &[String]) -> Value {
     let effect = |e: &crate::api::v1::FoundEffect| json!({ "kind": e.kind, "parameters": parameters(e) });
     let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
-    let revision = |r: &crate::api::v1::Revision| {
+    let revision = |r: &Revision| {
         let effect = if r.effect.is_empty() { Value::Null } else { json!(r.effect) };
         json!({
             "revision": r.revision,

@@ -4,15 +4,16 @@ use super::Target;
 use super::error::Failure;
 use super::output::print;
 use super::wire::remote;
+use crate::config::reached_here;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
 
-/// Where `serve` listens unless it is told otherwise.
-const DEFAULT_SERVER: &str = "http://127.0.0.1:50051";
-
 pub async fn run(target: &Target) -> Result<(), Failure> {
-    let url = target.server.as_deref().unwrap_or(DEFAULT_SERVER);
-    let channel = remote(url, target).await?;
+    let url = match &target.server {
+        Some(url) => url.clone(),
+        None => reached_here().map_err(|e| Failure::input(e.to_string()))?,
+    };
+    let channel = remote(&url, target).await?;
     let request = HealthCheckRequest { service: String::new() };
     let reply = HealthClient::new(channel).check(request).await.map_err(|s| Failure::other(s.message()))?;
     match reply.into_inner().status() {

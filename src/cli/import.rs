@@ -7,16 +7,29 @@ use super::{input, output, progress};
 use crate::api;
 use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::scene::{
-    CLEVRER_CAMERA, Proposals, Scene, Scores, is_tracker, observed, parse, parse_csv, parse_proposals,
-    parse_tracker,
+    CLEVRER_CAMERA, DEFAULT_SIZE, Proposals, Scene, Scores, is_tracker, observed, parse, parse_csv,
+    parse_proposals, parse_tracker,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 
-/// Reads CLEVRER annotations (also with `image_center` in place of `location`), derender proposals (detections with masks or
-/// boxes), CSV with named columns and units, and the text that Tracker exports, each known by its content; writes DIR/NAME/observed.json.
+/// Of detections that do not say otherwise: frame rate (1/s) and deviation of an edge (px).
+const FPS: f64 = 25.0;
+const NOISE: f64 = 1.0;
+
+/// What is read, for `--help`.
+const FORMATS: &str = r#"FILE is known by its content; each becomes DIR/NAME/observed.json:
+  annotation  CLEVRER's JSON with object_property and motion_trajectory; objects have a location (m), or an
+              image_center (px) and the file a camera_matrix and image_size
+  proposals   CLEVRER's derender proposals: JSON with frames of objects with a mask (COCO run-length) or box, and scores
+  CSV         columns id, t or frame, x, y, and where known yaw, visible, shape, size, mass, material, color; a unit
+              behind a name, as in `x [mm]`; lines before it such as `# fps: 50`, `# unit: cm`, `# world: table`
+  Tracker     the text that Tracker exports"#;
+
 #[derive(clap::Args)]
+#[command(after_help = FORMATS)]
 pub struct Args {
+    /// Files of any of the kinds below.
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
     /// Folder that the scene folders are written into.
@@ -25,18 +38,18 @@ pub struct Args {
     /// Camera of detections: JSON of `calibrate`, or any with `camera_matrix` and `image_size` [default: CLEVRER's].
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
-    /// Radius or half side of the objects of detections and of Tracker's text (m).
-    #[arg(long, value_name = "METRES", default_value_t = 0.2)]
-    size: f64,
-    /// Frame rate of detections (1/s).
-    #[arg(long, default_value_t = 25.0)]
-    fps: f64,
-    /// Deviation of an edge of a detection (px).
-    #[arg(long, value_name = "PIXELS", default_value_t = 1.0)]
-    noise: f64,
-    /// Unit of the lengths in Tracker's text.
-    #[arg(long, value_enum, default_value = "m")]
-    unit: Unit,
+    /// Radius or half side of the objects of detections and of Tracker's text (m) [default: 0.2].
+    #[arg(long, value_name = "METRES")]
+    size: Option<f64>,
+    /// Frame rate of detections (1/s) [default: 25].
+    #[arg(long)]
+    fps: Option<f64>,
+    /// Deviation of an edge of a detection (px) [default: 1].
+    #[arg(long, value_name = "PIXELS")]
+    noise: Option<f64>,
+    /// Unit of the lengths in Tracker's text [default: m].
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
     /// Writes what was done as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -81,16 +94,21 @@ async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(Strin
     let name = name.map_or("scene".into(), |n| n.to_string_lossy().into_owned());
     let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
     let mut named = vec![];
-    let (kind, request) = match kind(&text) {
+    let found = kind(&text);
+    if let Some(flag) = args.useless(&found) {
+        return Err(Failure::input(format!("{flag} says nothing of such a file: leave it out")));
+    }
+    let (kind, request) = match found {
         Kind::Proposals => ("proposals", detections(args, &name, &parse_proposals(&text).map_err(bad)?)?),
         Kind::Annotation => ("annotation", of_scene(&parse(&name, &text).map_err(bad)?)),
         Kind::Tracker => {
             let scale = match args.unit {
-                Unit::M => 1.0,
-                Unit::Cm => 1e-2,
-                Unit::Mm => 1e-3,
+                None | Some(Unit::M) => 1.0,
+                Some(Unit::Cm) => 1e-2,
+                Some(Unit::Mm) => 1e-3,
             };
-            let (scene, names) = parse_tracker(&name, &text, scale, args.size).map_err(bad)?;
+            let (scene, names) =
+                parse_tracker(&name, &text, scale, args.size.unwrap_or(DEFAULT_SIZE)).map_err(bad)?;
             named = names;
             ("tracker", of_scene(&scene))
         }
@@ -171,6 +189,22 @@ fn kind(text: &str) -> Kind {
     }
 }
 
+impl Args {
+    /// A flag that says nothing of this kind of file.
+    fn useless(&self, kind: &Kind) -> Option<&'static str> {
+        let detected = matches!(kind, Kind::Proposals);
+        let sized = detected || matches!(kind, Kind::Tracker);
+        let given = [
+            ("--camera", self.camera.is_some() && !detected),
+            ("--fps", self.fps.is_some() && !detected),
+            ("--noise", self.noise.is_some() && !detected),
+            ("--size", self.size.is_some() && !sized),
+            ("--unit", self.unit.is_some() && !matches!(kind, Kind::Tracker)),
+        ];
+        given.into_iter().find(|(_, useless)| *useless).map(|(flag, _)| flag)
+    }
+}
+
 fn of_scene(scene: &Scene) -> CreateVideoRequest {
     CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() }
 }
@@ -207,15 +241,15 @@ fn detections(args: &Args, name: &str, proposals: &Proposals) -> Result<CreateVi
     };
     let video = Video {
         display_name: name.into(),
-        fps: args.fps,
+        fps: args.fps.unwrap_or(FPS),
         camera: Some(camera),
-        image_noise_px: args.noise,
+        image_noise_px: args.noise.unwrap_or(NOISE),
         ..Default::default()
     };
     Ok(CreateVideoRequest {
         video: Some(video),
         detections: proposals.detections.iter().map(one).collect(),
-        object_size: args.size,
+        object_size: args.size.unwrap_or(DEFAULT_SIZE),
         frame_count: proposals.frames as u32,
         ..Default::default()
     })

@@ -1,5 +1,6 @@
 //! The errors of revisions, drawn: bars in a terminal, and an SVG; both show how far it is to the noise.
 
+use super::output;
 use crate::api::v1::Revision;
 
 /// Cells of the longest bar.
@@ -17,6 +18,22 @@ pub fn change(r: &Revision) -> String {
         ("", removed) => format!("- {removed}"),
         (added, _) => format!("+ {added}"),
     }
+}
+
+/// The errors of revisions by name; those on videos left out only where there are `several`.
+pub fn table(revisions: &[&Revision], several: bool, name: impl Fn(&Revision) -> String) -> String {
+    let mm = |v: f64| format!("{:.2}", 1e3 * v);
+    let shown = |cells: [String; 5]| -> Vec<String> {
+        let cells = cells.into_iter().enumerate();
+        cells.filter(|(column, _)| several || *column != 3).map(|(_, cell)| cell).collect()
+    };
+    let header = shown(["revision", "rmse mm", "held out", "other videos", "chi-square"].map(String::from));
+    let row = |r: &&Revision| {
+        let chi = format!("{:.2}", r.reduced_chi_square);
+        shown([name(r), mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi])
+    };
+    let rows: Vec<Vec<String>> = revisions.iter().map(row).collect();
+    output::table(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows)
 }
 
 fn largest(revisions: &[&Revision], noise: f64) -> f64 {
@@ -100,6 +117,8 @@ mod tests {
           - tilt                     █████████|                               5.00 mm
                                               |  noise 5.00 mm
         ");
+        let errors = |several| table(&rungs, several, change);
+        assert!(errors(true).contains("other videos") && !errors(false).contains("other videos"));
         let drawn = svg("a <b>", &rungs, 0.005);
         assert!(drawn.contains("a &lt;b&gt;") && drawn.contains("+ coriolis") && drawn.ends_with("</svg>\n"));
     }

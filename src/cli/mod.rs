@@ -66,6 +66,36 @@ struct Target {
     quiet: bool,
 }
 
+impl Target {
+    /// Refuses what the command would not heed.
+    fn check(&self, command: &Command) -> Result<(), Failure> {
+        let known =
+            [("--ca", &self.ca), ("--cert", &self.cert), ("--key", &self.key), ("--token", &self.token)];
+        let known = known.iter().find(|(_, file)| file.is_some()).map(|(flag, _)| *flag);
+        let remote = self.server.as_ref().map(|_| "--server").or(known);
+        let folder = self.data_dir.as_ref().map(|_| "--data-dir");
+        let useless = match command {
+            Command::Serve(_) => remote,
+            Command::Demo(_) | Command::Trace(_) | Command::Replay(_) => remote.or(folder),
+            Command::Health => folder,
+            _ if self.server.is_some() => folder,
+            _ => None,
+        };
+        match (useless, known) {
+            (Some("--data-dir"), _) if self.server.is_some() => {
+                Err(Failure::input("--data-dir is this process's own store: leave it out with --server"))
+            }
+            (Some(flag), _) => {
+                Err(Failure::input(format!("{flag} is of no use to this command: leave it out")))
+            }
+            (None, Some(flag)) if self.server.is_none() && !matches!(command, Command::Health) => {
+                Err(Failure::input(format!("{flag} is for a service elsewhere: give its --server too")))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 #[derive(Subcommand)]
 enum Command {
     /// Runs the service until SIGTERM.
@@ -127,6 +157,7 @@ pub fn main() -> ExitCode {
 }
 
 async fn run(cli: Cli) -> Result<(), Failure> {
+    cli.target.check(&cli.command)?;
     match cli.command {
         Command::Serve(args) => serve::run(&cli.target, args).await,
         Command::Demo(args) => demo::run(args).await,
@@ -156,5 +187,35 @@ mod tests {
     #[test]
     fn the_arguments_are_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn what_a_command_would_not_heed_is_refused() {
+        let refused = |line: &str| match Cli::try_parse_from(line.split(' ')) {
+            Ok(cli) => cli.target.check(&cli.command).err().map(|failure| failure.to_string()),
+            Err(error) => Some(error.to_string()),
+        };
+        for fine in [
+            "vrdp effects",
+            "vrdp effects --data-dir d",
+            "vrdp health --ca c",
+            "vrdp serve --data-dir d",
+            "vrdp effects --server u --token t",
+            "vrdp --server u effects --token t",
+            "vrdp discover s --frames 9 --json -",
+        ] {
+            assert_eq!(refused(fine), None, "{fine}");
+        }
+        for (line, named) in [
+            ("vrdp effects --server u --data-dir d", "--data-dir"),
+            ("vrdp effects --token t", "--server"),
+            ("vrdp serve --server u", "--server"),
+            ("vrdp replay f --data-dir d", "--data-dir"),
+            ("vrdp health --data-dir d", "--data-dir"),
+            ("vrdp discover s --frames 9", "--json"),
+            ("vrdp replay f --verify --loop", "--loop"),
+        ] {
+            assert!(refused(line).is_some_and(|told| told.contains(named)), "{line}");
+        }
     }
 }

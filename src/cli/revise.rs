@@ -250,14 +250,8 @@ fn verdict(r: &Revision) -> String {
 }
 
 fn table(revisions: &[&Revision]) -> String {
-    let mm = |v: f64| format!("{:.2}", 1e3 * v);
-    let row = |r: &&Revision| {
-        let name = format!("{}{}  {}", "  ".repeat(r.revision as usize), id(r), ladder::change(r));
-        let chi = format!("{:.2}", r.reduced_chi_square);
-        vec![name, mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi]
-    };
-    let rows: Vec<Vec<String>> = revisions.iter().map(row).collect();
-    output::table(&["revision", "rmse mm", "held out", "other videos", "chi-square"], &rows)
+    let name = |r: &Revision| format!("{}{}  {}", "  ".repeat(r.revision as usize), id(r), ladder::change(r));
+    ladder::table(revisions, revisions.iter().any(|r| r.models.len() > 1), name)
 }
 
 fn listing(known: &[Revision]) -> String {

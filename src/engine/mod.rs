@@ -25,7 +25,7 @@ pub use revision::Step;
 pub use shelf::{Lease, Retention};
 pub use start::{Choice, ChoiceKind};
 pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
-pub use trace::{TraceFilter, TraceKind, TraceRecord};
+pub use trace::{Download, TraceFilter, TraceKind, TraceRecord};
 
 use crate::fit::{Fit, FitError, FitOptions, fit};
 use crate::reason::{
@@ -80,6 +80,11 @@ pub enum EngineError {
     NotFinite { object: u32, frame: usize },
     #[error("the trace cannot be written: {0}")]
     Recording(String),
+    #[error(
+        "the file of trace {id} is damaged ({what}): put it back from a copy, or ask again for what it is of, which writes \
+         it anew"
+    )]
+    Damaged { id: String, what: String },
 }
 
 impl EngineError {
@@ -180,7 +185,7 @@ pub struct Engine {
     backlog: Arc<trace::Backlog>,
     shelf: Arc<shelf::Shelf>,
     replays: Arc<tokio::sync::Semaphore>,
-    /// Grows with every deletion and is part of every key in memory, so that nothing deleted is found there.
+    /// Grows with every deletion and damage, and is part of every key in memory, so that nothing deleted is found there.
     epoch: Arc<AtomicU64>,
     fits_run: Arc<AtomicU64>,
 }
@@ -264,6 +269,11 @@ impl Engine {
         Instant::now() + self.capacity.job_timeout
     }
 
+    /// Lets go of all results in memory: they may name what is gone.
+    fn forget(&self) {
+        self.epoch.fetch_add(1, Ordering::SeqCst);
+    }
+
     fn key(&self, id: &str) -> String {
         self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
     }
@@ -314,7 +324,7 @@ impl Engine {
     /// Deletes a video with its models and traces.
     pub async fn delete_video(&self, id: &str) -> Result<(), EngineError> {
         let found = self.store.delete_video(id).await;
-        self.epoch.fetch_add(1, Ordering::SeqCst);
+        self.forget();
         if found? { Ok(()) } else { Err(no_video(id)) }
     }
 

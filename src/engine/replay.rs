@@ -1,9 +1,8 @@
 //! Plays a stored trace: its rows and events in time, in little memory, as fast as was asked for.
 
-use super::trace::TraceRecord;
 use super::{Engine, EngineError, shelf::Lease};
 use crate::recording::messages::{self as m, v1};
-use crate::recording::{MAX_TIME, Reader};
+use crate::recording::{MAX_TIME, Reader, RecordingError};
 use prost::Message;
 use std::fs::File;
 use std::sync::Arc;
@@ -58,10 +57,11 @@ impl Engine {
         let (record, lease) = self.trace(id).await?;
         let file = self.store.open_blob(&record.id).await?;
         let (send, items) = mpsc::channel(AHEAD);
+        let engine = self.clone();
         tokio::task::spawn_blocking(move || {
-            if let Err(error) = read(file, &record, options, &send) {
+            if let Err(error) = read(file, options, &send) {
                 // The reader may have left.
-                let _ = send.blocking_send(Err(error));
+                let _ = send.blocking_send(Err(engine.damaged(&record.id, error.to_string())));
             }
         });
         Ok(Replay { items, options, round: 0, began: Instant::now(), _lease: lease, _place: place })
@@ -71,14 +71,14 @@ impl Engine {
 type Items = mpsc::Sender<Result<(u64, f64, Played), EngineError>>;
 
 /// Sends the items of one round after the other, until the end or until nobody listens.
-fn read(file: File, record: &TraceRecord, options: ReplayOptions, to: &Items) -> Result<(), EngineError> {
+fn read(file: File, options: ReplayOptions, to: &Items) -> Result<(), RecordingError> {
     let mut reader = Reader::open(file)?;
     for round in 0.. {
         let mut some = false;
         let topics = [&*m::STATES.name, &*m::AFTER.name, &*m::EVENTS.name];
-        for message in reader.messages(&topics, [options.from, options.to]) {
+        for (index, message) in reader.messages(&topics, [options.from, options.to]).enumerate() {
             let message = message?;
-            let broken = |e| EngineError::Recording(format!("traces/{}: {e}", record.id));
+            let broken = |source| RecordingError::Message { topic: message.topic.to_string(), index, source };
             let item = match *message.topic == *m::EVENTS.name {
                 true => Played::Event(v1::TraceEvent::decode(message.data.as_slice()).map_err(broken)?),
                 false => Played::Frame(v1::TraceFrame::decode(message.data.as_slice()).map_err(broken)?),

@@ -120,6 +120,8 @@ impl Engine {
             store.delete_trace(&key).await?;
             bytes -= record.size_bytes;
             removed.push(record.id);
+            // What is in memory may name it: who asks again gets a trace that exists.
+            self.forget();
         }
         Ok(removed)
     }

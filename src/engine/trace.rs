@@ -257,13 +257,54 @@ impl Engine {
         Ok((record, lease))
     }
 
-    /// The next bytes of a trace from `offset` on; empty at its end.
-    pub async fn read_trace(&self, record: &TraceRecord, offset: u64) -> Result<Bytes, EngineError> {
-        let len = record.size_bytes.saturating_sub(offset).min(CHUNK);
-        if len == 0 {
-            return Ok(Bytes::new());
+    /// Begins to read the file of a trace.
+    pub async fn download(self: &Arc<Self>, id: &str) -> Result<Download, EngineError> {
+        let (record, lease) = self.trace(id).await?;
+        let found = self.store.blob_size(id).await?;
+        if found != record.size_bytes {
+            return Err(self.damaged(id, format!("it has {found} bytes of {}", record.size_bytes)));
         }
-        Ok(self.store.read_blob(&record.id, offset, len).await?)
+        let (engine, hasher) = (self.clone(), blake3::Hasher::new());
+        Ok(Download { engine, record, offset: 0, hasher, _lease: lease })
+    }
+
+    /// A trace that cannot be read. From now on no result in memory names it, so that it is written anew when it is asked for.
+    pub(super) fn damaged(&self, id: &str, what: String) -> EngineError {
+        tracing::error!(trace = id, what, "a trace is damaged");
+        self.forget();
+        EngineError::Damaged { id: id.into(), what }
+    }
+}
+
+/// A trace file that is being read. Its id follows from its bytes: the last of them are given only if all are as written.
+pub struct Download {
+    engine: Arc<Engine>,
+    record: TraceRecord,
+    offset: u64,
+    hasher: blake3::Hasher,
+    _lease: Lease,
+}
+
+impl Download {
+    pub fn record(&self) -> &TraceRecord {
+        &self.record
+    }
+
+    /// Where the next bytes begin, and the bytes; empty at the end.
+    pub async fn next(&mut self) -> Result<(u64, Bytes), EngineError> {
+        let (id, offset) = (&self.record.id, self.offset);
+        let len = self.record.size_bytes.saturating_sub(offset).min(CHUNK);
+        if len == 0 {
+            return Ok((offset, Bytes::new()));
+        }
+        let bytes = self.engine.store.read_blob(id, offset, len).await?;
+        self.hasher.update(&bytes);
+        self.offset += bytes.len() as u64;
+        let ends = self.offset == self.record.size_bytes;
+        if (bytes.len() as u64) < len || ends && self.hasher.finalize().to_hex().as_str() != id {
+            return Err(self.engine.damaged(id, "its checksum is wrong".into()));
+        }
+        Ok((offset, bytes))
     }
 }
 

@@ -129,6 +129,11 @@ const GOOD: f64 = 1.25;
 const ADEQUATE: f64 = 1.5;
 /// A growing window takes in this many frames after the first that leaves the noise.
 const LOOK_AHEAD: usize = 8;
+/// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
+/// likelihood, that makes it worth to do so again.
+const OTHER_ITERATIONS: usize = 40;
+const YAW_ROUNDS: usize = 2;
+const WORTH_A_ROUND: f64 = 5.0;
 /// A residual beyond this many deviations has left the noise.
 const OUT_OF_NOISE: f64 = 6.0;
 
@@ -176,15 +181,13 @@ fn gauss_newton(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
-    let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
+    let mut best = of_any_yaw(problem, &problem.start(), frames, budget, stop)?;
     let done =
         |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && !done(&best) {
-        let mut grown = grow(problem, problem.start(), frames, budget, stop)?;
-        grown.iterations += best.iterations;
-        if grown.cost < best.cost {
-            best = grown;
-        }
+        let grown = grow(problem, problem.start(), frames, budget, stop)?;
+        let grown = better(grown.clone(), of_any_yaw(problem, &grown.point, frames, budget, stop)?);
+        best = better(best, grown);
     }
     for other in start::other_spins(problem, &best.point) {
         // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
@@ -205,6 +208,53 @@ fn gauss_newton(
         }
     }
     Ok(best)
+}
+
+/// The best fit from `start`, and from other yaws of bodies whose yaw was not measured, one body after the other. A wrong
+/// side that is hit may fit well enough to be called good, so that all are compared.
+fn of_any_yaw(
+    problem: &Problem,
+    start: &[f64],
+    frames: usize,
+    budget: usize,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let unseen = start::unseen_yaws(problem);
+    if unseen.is_empty() {
+        return minimise(problem, start, frames, budget, stop);
+    }
+    // None is worth being followed to its very end before it is the best.
+    let few = budget.min(OTHER_ITERATIONS);
+    let mut best = minimise(problem, start, frames, few, stop)?;
+    for _ in 0..YAW_ROUNDS {
+        let before = best.cost;
+        for &(k, others) in &unseen {
+            let from = best.point.clone();
+            for other in 1..=others {
+                if problem.is_exhausted() {
+                    return Ok(best);
+                }
+                let mut point = from.clone();
+                point[k] += other as f64 * start::YAW_STEP;
+                best = better(best, minimise(problem, &point, frames, few, stop)?);
+            }
+        }
+        if before - best.cost < WORTH_A_ROUND {
+            break;
+        }
+    }
+    if best.outcome == Outcome::IterationLimit {
+        let further = minimise(problem, &best.point, frames, budget, stop)?;
+        best = better(best, further);
+    }
+    Ok(best)
+}
+
+/// The one of lower cost, with the iterations of both.
+fn better(known: Solution, tried: Solution) -> Solution {
+    let iterations = known.iterations + tried.iterations;
+    let best = if tried.cost < known.cost { tried } else { known };
+    Solution { iterations, ..best }
 }
 
 /// Whether the models can be fitted to the scenes at all.

@@ -1,4 +1,5 @@
-//! Start values: what a line through the first frames of each track says, and other spins that a ball may have.
+//! Start values: what a line through the first frames of each track says, other spins that a ball may have, and other
+//! yaws of what nobody measured one of.
 
 use super::noise::{Noise, wrapped};
 use super::problem::Problem;
@@ -19,6 +20,12 @@ const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
 /// stun, draw, either side; much and less, as a spin that friction ends before it matters has no gradient).
 const OTHER_SPINS: [(f64, f64); 7] =
     [(1.0, 0.0), (0.0, 0.0), (-1.0, 0.0), (1.0, 0.5), (1.0, -0.5), (1.0, 1.0), (1.0, -1.0)];
+
+/// Place of the yaw in [`BODY_VALUES`].
+const YAW: usize = 2;
+/// How far apart the yaws are from which a body is tried whose yaw was not measured (rad): a contact's cost has a minimum
+/// for each side that may have been hit, and they are an eighth of a turn from each other's border.
+pub(super) const YAW_STEP: f64 = std::f64::consts::FRAC_PI_8;
 
 /// Puts each body of the model where its track begins, with the velocity of its first frames. A body that neither moves
 /// nor turns there is at rest: friction holds it, and its velocity is no parameter.
@@ -78,6 +85,22 @@ pub(super) fn other_spins(problem: &Problem, point: &[f64]) -> Vec<Vec<f64>> {
         }
     }
     others
+}
+
+/// Where the yaws stand that are searched though none was measured, and how many others, [`YAW_STEP`] apart, look different.
+pub(super) fn unseen_yaws(problem: &Problem) -> Vec<(usize, usize)> {
+    let mut unseen = vec![];
+    for part in &problem.parts {
+        for (b, (body, track)) in part.model.bodies.iter().zip(&part.scene.tracks).enumerate() {
+            let Some([length, width]) = body.shape.half_extents() else { continue };
+            let yaw = part.slots.iter().find(|s| s.0 == b * BODY_VALUES.len() + YAW);
+            let measured = track.samples.iter().any(|s| s.yaw.is_some());
+            if let Some((_, k)) = yaw.filter(|_| !measured) {
+                unseen.push((*k, if length == width { 3 } else { 7 }));
+            }
+        }
+    }
+    unseen
 }
 
 /// The first samples of a track, as many as a line describes.

@@ -138,12 +138,23 @@ fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
     }
 }
 
-/// Which objects were kept as observed in every counterfactual, and whether a simulation ended early.
+/// How far the simulations look, which objects were kept as observed in every counterfactual, and whether a simulation ended early.
 fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
     let imagined: Vec<&Imagined> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
     let kept = scene.objects.iter().filter(|o| imagined.iter().all(|s| s.unreached.contains(&o.id)));
     let kept: Vec<String> = kept.map(ops::phrase).collect();
     let mut words = String::new();
+    let end = scene.times.last().copied().unwrap_or(0.0);
+    let looked = |from: &str, s: &Imagined| {
+        let until = s.best.times.last().copied().unwrap_or(end);
+        match until > end {
+            true => format!(" {from} looks {:.1} s beyond the video, to {until:.1} s.", until - end),
+            false => format!(" {from} looks to the video's end, {until:.1} s."),
+        }
+    };
+    words +=
+        &simulations.iter().find(|s| s.interventions.is_empty()).map_or(String::new(), |s| looked("It", s));
+    words += &imagined.first().map_or(String::new(), |s| looked("What would be", s));
     if !imagined.is_empty() && !kept.is_empty() {
         words += &format!(" The change does not reach {}: as observed.", kept.join(", "));
     }
@@ -309,7 +320,7 @@ impl Session<'_> {
             (most.0, most.1 as f64 / values.len().max(1) as f64)
         };
         Ok(Answer {
-            explanation: format!("{answer}: in {:.0} % of {} rollouts.", 100.0 * probability, values.len()),
+            explanation: format!("In {:.0} % of {} rollouts.", 100.0 * probability, values.len()),
             answer: Some(answer),
             choices: vec![],
             probability,
@@ -340,9 +351,11 @@ impl Session<'_> {
             let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
             return ("nothing is likely to happen".to_string(), 1.0 - most);
         }
-        let words = likely
-            .iter()
-            .map(|(e, n)| format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)));
+        // The share of a single one is that of the answer.
+        let words = likely.iter().map(|(e, n)| match likely.len() {
+            1 => describe_event(self.scene, e),
+            _ => format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)),
+        });
         let least = likely.iter().map(|(_, n)| share(*n)).fold(1.0, f64::min);
         (words.collect::<Vec<_>>().join("; "), least)
     }

@@ -3,11 +3,38 @@
 use super::ReasonError;
 use super::grammar::{FORMS, Form};
 use super::program::nearest;
+use std::collections::BTreeSet;
 
 /// Longest part of a text that a refusal repeats (characters).
 const MAX_PART: usize = 200;
 /// Objects in examples.
 const OBJECTS: [&str; 2] = ["the blue cube", "the red metal sphere"];
+
+/// Questions that phrases are part of, for examples.
+const WITHIN: [(&str, &str); 5] = [
+    ("if", "what will happen"),
+    ("change", "what will happen if"),
+    ("mass", "what will happen if the blue cube is"),
+    ("speed", "what will happen if the blue cube moved"),
+    ("law", "what will happen without"),
+];
+/// Words that tell nothing by themselves.
+const JOINING: &[&str] = &[
+    "a", "an", "and", "any", "are", "as", "be", "by", "did", "do", "does", "for", "happen", "happens", "how",
+    "if", "in", "is", "it", "its", "not", "of", "on", "or", "'s", "that", "the", "there", "this", "to",
+    "was", "were", "what", "when", "which", "will", "with", "would",
+];
+/// Stems of the forms and others that people use for them.
+const ALIKE: &[(&str, &[&str])] = &[
+    ("collid", &["collision", "crash", "bump", "hit", "strik", "touch", "impact", "meet"]),
+    ("remov", &["gon", "vanish", "disappear", "miss", "without", "delet", "tak"]),
+    ("heavy", &["heavier", "weigh", "weight", "mass", "lighter"]),
+    ("fast", &["faster", "speed", "quick", "slow", "slower", "velocity"]),
+    ("exit", &["leav", "out"]),
+    ("enter", &["appear", "entranc"]),
+    ("responsibl", &["caus", "why", "because", "reason"]),
+    ("friction", &["slippery"]),
+];
 
 /// The program of a question.
 pub fn question_program(text: &str) -> Result<Vec<String>, ReasonError> {
@@ -36,17 +63,27 @@ fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec
     if let Some((_, tokens)) = readings.find(|(end, _)| *end == words.len()) {
         return Ok(tokens);
     }
-    // As far as it was understood, completed by an example; else whatever is written alike.
     let (understood, rest) = words.split_at(reader.furthest.min(words.len()));
-    let nearest = match reader.missing {
-        Some((kept, missing)) if kept > 0 => {
-            let mut out = words.iter().take(kept).cloned().collect();
-            missing.iter().for_each(|part| spell(part, &mut out));
-            sentence(&out)
-        }
+    let completed = reader.missing.filter(|(kept, _)| *kept > 0).map(|(kept, missing)| {
+        let mut out = words.iter().take(kept).cloned().collect();
+        missing.iter().for_each(|part| spell(part, &mut out));
+        sentence(&out)
+    });
+    // What tells most of the same things: as far as it was understood, completed by an example, or else an example.
+    let mut examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
+    if phrase == "question" {
+        let within =
+            |f: &Form| Some(format!("{} {}", WITHIN.iter().find(|w| w.0 == f.phrase)?.1, example(f)));
+        examples.extend(FORMS.iter().filter_map(within));
+    }
+    let told = content(&words);
+    let shared = |example: &str| content(&self::words(example)).intersection(&told).count();
+    let most = examples.iter().map(|e| shared(e)).max().unwrap_or(0);
+    let nearest = match completed {
+        Some(completed) if shared(&completed) >= most => completed,
         _ => {
-            let examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
-            nearest(&words.join(" "), examples.iter().map(String::as_str))
+            let best = examples.iter().filter(|e| shared(e) == most);
+            nearest(&words.join(" "), best.map(String::as_str))
         }
     };
     let part = sentence(if rest.is_empty() { understood } else { rest }).chars().take(MAX_PART).collect();
@@ -252,6 +289,24 @@ fn words(text: &str) -> Vec<String> {
     let text = signed.collect::<Vec<_>>().join(" ");
     let split = text.split(|c: char| !(c.is_alphanumeric() || c == '\'' || c == '.'));
     split.map(|w| w.trim_matches('.')).filter(|w| !w.is_empty()).map(str::to_string).collect()
+}
+
+/// What words tell, without those that join them and without endings; any object is one.
+fn content(words: &[String]) -> BTreeSet<&str> {
+    words.iter().filter_map(|w| told(w)).collect()
+}
+
+fn told(w: &str) -> Option<&str> {
+    if JOINING.contains(&w) || word(w) == Some(None) {
+        return None;
+    }
+    if word(w).is_some() {
+        return Some("object");
+    }
+    let stem = ["ing", "es", "ed", "s", "e"].iter().find_map(|end| w.strip_suffix(end));
+    let stem = stem.filter(|s| s.len() > 2).unwrap_or(w);
+    let alike = ALIKE.iter().find(|(known, others)| *known == stem || others.contains(&stem));
+    Some(alike.map_or(stem, |(known, _)| known))
 }
 
 /// A finite number above 0.

@@ -191,6 +191,21 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
         "meaning of life",
         "what is the color of the first object to collide with the blue cube",
     );
+    check(
+        "Why did the red ball bump into the cube?",
+        "why did the red ball bump into the cube",
+        "what is not responsible for the collision between the blue cube and the red metal sphere",
+    );
+    for (text, told) in [
+        ("Suppose the cube weighed ten times as much, what happens?", "heav"),
+        ("How quick is the cube?", "fast"),
+        ("And if nothing was slippery?", "friction"),
+    ] {
+        let Err(ReasonError::NotUnderstood { nearest, .. }) = question_program(text) else {
+            panic!("{text}")
+        };
+        assert!(nearest.contains(told) && question_program(&nearest).is_ok(), "{text}: {nearest}");
+    }
 }
 
 #[test]

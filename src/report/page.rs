@@ -148,15 +148,16 @@ fn worst(report: &Report, views: &Views) -> Option<String> {
 
 /// The ladder as a table.
 fn rungs(report: &Report) -> Markup {
+    let several = report.scenes.len() > 1;
     html! {
         div class="scroll" { table {
-            thead { tr { th { "Revision" } th { "error" } th { "held out" } th { "other videos" } th { "chi-square" } } }
+            thead { tr { th { "Revision" } th { "error" } th { "held out" } @if several { th { "other videos" } } th { "chi-square" } } }
             tbody {
                 @for (k, r) in report.discovery.revisions.iter().enumerate() {
                     tr { th { (step(k, r.effect.as_deref())) } td { (mm(r.rmse)) } td { (mm(r.held_out_rmse)) }
-                        td { @if report.scenes.len() > 1 { (mm(r.left_out_rmse)) } @else { "–" } } td { (number(r.reduced_chi_square)) } }
+                        @if several { td { (mm(r.left_out_rmse)) } } td { (number(r.reduced_chi_square)) } }
                 }
-                tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} td {} td { "1" } }
+                tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} @if several { td {} } td { "1" } }
             }
         } }
     }

@@ -1,6 +1,6 @@
 //! The camera: world to pixel, and a pixel back to the bird's-eye plane with its uncertainty.
 
-use super::{Covariance, DEFAULT_SIZE, MAX_POSITION, Object, Track};
+use super::{Covariance, DEFAULT_SIZE, MAX_POSITION, Object, Track, Violation};
 use crate::num::{Vec2, vec2};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -13,6 +13,9 @@ const HORIZON: f64 = 3.0;
 const SINGULAR: f64 = 1e-9;
 /// Largest part by which the rows of a rotation matrix may fail to be orthonormal: matrices are typed with few digits.
 const ORTHONORMAL: f64 = 1e-3;
+/// Share of the image's width by which the middle image point may lie off where the camera shows its sample: much more
+/// than noise and what a box's middle is off the centre.
+const ASTRAY: f64 = 0.03;
 
 /// A sample that has an image point in place of a position: indices of its track and in it, and the point (px).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -245,6 +248,25 @@ impl Camera {
             }
         }
         Ok((camera, refused))
+    }
+
+    /// What is wrong where this camera shows most of the samples elsewhere than their image points say.
+    pub(super) fn astray(&self, shown: &[Pixel], objects: &[Object], tracks: &[Track]) -> Option<Violation> {
+        let one = |p: &Pixel| {
+            let (object, sample) = (objects.get(p.object)?, tracks.get(p.object)?.samples.get(p.sample)?);
+            let [u, v] = self.project(sample.position, object.shape.centre_height())?;
+            Some(((u - p.point[0]).hypot(v - p.point[1]), p.point, [u, v], object.id, sample.frame))
+        };
+        let mut off: Vec<_> = shown.iter().filter_map(one).collect();
+        off.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (distance, [u, v], [a, b], id, frame) = *off.get(off.len() / 2)?;
+        (distance > ASTRAY * self.image_size[0]).then(|| Violation {
+            path: format!("frame {frame}, object {id}: location"),
+            message: format!(
+                "is shown at ({a:.0}, {b:.0}) px by camera_matrix, but image_center is ({u:.0}, {v:.0}), and most are so: is an \
+                 axis mirrored, or another unit than m used?"
+            ),
+        })
     }
 
     /// Whether a finite matrix has a rank below 3.

@@ -1,7 +1,7 @@
 //! Reads CLEVRER annotation files and our `observed.json`, which adds optional keys to them.
 
 use super::camera::{IMAGE_NOISE, IMAGE_NOISE_RANGE};
-use super::validate::Report;
+use super::validate::{Report, degrees};
 use super::{
     Camera, Covariance, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS, Object, Pixel, Sample, Scene, SceneError,
     Shape, Table, Track, WorldKind,
@@ -62,8 +62,19 @@ impl Reader {
         let world = self.world(root);
         let fps = self.number(root, "fps", "").unwrap_or(FPS);
         let (ids, objects) = self.objects(root);
-        let (frames, mut tracks, pixels) = self.tracks(root, &ids);
+        let (frames, mut tracks, pixels, shown) = self.tracks(root, &ids);
+        for (id, track) in ids.iter().zip(&tracks) {
+            if let Some((frame, yaw)) = degrees(track) {
+                let message = format!("is {yaw}, which is no yaw in radians; divide degrees by 57.2958");
+                self.report.add(format!("frame {frame}, object {id}: orientation[2]"), message);
+            }
+        }
         let mut camera = self.camera(root);
+        if let Some(camera) = &camera {
+            if let Some(astray) = camera.astray(&shown, &objects, &tracks) {
+                self.report.add(astray.path, astray.message);
+            }
+        }
         if camera.is_none() && world == WorldKind::Clevrer && !root.contains_key("camera_matrix") {
             camera = Some(Camera { image_size: self.image_size(root), ..CLEVRER_CAMERA });
         }
@@ -140,14 +151,14 @@ impl Reader {
         (objects.iter().map(|o| o.id).collect(), objects)
     }
 
-    /// Number of frames, a track for each id, and the samples that have an image point only. Frame indices are the
-    /// file's `frame_id`.
+    /// Number of frames, a track for each id, the samples that have an image point only, and those that have one too.
+    /// Frame indices are the file's `frame_id`.
     fn tracks(
         &mut self,
         root: &Map<String, Value>,
         ids: &[u32],
-    ) -> (usize, Vec<Track>, Vec<(Pixel, String)>) {
-        let mut pixels = vec![];
+    ) -> (usize, Vec<Track>, Vec<(Pixel, String)>, Vec<Pixel>) {
+        let (mut pixels, mut shown) = (vec![], vec![]);
         let mut tracks = vec![Track::default(); ids.len()];
         let trajectory = self.list(root, "motion_trajectory", "");
         let says_seen = trajectory.iter().any(|frame| {
@@ -193,16 +204,19 @@ impl Reader {
                     continue;
                 };
                 if let Some(sample) = self.sample(seen, &path, frame, says_seen) {
+                    let place = track.samples.len();
                     if !seen.contains_key("location") {
                         let Some(point) = self.pair(seen, "image_center", &path) else { continue };
                         let path = join(&path, "image_center");
-                        pixels.push((Pixel { object, sample: track.samples.len(), point }, path));
+                        pixels.push((Pixel { object, sample: place, point }, path));
+                    } else if let Some(point) = self.pair(seen, "image_center", &path) {
+                        shown.push(Pixel { object, sample: place, point });
                     }
                     track.samples.push(sample);
                 }
             }
         }
-        (frames, tracks, pixels)
+        (frames, tracks, pixels, shown)
     }
 
     fn sample(&mut self, seen: &Map<String, Value>, path: &str, frame: usize, says: bool) -> Option<Sample> {

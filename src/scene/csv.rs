@@ -1,6 +1,6 @@
 //! Reads tracks from CSV: one row an object and frame, columns by name.
 
-use super::validate::Report;
+use super::validate::{Report, degrees};
 use super::{
     DEFAULT_SIZE, MAX_FRAMES, Object, Sample, Scene, SceneError, Shape, Track, Violation, WorldKind,
 };
@@ -29,6 +29,8 @@ const COLUMNS: [(Column, &[&str]); 12] = [
     (Column::Material, &["material"]),
     (Column::Color, &["color", "colour"]),
 ];
+/// Keys of the lines before the header.
+const NOTES: [&str; 9] = ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world"];
 /// Units by the size of what they measure in SI.
 const LENGTHS: [(&str, f64); 3] = [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)];
 const TIMES: [(&str, f64); 2] = [("s", 1.0), ("ms", 1e-3)];
@@ -126,7 +128,12 @@ impl Notes {
                         format!("world is {value:?}; it must be clevrer, table, air_table or billiards"),
                     ),
                 },
-                _ => {}
+                // What people note for themselves is passed over; a slip of the pen is not.
+                other => {
+                    if let Some(near) = misspelt(other, NOTES.into_iter()) {
+                        r.add(at(), format!("{other} is not known; did you mean {near}? rename it"));
+                    }
+                }
             }
         }
         notes
@@ -205,6 +212,13 @@ fn one(path: impl Into<String>, message: impl Into<String>) -> SceneError {
     SceneError { violations: vec![Violation { path: path.into(), message: message.into() }] }
 }
 
+/// The known name that was meant, if this one differs from it by a slip or two.
+fn misspelt<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let slips = |near: &str| if near.len() < 6 { near.len() / 4 } else { 2 };
+    let off = |known: &&str| strsim::osa_distance(known, name);
+    known.min_by_key(off).filter(|near| off(near) <= slips(near))
+}
+
 /// A name and the unit behind it: `x [mm]`, `x (mm)`, `x_mm`, `x/mm`.
 fn parted(name: &str) -> (String, Option<String>) {
     let name = name.trim().to_ascii_lowercase();
@@ -225,10 +239,15 @@ fn places(names: &StringRecord, notes: &Notes, r: &mut Report) -> BTreeMap<Colum
     let mut places = BTreeMap::new();
     for (index, whole) in names.iter().enumerate() {
         let (name, unit) = parted(whole);
+        let at = format!("header, column {} ({whole})", index + 1);
         let Some((column, _)) = COLUMNS.iter().find(|(_, names)| names.contains(&name.as_str())) else {
+            // Columns of no use here, such as a speed, are passed over; a slip of the pen is not.
+            let known = COLUMNS.iter().flat_map(|(_, names)| names.iter().copied());
+            if let Some(near) = misspelt(&name, known) {
+                r.add(at, format!("is no known column; did you mean {near}? rename it"));
+            }
             continue;
         };
-        let at = format!("header, column {} ({whole})", index + 1);
         let units: &[(&str, f64)] = match column {
             Column::X | Column::Y | Column::Size => &LENGTHS,
             Column::Time => &TIMES,
@@ -405,6 +424,14 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
             Err(place) => {
                 track.samples.insert(place, Sample { frame, position: vec2(x, y), yaw, covariance: None })
             }
+        }
+    }
+    for (object, track) in objects.iter().zip(&tracks) {
+        if let Some((frame, yaw)) = degrees(track) {
+            let message = format!(
+                "is {yaw}, which is no yaw in radians; name the column `yaw [deg]` if it holds degrees"
+            );
+            r.add(format!("frame {frame}, object {}: yaw", object.id), message);
         }
     }
     r.finish()?;

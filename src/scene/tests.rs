@@ -97,6 +97,28 @@ fn what_is_no_camera_is_named() {
     assert!(matches!(refused(&scattered), CalibrateError::NoCamera { .. } | CalibrateError::Mirrored));
 }
 
+#[test]
+fn degrees_mirrored_axes_and_other_units_are_named_with_frame_and_field() {
+    type Entry = serde_json::Value;
+    let real = include_str!("../../tests/data/clevrer/scene_00011/observed.json");
+    let broken = |change: &dyn Fn(&mut Entry)| -> Vec<String> {
+        let mut root: Entry = serde_json::from_str(real).unwrap();
+        for frame in root["motion_trajectory"].as_array_mut().unwrap() {
+            frame["objects"].as_array_mut().unwrap().iter_mut().for_each(change);
+        }
+        let read = parse("broken", &root.to_string());
+        read.map_or_else(|e| e.violations.into_iter().map(|v| v.path).collect(), |_| vec![])
+    };
+    let times = |value: &mut Entry, by: f64| *value = (by * value.as_f64().unwrap()).into();
+    assert_eq!(broken(&|_| {}), [""; 0]);
+    for (axis, by) in [(0, -1.0), (1, -1.0), (0, 100.0)] {
+        let found = broken(&|o| times(&mut o["location"][axis], by));
+        assert!(found.len() == 1 && found[0].ends_with(": location"), "{found:?}");
+    }
+    let found = broken(&|o| o["orientation"][2] = 45.0.into());
+    assert!(!found.is_empty() && found.iter().all(|path| path.ends_with("orientation[2]")), "{found:?}");
+}
+
 /// What a detector sees of three objects, one of which is hidden for eight frames, and two things that are none.
 fn detections() -> Vec<Detection> {
     let looks = [("red", "metal", "sphere"), ("blue", "rubber", "cube"), ("red", "rubber", "cylinder")];

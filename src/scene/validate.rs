@@ -73,6 +73,17 @@ impl Report {
     }
 }
 
+/// A yaw that no angle in radians is, as it is read from a file: one that does not begin within a turn, or that jumps by
+/// more than the turn that wrapping takes. Its frame and value.
+pub(super) fn degrees(track: &Track) -> Option<(usize, f64)> {
+    const TURN: f64 = 1.01 * std::f64::consts::TAU;
+    let mut before = None;
+    track.samples.iter().filter_map(|s| Some((s.frame, s.yaw?))).find(|(frame, yaw)| {
+        let (last, known) = before.replace((*frame, *yaw)).unwrap_or((*frame, 0.0));
+        (yaw - known).abs() > TURN * frame.saturating_sub(last).max(1) as f64
+    })
+}
+
 impl Scene {
     /// Everything that is wrong with this scene, each with its dotted path.
     pub fn validate(&self) -> Result<(), SceneError> {

@@ -47,8 +47,14 @@ pub async fn start_secured(
 }
 
 impl Running {
-    /// Drains and ends; the folder is free then.
+    /// Drains and ends; the folder is free then. Every trace that is stored must give itself again.
     pub async fn stop(self) {
+        for record in self.engine.traces(Default::default(), "", REPLAYED).await.unwrap_or_default() {
+            // What a test damaged on purpose cannot be read.
+            let Ok(bytes) = whole(&self.engine, &record.id).await else { continue };
+            let found = vrdp::recording::verify(std::io::Cursor::new(bytes), &vrdp::num::never).unwrap();
+            assert!(found.holds() && found.identical, "{}: {found:?}", record.id);
+        }
         let Running { engine, channel, stop, task } = self;
         drop(channel);
         stop.cancel();
@@ -177,6 +183,20 @@ pub async fn verified(service: &Running) -> Vec<String> {
         assert!(found.holds() && found.identical, "{}: {found:?}", trace.name);
     }
     traces.into_iter().map(|t| t.name).collect()
+}
+
+/// Most traces of one service that are simulated again when it ends.
+const REPLAYED: usize = 50;
+
+async fn whole(engine: &Arc<Engine>, id: &str) -> Result<Vec<u8>, EngineError> {
+    let mut download = engine.download(id).await?;
+    let mut bytes = Vec::new();
+    loop {
+        match download.next().await?.1 {
+            chunk if chunk.is_empty() => return Ok(bytes),
+            chunk => bytes.extend_from_slice(&chunk),
+        }
+    }
 }
 
 /// The file of a trace.

@@ -1,10 +1,12 @@
 //! Traces over the whole service: everything is logged and replayed, lists are filtered, old ones go, disks fail.
 
 use crate::harness::*;
+use std::sync::Arc;
 use std::time::Duration;
 use tonic::Code;
 use vrdp::api::v1;
-use vrdp::engine::{Capacity, Engine, Retention};
+use vrdp::engine::{Capacity, Choice, ChoiceKind, Engine, Retention};
+use vrdp::reason::AskOptions;
 
 fn simulate(video: &str, seed: u64) -> v1::SimulateRequest {
     v1::SimulateRequest { video: video.into(), rollouts: Some(3), seed, ..Default::default() }
@@ -132,23 +134,90 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
     assert!(service.engine.retain(u64::MAX).await.unwrap().is_empty(), "off by default");
     service.stop().await;
 
-    let open = |retention| Engine::open(folder.path(), CAPACITY).unwrap().retaining(retention);
+    let open = |retention| Arc::new(Engine::open(folder.path(), CAPACITY).unwrap().retaining(retention));
     let engine = open(Retention { max_bytes: Some(1), ..Retention::default() });
     let mut records = engine.traces(Default::default(), "", 99).await.unwrap();
     records.sort_by_key(|r| r.stored_ms);
     let now = records[4].stored_ms;
-    let (read, lease) = engine.trace(&records[1].id).await.unwrap();
+    let mut read = engine.download(&records[1].id).await.unwrap();
     let removed = engine.retain(now).await.unwrap();
     let others = [0, 2, 3, 4].map(|k| records[k].id.clone());
     assert_eq!(removed, others, "oldest first");
-    assert_eq!(engine.read_trace(&read, 0).await.unwrap().len() as u64, read.size_bytes.min(256 << 10));
+    assert_eq!(read.next().await.unwrap().1.len() as u64, read.record().size_bytes.min(256 << 10));
     assert!(engine.trace(&records[0].id).await.is_err());
-    drop((lease, engine));
+    drop((read, engine));
 
     let engine = open(Retention { max_age: Some(Duration::from_secs(86_400)), ..Retention::default() });
     assert!(engine.retain(now + DAY - 1000).await.unwrap().is_empty());
     assert_eq!(engine.retain(now + DAY).await.unwrap(), [records[1].id.clone()]);
     assert_eq!(std::fs::read_dir(folder.path().join("traces")).unwrap().count(), 0);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_answer_in_memory_names_no_trace_that_is_gone() {
+    let folder = tempfile::tempdir().unwrap();
+    let engine = Engine::open(folder.path(), CAPACITY).unwrap();
+    let engine = Arc::new(engine.retaining(Retention { max_bytes: Some(1), ..Retention::default() }));
+    let scene = vrdp::api::video::scene(Some(video("small", 20))).unwrap();
+    let (id, _) = engine.create_video(|| Ok(scene)).await.unwrap();
+    let ask = || async {
+        let question = vrdp::reason::Question::English {
+            question: "Will the red cylinder collide with the blue cylinder?".into(),
+            choices: vec![],
+        };
+        engine
+            .ask(
+                &id,
+                &Choice { path: "", kind: ChoiceKind::Default },
+                question,
+                AskOptions { rollouts: 2, seed: 0 },
+            )
+            .await
+            .unwrap()
+    };
+    let first = ask().await;
+    assert!(engine.trace(&first.traces[0]).await.is_ok());
+    assert!(Arc::ptr_eq(&first, &ask().await), "it is in memory");
+    assert!(engine.retain(0).await.unwrap().contains(&first.traces[0]));
+    let again = ask().await;
+    assert_eq!(again.traces, first.traces);
+    assert!(engine.trace(&again.traces[0]).await.is_ok(), "it was made anew");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_damaged_file_is_not_handed_out_and_is_mended_when_it_is_asked_for_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("small", 20)).await.unwrap();
+    let name = service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner().trace;
+    let whole = download(&service, &name).await;
+    let file = folder.path().join("traces").join(format!("{}.mcap", name.trim_start_matches("traces/")));
+    let read = || async {
+        let request = v1::DownloadTraceRequest { name: name.clone() };
+        let mut stream = service.traces().download_trace(request).await?.into_inner();
+        while stream.message().await?.is_some() {}
+        Ok::<_, tonic::Status>(())
+    };
+    let replay = || async {
+        let request = v1::ReplayTraceRequest { name: name.clone(), speed: Some(0.0), ..Default::default() };
+        let mut stream = service.traces().replay_trace(request).await?.into_inner();
+        while stream.message().await?.is_some() {}
+        Ok::<_, tonic::Status>(())
+    };
+    let mut flipped = whole.clone();
+    flipped.iter_mut().step_by(97).for_each(|byte| *byte ^= 1);
+    for damaged in [&flipped[..], &whole[..whole.len() / 2]] {
+        std::fs::write(&file, damaged).unwrap();
+        for refused in [read().await, replay().await] {
+            let refused = refused.unwrap_err();
+            assert_eq!(refused.code(), Code::DataLoss, "{refused:?}");
+            assert!(refused.message().contains("ask again"), "{refused:?}");
+        }
+        service.reasoning().simulate(simulate(&video, 0)).await.unwrap();
+        assert_eq!(std::fs::read(&file).unwrap(), whole);
+        read().await.unwrap();
+    }
+    service.stop().await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

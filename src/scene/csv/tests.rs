@@ -90,6 +90,21 @@ fn everything_wrong_is_told_with_its_place() {
         "id,t,x [ft],y\n1,0,0,0\n1,1,0,0\n",
         &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
     );
+    check(
+        "# ftp: 50\nid,frame,x,y,massa,vx,coulor,note\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
+        &[
+            "header, column 5 (massa): is no known column; did you mean mass?",
+            "header, column 7 (coulor): is no known column; did you mean color?",
+        ],
+    );
+    check(
+        "# scael: 2\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n",
+        &["line 1: scael is not known; did you mean scale?"],
+    );
+    check(
+        "id,frame,x,y,yaw\n1,0,0,0,0\n1,1,0,0,45\n",
+        &["frame 1, object 1: yaw: is 45, which is no yaw in radians"],
+    );
     check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
     check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
     check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
