@@ -37,6 +37,8 @@ const MOSTLY: f64 = 0.9;
 const CHANCE: f64 = 6.0;
 /// The rival that has the same hook as no law of contact, but shows in contacts only.
 const HEAVIER: &str = "mass_change";
+/// Values of shapes agree within this many deviations.
+const SAME_VALUE: f64 = 3.0;
 /// Iterations of one fit of short films.
 const ITERATIONS: usize = 40;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
@@ -277,11 +279,8 @@ pub fn screen_contacts(
             for (k, p) in entry.spec.params.iter().enumerate() {
                 let of = estimates_of(&fit, entry, p.name);
                 added += of.len();
-                // Where shapes differ the largest is reported: an edge that catches loses, none gains.
-                let known = of.iter().any(|e| e.identified);
-                let of = of.into_iter().filter(|e| e.identified || !known);
-                if let Some(e) = of.max_by(|a, b| a.value.total_cmp(&b.value)) {
-                    (values[k], sd[k]) = (e.value, e.sd);
+                if let Some(pooled) = pooled(&of) {
+                    (values[k], sd[k]) = pooled;
                 }
             }
             let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
@@ -339,6 +338,21 @@ pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> V
     let stem = format!("{}.{parameter}", entry.spec.name);
     let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
     fit.posterior.estimates.iter().filter(own).collect()
+}
+
+/// One value, and its deviation, of a parameter that shapes may differ in: the largest that is identified (an edge that
+/// catches loses, none gains), pooled with those that agree with it.
+fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
+    let known = of.iter().any(|e| e.identified);
+    let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
+    let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;
+    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * largest.sd.hypot(e.sd);
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for e in of.iter().filter(|e| e.sd > 0.0 && agrees(e)) {
+        sum += e.value / (e.sd * e.sd);
+        weight += 1.0 / (e.sd * e.sd);
+    }
+    if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
 }
 
 /// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the

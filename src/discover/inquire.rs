@@ -9,7 +9,7 @@ use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 use super::path::Jump;
 use super::proof;
-use super::revise::{Revision, pooled_noise, revise};
+use super::revise::{Revision, pooled_noise, revise, trajectories};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
 use crate::effects::formula::Formula;
@@ -27,6 +27,12 @@ const FEWEST: usize = 60;
 const SAME: f64 = 20.0;
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 const FOLLOWED: f64 = 1.3;
+
+/// Lens and trajectories agree on a number within this many deviations.
+const AGREE: f64 = 2.0;
+/// Surfaces give, and sizes are known no better than positions are measured: deviation of a length, or of an angle seen
+/// from a metre away, in deviations of a measured position.
+const SURFACE: f64 = 0.5;
 
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 const STICKING: &str = "sticky_contact";
@@ -157,8 +163,8 @@ fn by_trajectories(
     let mut best: Option<(f64, Reading)> = None;
     for reading in seen {
         let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
-        let revision = revise(lens, &reading.motion.models, effect, &options.fit, stop)?;
-        let misfit: f64 = revision.fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
+        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &options.fit, stop)?;
+        let misfit: f64 = fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
         if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
             best = Some((misfit, reading));
         }
@@ -212,7 +218,7 @@ fn conclude(
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
     let (mut revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     let last = &revisions[motion.found.len()];
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most.
     let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
     let lost = proven.is_none() && 2 * off > last.fit.scenes.len();
@@ -234,7 +240,13 @@ fn conclude(
             low: id.clone(),
             high: id,
         });
-        let mut parameters = reported(c.entry, &c.values, &c.sd);
+        let scale = c.remains.max(1.0).sqrt();
+        let least = |k: usize| match c.entry.spec.params[k].unit {
+            "m" | "rad" => SURFACE * noise_sigma,
+            _ => 0.0,
+        };
+        let sd: Vec<f64> = c.sd.iter().enumerate().map(|(k, sd)| f64::max(scale * sd, least(k))).collect();
+        let mut parameters = reported(c.entry, &c.values, &sd);
         parameters.extend(object);
         effects.push(Found {
             kind: c.entry.kind.to_string(),
@@ -406,19 +418,26 @@ fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], si
     ranked
 }
 
-/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of
-/// the lens.
-fn found(motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
+/// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
+/// own deviation: the interval holds both.
+fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
-    let (mut values, sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
     let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
             values[k] = motion.seen.values[at];
+            sd[k] = scatter.as_ref().map_or(sd[k], |all| sd[k].max(all[at]));
         }
         if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
-            values[k] = e.value;
+            let apart = e.value - values[k];
+            if apart.abs() < AGREE * sd[k] {
+                values[k] = e.value;
+            }
+            sd[k] = sd[k].hypot(apart);
         }
     }
     Found {

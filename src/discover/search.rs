@@ -88,6 +88,17 @@ pub fn search_on(
     if !explains(&greedy) {
         greedy = one_after_another(lens, models, 0, &[], stop)?;
     }
+    // What explains more alone comes first: a step that trajectories refuse is the last one.
+    if let [_, second] = &greedy.found[..] {
+        let place = |c: &Candidate| ranked.iter().position(|(_, r)| r.entry.spec.name == c.entry.spec.name);
+        if let Some(at) = place(second)
+            && place(&greedy.found[0]).is_none_or(|first| at < first)
+        {
+            let alone = ranked[at].1.clone();
+            greedy.found.truncate(1);
+            greedy.found.insert(0, alone);
+        }
+    }
     // The round that chose the first effect is the one that ranks the library.
     greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
