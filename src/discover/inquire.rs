@@ -2,7 +2,7 @@
 
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
+use super::contact::{ContactCandidate, contacts, estimates_of, films_stick, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
@@ -37,6 +37,9 @@ const SURFACE: f64 = 0.5;
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 const STICKING: &str = "sticky_contact";
 const STICKING_PROOF: f64 = 9.0;
+/// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
+const SPINNING: (&str, &str) = ("billiards", "ball_spin");
+const SPINNING_PROOF: f64 = 2.0;
 /// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
 const LOST: f64 = 1000.0;
 
@@ -67,6 +70,9 @@ pub fn discover(
     let lens = Lens::new(scenes);
     if lens.degrees_of_freedom() < FEWEST {
         return Ok(not_identifiable(&lens));
+    }
+    if let Some(found) = spinning(&lens, models, options, stop)? {
+        return Ok(found);
     }
     let mut seen: Vec<Reading> = vec![];
     for models in readings(scenes, models) {
@@ -371,11 +377,80 @@ fn sticking(
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
     let Some(entry) = effect(STICKING) else { return Ok(None) };
-    let models = stuck(models, entry, &region(lens.scenes));
+    let region = region(lens.scenes);
+    let films = contacts(lens, models);
+    if !films_stick(&films, &stuck(&films.models, entry, &region), stop)? {
+        return Ok(None);
+    }
+    let models = stuck(models, entry, &region);
     let revision = revise(lens, &models, Some(STICKING), options, stop)?;
     let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
         && revision.held_out_rmse < base.held_out_rmse;
     Ok(proven.then_some(revision))
+}
+
+/// What is found where balls between cushions turn about axes of their own: a ball's spin is of its state, which the
+/// lenses do not see (they would make forces of it), so that it is tried whole, and by trajectories alone.
+fn spinning(
+    lens: &Lens,
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Discovery>, FitError> {
+    let (Some(preset), Some(entry)) = (Preset::named(SPINNING.0), effect(SPINNING.1)) else {
+        return Ok(None);
+    };
+    let plain =
+        |m: &Model| !m.walls.is_empty() && m.spin_sd == 0.0 && m.bodies.iter().all(|b| b.shape.is_ball());
+    if options.max_effects == 0 || !models.iter().all(plain) {
+        return Ok(None);
+    }
+    let base = revise(lens, models, None, &options.fit, stop)?;
+    if base.reduced_chi_square < FOLLOWED {
+        return Ok(None);
+    }
+    let spun: Vec<Model> = lens.scenes.iter().map(|s| preset.model(s)).collect();
+    let mut revision = revise(lens, &spun, None, &options.fit, stop)?;
+    if revision.reduced_chi_square * SPINNING_PROOF > base.reduced_chi_square
+        || revision.held_out_rmse > base.held_out_rmse
+    {
+        return Ok(None);
+    }
+    revision.effect = Some(entry.spec.name.into());
+    // The same numbers by the names that the preset's effects have.
+    let number = |effect: &str| {
+        let name = format!("{effect}.mu");
+        let known = revision.fit.posterior.estimates.iter().find(|e| e.name == name);
+        known.map_or((0.0, 0.0), |e| (e.value, e.sd))
+    };
+    let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
+    let kind = entry.kind.to_string();
+    let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
+    Ok(Some(Discovery {
+        verdict: Verdict::EffectFound,
+        effects: vec![Found {
+            kind: kind.clone(),
+            effect: entry.spec.name.into(),
+            parameters: reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]),
+        }],
+        ranked: vec![Ranked {
+            kind,
+            effect: entry.spec.name.into(),
+            log_evidence: gain,
+            held_out_rmse: revision.held_out_rmse,
+        }],
+        ambiguous: vec![],
+        experiment: None,
+        formula: None,
+        smallest: vec![],
+        noise_sigma: pooled_noise(lens),
+        reason: format!(
+            "the balls spin: with spins of their own reduced chi-square falls from {:.1} to {:.1}",
+            base.reduced_chi_square, revision.reduced_chi_square
+        ),
+        revisions: vec![base, revision],
+    }))
 }
 
 /// The models in which objects stick for good, which is no parameter.
