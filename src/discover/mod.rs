@@ -22,12 +22,12 @@ pub use change::{
 };
 pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare, failures};
 pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
-pub use force::{Free as FreeAlias, Lens, fit_forces, flats, free_parameters};
+pub use force::{Lens, fit_forces, flats, free_parameters};
 pub use formula::{ResidualLaw, residual_law};
 pub use inquire::{Diagnosis, DiscoverOptions, diagnose, discover};
 pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 pub use path::{Jump, Path, paths};
-pub use revise::{Revision, revise, trajectories};
+pub use revise::{Revision, revise};
 pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};
 pub use search::{FreeMotion, search, search_on};
 pub use unexplained::{Unexplained, unexplained};
