@@ -8,7 +8,7 @@ use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Base, at_values, region, screen, with_effect, with_nuisance};
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
-use crate::fit::{Fit, FitError, FitOptions, SceneFit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -205,7 +205,19 @@ pub fn change(
         (None, Origin::Revision(fits, unseen)) => (fits.to_vec(), *unseen),
         (None, Origin::Start(_)) => return Err(FitError::NoScene),
     };
-    let weight = weigh(&fits, unseen, &after);
+    // A search that escaped a bad minimum is no merit of the law that it was made with.
+    let again = match &proposal.added {
+        Some(name) => {
+            let mut models: Vec<Model> = after.fit.scenes.iter().map(|s| s.model.clone()).collect();
+            models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
+            let near = FitOptions { begin: Begin::Near, ..*options };
+            Some(fit(scenes, &models, &near, &|_| stop(1.0))?)
+        }
+        None => None,
+    };
+    let fair: Vec<&SceneFit> = again.iter().flat_map(|a| &a.scenes).collect();
+    let better = again.is_some() && chi_square(&fair).0 < chi_square(&fits).0;
+    let weight = weigh(if better { &fair } else { &fits }, unseen, &after);
     let added = proposal.added.map(|name| found(&after, &name));
     Ok(Changed { before, after, added, weight })
 }
@@ -301,7 +313,8 @@ pub fn rank_formulas(
         let (free, seen) = fit_forces(lens, &with);
         let left_out: f64 =
             lens.folds.iter().map(|f| lens.solve(&with, &free, &seen.values, PROOFS, f).left_out).sum();
-        let added = free.len() - base.0.len().min(free.len());
+        // A law without a number of its own has a price too.
+        let added = (free.len() - base.0.len().min(free.len())).max(1);
         let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();
         Ranked {
             kind: FORMULA.into(),
@@ -313,16 +326,18 @@ pub fn rank_formulas(
     formulas.iter().map(one).collect()
 }
 
+/// Chi-square and degrees of freedom of all scenes.
+fn chi_square(fits: &[&SceneFit]) -> (f64, f64) {
+    fits.iter().fold((0.0, 0.0), |(c, n), f| {
+        let degrees = f.degrees_of_freedom as f64;
+        (c + f.reduced_chi_square * degrees, n + degrees)
+    })
+}
+
 /// Evidence of a revision against the fits that it came from, and whether it is better.
 pub fn weigh(before: &[&SceneFit], unseen: Unseen, after: &Revision) -> Weight {
-    let sums = |fits: &mut dyn Iterator<Item = &SceneFit>| {
-        fits.fold((0.0, 0.0), |(c, n), f| {
-            let degrees = f.degrees_of_freedom as f64;
-            (c + f.reduced_chi_square * degrees, n + degrees)
-        })
-    };
-    let (chi_before, degrees) = sums(&mut before.iter().copied());
-    let (chi_after, degrees_after) = sums(&mut after.fit.scenes.iter());
+    let (chi_before, degrees) = chi_square(before);
+    let (chi_after, degrees_after) = chi_square(&after.fit.scenes.iter().collect::<Vec<_>>());
     let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
     let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
     let more = count(&mut after.fit.scenes.iter()) - count(&mut before.iter().copied());

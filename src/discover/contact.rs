@@ -5,7 +5,7 @@ use super::force::Lens;
 use super::path::{Jump, Path, started};
 use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, Outcome, fit};
 use crate::num::{Stop, Vec2};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -37,8 +37,12 @@ const MOSTLY: f64 = 0.9;
 const CHANCE: f64 = 6.0;
 /// The rival that has the same hook as no law of contact, but shows in contacts only.
 const HEAVIER: &str = "mass_change";
+/// Values of shapes agree within this many deviations.
+const SAME_VALUE: f64 = 3.0;
 /// Iterations of one fit of short films.
 const ITERATIONS: usize = 40;
+/// The same where a law is tried for the first time.
+const FIRST_LOOK: usize = 10;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
 const SCATTER: f64 = 0.15;
 /// Prior deviations of a wall's restitution and angle.
@@ -229,18 +233,30 @@ pub fn screen_contacts(
     let fitted: Result<Vec<_>, FitError> = trials
         .par_iter()
         .map(|(entry, values, object)| {
-            let models = with_contact(&films.models, entry, values, *object, region);
-            let mut found = fit(&films.scenes, &models, &options, stop)?;
+            // What nobody saw changes where bodies go: its windows grow from the start. A law of contact is sought near
+            // where the models without it ended, and at the tracks: one film that nothing follows must not slow all.
+            let unseen = entry.uses(Hook::Bodies);
+            let near = FitOptions { begin: Begin::Near, max_iterations: FIRST_LOOK, ..options };
+            let from = |models: &[Model], options: &FitOptions| {
+                fit(&films.scenes, &with_contact(models, entry, values, *object, region), options, stop)
+            };
+            let found = from(&films.models, if unseen { &options } else { &near })?;
+            let sum = |fit: &Fit| chi_squares(fit).iter().sum::<f64>();
             // A search that went astray begins anew where the models without the effect ended.
-            if chi_squares(&found).iter().sum::<f64>() > before.iter().sum::<f64>() + CHANCE {
-                let models = with_contact(&ended, entry, values, *object, region);
-                let near = FitOptions { begin: Begin::Near, ..options };
-                let again = fit(&films.scenes, &models, &near, stop)?;
-                if chi_squares(&again).iter().sum::<f64>() < chi_squares(&found).iter().sum() {
-                    found = again;
-                }
+            if unseen && sum(&found) <= before.iter().sum::<f64>() + CHANCE {
+                return Ok((*entry, values, *object, found));
             }
-            Ok((*entry, values, *object, found))
+            let again = from(&ended, &near)?;
+            let mut better = if sum(&again) < sum(&found) { again } else { found };
+            // What brings something is followed to its end.
+            if sum(&better) < before.iter().sum::<f64>() - 0.5 * PROOF
+                && better.outcome == Outcome::IterationLimit
+            {
+                let models: Vec<Model> = better.scenes.iter().map(|s| s.model.clone()).collect();
+                let on = FitOptions { max_iterations: ITERATIONS, ..near };
+                better = fit(&films.scenes, &models, &on, stop)?;
+            }
+            Ok((*entry, values, *object, better))
         })
         .collect();
     let fitted = fitted?;
@@ -277,11 +293,8 @@ pub fn screen_contacts(
             for (k, p) in entry.spec.params.iter().enumerate() {
                 let of = estimates_of(&fit, entry, p.name);
                 added += of.len();
-                // Where shapes differ the largest is reported: an edge that catches loses, none gains.
-                let known = of.iter().any(|e| e.identified);
-                let of = of.into_iter().filter(|e| e.identified || !known);
-                if let Some(e) = of.max_by(|a, b| a.value.total_cmp(&b.value)) {
-                    (values[k], sd[k]) = (e.value, e.sd);
+                if let Some(pooled) = pooled(&of) {
+                    (values[k], sd[k]) = pooled;
                 }
             }
             let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
@@ -309,6 +322,18 @@ pub fn screen_contacts(
         }
     }
     Ok((kept, 0.0))
+}
+
+/// Whether the short films are nearer to models in which objects stick; also where there is no film to tell.
+pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool, FitError> {
+    if films.scenes.is_empty() {
+        return Ok(true);
+    }
+    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
+    let sum = |models: &[Model]| -> Result<f64, FitError> {
+        Ok(chi_squares(&fit(&films.scenes, models, &options, stop)?).iter().sum())
+    };
+    Ok(sum(stuck)? < sum(&films.models)?)
 }
 
 /// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
@@ -339,6 +364,21 @@ pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> V
     let stem = format!("{}.{parameter}", entry.spec.name);
     let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
     fit.posterior.estimates.iter().filter(own).collect()
+}
+
+/// One value, and its deviation, of a parameter that shapes may differ in: the largest that is identified (an edge that
+/// catches loses, none gains), pooled with those that agree with it.
+fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
+    let known = of.iter().any(|e| e.identified);
+    let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
+    let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;
+    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * largest.sd.hypot(e.sd);
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for e in of.iter().filter(|e| e.sd > 0.0 && agrees(e)) {
+        sum += e.value / (e.sd * e.sd);
+        weight += 1.0 / (e.sd * e.sd);
+    }
+    if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
 }
 
 /// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the

@@ -365,6 +365,24 @@ impl<'a> Lens<'a> {
         Some((cost - projector.gradient.dot(&base) + amplitudes.dot(&g), amplitudes))
     }
 
+    /// Deviations of the free parameters by how much the objects disagree about them, whatever the noise is (White,
+    /// Econometrica 48 (1980) 817, with objects as clusters); `None` where there are too few objects.
+    pub fn scatter(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Vec<f64>> {
+        let residual = self.residual(models, &flats(models, free, values));
+        let jacobian = self.jacobian(models, free, values, &residual);
+        let inverse = self.normal(&jacobian, &residual, free, values, &[]).0.cholesky()?.inverse();
+        let mut pulls: BTreeMap<(usize, usize), DVector<f64>> = BTreeMap::new();
+        for s in &self.stretches {
+            let (first, count) = (s.first_row, 2 * s.frames.len());
+            let pull = jacobian.rows(first, count).tr_mul(&residual.rows(first, count));
+            *pulls.entry((s.scene, s.body)).or_insert_with(|| DVector::zeros(free.len())) += pull;
+        }
+        let count = pulls.len() as f64;
+        let moved = pulls.into_values().map(|pull| (&inverse * pull).map(|m| m * m));
+        let sum = moved.fold(DVector::zeros(free.len()), |sum, m| sum + m);
+        (count > 1.0).then(|| sum.iter().map(|v| (v * count / (count - 1.0)).sqrt()).collect())
+    }
+
     /// What projects the parameters of a solution out of further columns.
     pub fn projector(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Projector> {
         let residual = self.residual(models, &flats(models, free, values));

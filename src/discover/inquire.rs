@@ -2,14 +2,14 @@
 
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, contacts, estimates_of, screen_contacts, with_contact};
+use super::contact::{ContactCandidate, contacts, estimates_of, films_stick, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 use super::path::Jump;
 use super::proof;
-use super::revise::{Revision, pooled_noise, revise};
+use super::revise::{Revision, pooled_noise, revise, trajectories};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
 use crate::effects::formula::Formula;
@@ -28,9 +28,21 @@ const SAME: f64 = 20.0;
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 const FOLLOWED: f64 = 1.3;
 
+/// Lens and trajectories agree on a number within this many deviations.
+const AGREE: f64 = 2.0;
+/// Surfaces give, and sizes are known no better than positions are measured: deviation of a length, or of an angle seen
+/// from a metre away, in deviations of a measured position.
+const SURFACE: f64 = 0.5;
+
+/// A scene up to this reduced chi-square is explained but for what engines do at contacts.
+const NEARLY: f64 = 2.0;
+
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 const STICKING: &str = "sticky_contact";
 const STICKING_PROOF: f64 = 9.0;
+/// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
+const SPINNING: (&str, &str) = ("billiards", "ball_spin");
+const SPINNING_PROOF: f64 = 2.0;
 /// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
 const LOST: f64 = 1000.0;
 
@@ -61,6 +73,9 @@ pub fn discover(
     let lens = Lens::new(scenes);
     if lens.degrees_of_freedom() < FEWEST {
         return Ok(not_identifiable(&lens));
+    }
+    if let Some(found) = spinning(&lens, models, options, stop)? {
+        return Ok(found);
     }
     let mut seen: Vec<Reading> = vec![];
     for models in readings(scenes, models) {
@@ -157,8 +172,8 @@ fn by_trajectories(
     let mut best: Option<(f64, Reading)> = None;
     for reading in seen {
         let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
-        let revision = revise(lens, &reading.motion.models, effect, &options.fit, stop)?;
-        let misfit: f64 = revision.fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
+        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &options.fit, stop)?;
+        let misfit: f64 = fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
         if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
             best = Some((misfit, reading));
         }
@@ -212,7 +227,7 @@ fn conclude(
         steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
     let (mut revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     let last = &revisions[motion.found.len()];
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(&motion, c, last)).collect();
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most.
     let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
     let lost = proven.is_none() && 2 * off > last.fit.scenes.len();
@@ -234,7 +249,13 @@ fn conclude(
             low: id.clone(),
             high: id,
         });
-        let mut parameters = reported(c.entry, &c.values, &c.sd);
+        let scale = c.remains.max(1.0).sqrt();
+        let least = |k: usize| match c.entry.spec.params[k].unit {
+            "m" | "rad" => SURFACE * noise_sigma,
+            _ => 0.0,
+        };
+        let sd: Vec<f64> = c.sd.iter().enumerate().map(|(k, sd)| f64::max(scale * sd, least(k))).collect();
+        let mut parameters = reported(c.entry, &c.values, &sd);
         parameters.extend(object);
         effects.push(Found {
             kind: c.entry.kind.to_string(),
@@ -247,8 +268,12 @@ fn conclude(
     let ambiguous: Vec<Vec<String>> =
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
-    let explained =
-        proven.is_some() && revisions.last().is_some_and(|r| r.reduced_chi_square < super::MISFIT);
+    // Engines do more at contacts than any law, and a video may be lost to chaos alone.
+    let explains = |r: &Revision| {
+        let near = r.fit.scenes.iter().filter(|s| s.reduced_chi_square < NEARLY).count();
+        r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len()
+    };
+    let explained = proven.is_some() && revisions.last().is_some_and(explains);
     let misfit = motion.typical > super::MISFIT && !explained;
     let law_beside = |models: &[Model], most: usize| {
         let (free, seen) = fit_forces(lens, models);
@@ -359,11 +384,80 @@ fn sticking(
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
     let Some(entry) = effect(STICKING) else { return Ok(None) };
-    let models = stuck(models, entry, &region(lens.scenes));
+    let region = region(lens.scenes);
+    let films = contacts(lens, models);
+    if !films_stick(&films, &stuck(&films.models, entry, &region), stop)? {
+        return Ok(None);
+    }
+    let models = stuck(models, entry, &region);
     let revision = revise(lens, &models, Some(STICKING), options, stop)?;
     let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
         && revision.held_out_rmse < base.held_out_rmse;
     Ok(proven.then_some(revision))
+}
+
+/// What is found where balls between cushions turn about axes of their own: a ball's spin is of its state, which the
+/// lenses do not see (they would make forces of it), so that it is tried whole, and by trajectories alone.
+fn spinning(
+    lens: &Lens,
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Discovery>, FitError> {
+    let (Some(preset), Some(entry)) = (Preset::named(SPINNING.0), effect(SPINNING.1)) else {
+        return Ok(None);
+    };
+    let plain =
+        |m: &Model| !m.walls.is_empty() && m.spin_sd == 0.0 && m.bodies.iter().all(|b| b.shape.is_ball());
+    if options.max_effects == 0 || !models.iter().all(plain) {
+        return Ok(None);
+    }
+    let base = revise(lens, models, None, &options.fit, stop)?;
+    if base.reduced_chi_square < FOLLOWED {
+        return Ok(None);
+    }
+    let spun: Vec<Model> = lens.scenes.iter().map(|s| preset.model(s)).collect();
+    let mut revision = revise(lens, &spun, None, &options.fit, stop)?;
+    if revision.reduced_chi_square * SPINNING_PROOF > base.reduced_chi_square
+        || revision.held_out_rmse > base.held_out_rmse
+    {
+        return Ok(None);
+    }
+    revision.effect = Some(entry.spec.name.into());
+    // The same numbers by the names that the preset's effects have.
+    let number = |effect: &str| {
+        let name = format!("{effect}.mu");
+        let known = revision.fit.posterior.estimates.iter().find(|e| e.name == name);
+        known.map_or((0.0, 0.0), |e| (e.value, e.sd))
+    };
+    let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
+    let kind = entry.kind.to_string();
+    let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
+    Ok(Some(Discovery {
+        verdict: Verdict::EffectFound,
+        effects: vec![Found {
+            kind: kind.clone(),
+            effect: entry.spec.name.into(),
+            parameters: reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]),
+        }],
+        ranked: vec![Ranked {
+            kind,
+            effect: entry.spec.name.into(),
+            log_evidence: gain,
+            held_out_rmse: revision.held_out_rmse,
+        }],
+        ambiguous: vec![],
+        experiment: None,
+        formula: None,
+        smallest: vec![],
+        noise_sigma: pooled_noise(lens),
+        reason: format!(
+            "the balls spin: with spins of their own reduced chi-square falls from {:.1} to {:.1}",
+            base.reduced_chi_square, revision.reduced_chi_square
+        ),
+        revisions: vec![base, revision],
+    }))
 }
 
 /// The models in which objects stick for good, which is no parameter.
@@ -406,19 +500,26 @@ fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], si
     ranked
 }
 
-/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts, else of
-/// the lens.
-fn found(motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
+/// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
+/// own deviation: the interval holds both.
+fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
-    let (mut values, sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
     let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
             values[k] = motion.seen.values[at];
+            sd[k] = scatter.as_ref().map_or(sd[k], |all| sd[k].max(all[at]));
         }
         if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
-            values[k] = e.value;
+            let apart = e.value - values[k];
+            if apart.abs() < AGREE * sd[k] {
+                values[k] = e.value;
+            }
+            sd[k] = sd[k].hypot(apart);
         }
     }
     Found {

@@ -131,7 +131,8 @@ fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Pa
         jumps.extend(seen);
     }
     jumps.sort_by_key(|j| j.frame);
-    let yaws = (!scene.objects[i].shape.is_ball()).then(|| unwrapped_yaws(scene, i));
+    let turns = !scene.objects[i].shape.is_ball() || scene.tracks[i].turns_evenly();
+    let yaws = turns.then(|| unwrapped_yaws(scene, i));
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
     let smoothed: Vec<Range<usize>> =
         runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST_SMOOTH).collect();

@@ -75,7 +75,7 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let (mut fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    let (mut fit_all, apart) = trajectories(lens, models, effect, options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
     for (fitted, asked) in fit_all.scenes.iter_mut().zip(models) {
         for (active, own) in fitted.model.effects.iter_mut().zip(&asked.effects) {
@@ -113,6 +113,18 @@ pub fn revise(
     })
 }
 
+/// The fit of a revision, and the names of scenes that the common numbers could not follow.
+pub fn trajectories(
+    lens: &Lens,
+    models: &[Model],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Fit, Vec<String>), FitError> {
+    let (free, seen) = fit_forces(lens, models);
+    fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)
+}
+
 /// Root mean square of the scenes' noise (m).
 pub fn pooled_noise(lens: &Lens) -> f64 {
     let squares: f64 = lens.noises.iter().map(|n| n.position * n.position).sum();
@@ -132,12 +144,13 @@ fn fit_set_up(
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
     let alone = each_alone(scenes, models, options, stop)?;
-    // Again with what the others say: a scene whose contacts were misread sees them right.
+    // Again with what the others say, where some of them are right: a scene whose contacts were misread sees them right.
+    let right = alone.iter().flat_map(|a| &a.scenes).any(|s| s.reduced_chi_square < WELL);
     let led: Vec<Model> = pooled(models, &alone);
     let again: Result<Vec<Option<Fit>>, FitError> = (scenes, &led, &alone)
         .into_par_iter()
         .map(|(scene, model, alone)| match alone.scenes.first() {
-            Some(s) if s.reduced_chi_square < WELL => Ok(None),
+            Some(s) if !right || s.reduced_chi_square < WELL => Ok(None),
             _ => fit_alone(scene, model, options, stop).map(Some),
         })
         .collect();

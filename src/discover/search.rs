@@ -17,6 +17,8 @@ const NEARLY: f64 = 0.9;
 const ALIKE: f64 = 6.0;
 /// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
 const ELSEWHERE: f64 = 10.0;
+/// An amplitude differs from zero by this many deviations of what objects say of it.
+const AGREED: f64 = 2.0;
 /// Share of the misfit beyond noise that laws must explain to be named, where more than `CLEAN` of it (reduced
 /// chi-square) remains.
 const MOSTLY: f64 = 0.7;
@@ -88,6 +90,22 @@ pub fn search_on(
     if !explains(&greedy) {
         greedy = one_after_another(lens, models, 0, &[], stop)?;
     }
+    let kept = steady(lens, &greedy);
+    if kept < greedy.found.len() {
+        let found = greedy.found[..kept].to_vec();
+        greedy = one_after_another(lens, models, kept, &found, stop)?;
+    }
+    // What explains more alone comes first: a step that trajectories refuse is the last one.
+    if let [_, second] = &greedy.found[..] {
+        let place = |c: &Candidate| ranked.iter().position(|(_, r)| r.entry.spec.name == c.entry.spec.name);
+        if let Some(at) = place(second)
+            && place(&greedy.found[0]).is_none_or(|first| at < first)
+        {
+            let alone = ranked[at].1.clone();
+            greedy.found.truncate(1);
+            greedy.found.insert(0, alone);
+        }
+    }
     // The round that chose the first effect is the one that ranks the library.
     greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
@@ -116,6 +134,21 @@ pub fn fewer(
 fn explains(free: &FreeMotion) -> bool {
     let excess = |seen: &Seen| seen.chi_square / free.degrees_of_freedom - 1.0;
     excess(&free.seen) < CLEAN || excess(&free.seen) < (1.0 - MOSTLY) * excess(&free.base)
+}
+
+/// How many of the effects found, from the first on, have an amplitude that objects agree about.
+fn steady(lens: &Lens, free: &FreeMotion) -> usize {
+    let Some(scatter) = lens.scatter(&free.models, &free.free, &free.seen.values) else {
+        return free.found.len();
+    };
+    let agreed = |c: &&Candidate| {
+        c.entry.spec.params.iter().take(c.entry.amplitudes).any(|p| {
+            let name = format!("{}.{}", c.entry.spec.name, p.name);
+            let at = free.free.iter().position(|f| f.name == name);
+            at.is_none_or(|at| free.seen.values[at].abs() > AGREED * scatter[at])
+        })
+    };
+    free.found.iter().take_while(agreed).count()
 }
 
 /// Whether noise explains what is left.

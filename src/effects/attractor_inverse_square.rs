@@ -41,7 +41,7 @@ impl Effect for AttractorInverseSquare {
     const FORM: Option<&str> = Some("inverse_square");
     const SYMMETRY: Symmetry = Symmetry::About { center: 1, mirrors: true };
     const SEEDS: Seeds =
-        &[("center_x", Seed::PlaceX), ("center_y", Seed::PlaceY), ("eps", Seed::Values(&[0.05, 0.2]))];
+        &[("center_x", Seed::PlaceX), ("center_y", Seed::PlaceY), ("eps", Seed::Values(&[0.1, 0.4, 1.0]))];
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force += softened(vec2(p[1], p[2]) - body.position, p[3]) * p[0];

@@ -53,6 +53,11 @@ pub(super) fn from_tracks(scene: &Scene, model: &mut Model, noise: &Noise) {
             state.yaw = yaw.x;
             state.spin = if moves && !body.shape.is_ball() { spin.x } else { 0.0 };
         }
+        let glides = body.shape.is_ball() && model.spin_sd == 0.0 && !body.start.rolling;
+        if glides && moves && track.turns_evenly() {
+            // What it knows of its turn about z is no parameter: a spinning ball is pushed sideways by some laws.
+            state.spin = turn_rate(scene, begin).unwrap_or(0.0);
+        }
         if body.shape.is_ball() && moves && model.spin_sd > 0.0 {
             // It begins to roll, but its spin is a parameter of its own. What a tracker calls the yaw of a ball is too
             // uncertain to be fitted; it tells where to start.

@@ -34,6 +34,7 @@ pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
 use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 
 /// Most objects in one scene: contacts are found pair by pair and a posterior holds all of them.
 pub const MAX_OBJECTS: usize = 128;
@@ -101,6 +102,22 @@ pub enum Shape {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Track {
     pub samples: Vec<Sample>,
+}
+
+/// Change of a turn from frame to frame (rad) beyond which a yaw is no turn about z.
+const UNEVEN: f64 = 0.4;
+
+impl Track {
+    /// Whether a yaw was measured throughout and turns evenly. The yaw of a ball that rolls does not: it flips each time
+    /// that the ball's mark goes over the top.
+    pub fn turns_evenly(&self) -> bool {
+        let turn = |a: f64, b: f64| (b - a) - TAU * ((b - a) / TAU).round();
+        let even = |w: &[Sample]| match (w[0].yaw, w[1].yaw, w[2].yaw) {
+            (Some(a), Some(b), Some(c)) => turn(turn(a, b), turn(b, c)).abs() < UNEVEN,
+            _ => false,
+        };
+        self.samples.len() > 2 && self.samples.windows(3).all(even)
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -18,6 +18,20 @@ fn objects_are_named_by_what_they_have() {
     check("", "", "cube 3");
 }
 
+#[test]
+fn a_yaw_that_flips_or_is_missing_is_no_even_turn() {
+    let check = |yaw: fn(usize) -> Option<f64>, expected: bool| {
+        let sample = |frame| Sample { frame, position: vec2(0.0, 0.0), yaw: yaw(frame), covariance: None };
+        let track = Track { samples: (0..40).map(sample).collect() };
+        assert_eq!(track.turns_evenly(), expected);
+    };
+    // A steady turn that passes pi, a ball whose mark goes over the top, a frame without a yaw, none at all.
+    check(|f| Some((0.2 * f as f64).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI), true);
+    check(|f| Some(if f < 20 { 0.1 } else { 3.1 }), false);
+    check(|f| (f != 7).then_some(0.1), false);
+    check(|_| None, false);
+}
+
 fn noise(random: &mut ChaCha8Rng, sd: f64) -> f64 {
     let z: f64 = StandardNormal.sample(random);
     sd * z
