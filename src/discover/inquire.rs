@@ -14,7 +14,7 @@ use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
 use crate::effects::formula::Formula;
 use crate::effects::{EffectEntry, Region, effect};
-use crate::fit::{Fit, FitError, FitOptions};
+use crate::fit::{Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
@@ -304,15 +304,11 @@ fn conclude(
         Verdict::Ambiguous => tell_apart(lens, &motion),
         _ => None,
     };
+    let left = if followed { begun } else { motion.reduced_chi_square() };
+    let reason = reason(verdict, &motion, left, &effects, &ambiguous, formula.is_some());
+    let aside = revisions.last().map(unfollowed).unwrap_or_default();
     Ok(Discovery {
-        reason: reason(
-            verdict,
-            &motion,
-            if followed { begun } else { motion.reduced_chi_square() },
-            &effects,
-            &ambiguous,
-            formula.is_some(),
-        ),
+        reason: reason + &aside,
         verdict,
         effects,
         ranked,
@@ -581,6 +577,22 @@ fn reason(
         }
         Verdict::NotIdentifiable => String::new(),
     }
+}
+
+/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.
+fn unfollowed(last: &Revision) -> String {
+    let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
+    lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
+    let Some(worst) = lost.first() else { return String::new() };
+    let others = match lost.len() {
+        1 => String::new(),
+        n => format!(" and {} more", n - 1),
+    };
+    format!(
+        "; {}{others} is not followed past its contacts (reduced chi-square {:.0}), which are chaotic or unlike the model's: \
+         compare shows where",
+        worst.name, worst.reduced_chi_square
+    )
 }
 
 fn not_identifiable(lens: &Lens) -> Discovery {

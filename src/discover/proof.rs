@@ -6,11 +6,15 @@ use crate::fit::SceneFit;
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
 
+/// Whether a trajectory is lost.
+pub fn lost(scene: &SceneFit) -> bool {
+    scene.reduced_chi_square > LOST
+}
+
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, the price of the added
 /// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene that
 /// neither follows says nothing; where that is so of all, the plain error decides.
 pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
-    let lost = |s: &SceneFit| s.reduced_chi_square > LOST;
     let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
     let (mut gain, mut count) = (0.0, 0.0);
     for (b, a) in scenes {
