@@ -20,7 +20,7 @@ use crate::scene::Scene;
 use crate::world::{Ending, Model};
 use problem::Problem;
 use serde::{Deserialize, Serialize};
-use solve::{Solution, minimise};
+use solve::{NEGLIGIBLE, Solution, minimise};
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
@@ -129,6 +129,8 @@ const GOOD: f64 = 1.25;
 const ADEQUATE: f64 = 1.5;
 /// A growing window takes in this many frames after the first that leaves the noise.
 const LOOK_AHEAD: usize = 8;
+/// A fall of the cost that is not worth another step while the window still grows.
+const UNFINISHED: f64 = 0.1;
 /// A residual beyond this many deviations has left the noise.
 const OUT_OF_NOISE: f64 = 6.0;
 
@@ -176,7 +178,7 @@ fn gauss_newton(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
-    let mut best = minimise(problem, &problem.start(), frames, budget, stop)?;
+    let mut best = minimise(problem, &problem.start(), frames, NEGLIGIBLE, budget, stop)?;
     let done =
         |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && !done(&best) {
@@ -193,7 +195,7 @@ fn gauss_newton(
                 return Ok(best);
             }
             let tried = if whole {
-                minimise(problem, &other, frames, budget, stop)?
+                minimise(problem, &other, frames, NEGLIGIBLE, budget, stop)?
             } else {
                 grow(problem, other.clone(), frames, budget, stop)?
             };
@@ -242,8 +244,9 @@ fn grow(
     let mut window = LOOK_AHEAD.max(10).min(frames);
     let (mut iterations, mut losses) = (0, vec![]);
     loop {
-        let solution =
-            minimise(problem, &point, window, budget.saturating_sub(iterations).clamp(1, 30), stop)?;
+        let left = budget.saturating_sub(iterations).clamp(1, 30);
+        let negligible = if window < frames { UNFINISHED } else { NEGLIGIBLE };
+        let solution = minimise(problem, &point, window, negligible, left, stop)?;
         iterations += solution.iterations;
         point = solution.point;
         losses.extend(&solution.losses);
