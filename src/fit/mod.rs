@@ -130,7 +130,7 @@ const ADEQUATE: f64 = 1.5;
 /// A growing window takes in this many frames after the first that leaves the noise.
 const LOOK_AHEAD: usize = 8;
 /// A fall of the cost that is not worth another step while the window still grows.
-const UNFINISHED: f64 = 0.1;
+const UNFINISHED: f64 = 0.01;
 /// A residual beyond this many deviations has left the noise.
 const OUT_OF_NOISE: f64 = 6.0;
 

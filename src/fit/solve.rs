@@ -9,8 +9,9 @@ use nalgebra::{DMatrix, DVector};
 const TOLERANCE: f64 = 1e-6;
 /// So does a fall below this: the cost is a negative log likelihood, and data do not tell odds of 1.001 from even ones.
 pub(super) const NEGLIGIBLE: f64 = 0.001;
-/// A step with a smaller fall stays within the deviations of the posterior: the derivatives at its start serve at its end.
-const NEAR: f64 = 1.0;
+/// A step that is not damped and has a smaller fall stays well within the deviations of the posterior: the derivatives at
+/// its start serve at its end.
+const NEAR: f64 = 0.1;
 /// Damping (share of the Hessian's diagonal): at the start, and beyond which no step helps.
 const FIRST_DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e10;
@@ -75,7 +76,7 @@ pub(super) fn minimise(
         let enough = (TOLERANCE * trial.cost).max(negligible);
         let mut fall = cost - trial.cost;
         // The derivatives serve for further steps as long as these gain: a pass with them costs as much as many trials.
-        let near = fall <= NEAR.max(negligible);
+        let near = fall <= enough || (fall <= NEAR && damping <= FIRST_DAMPING);
         while fall > enough {
             stop(iteration as f64 / budget as f64)?;
             let gradient = problem.gradient(&trial.point, &linear, &trial.residuals);
