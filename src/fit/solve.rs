@@ -75,9 +75,10 @@ pub(super) fn minimise(
         };
         let enough = (TOLERANCE * trial.cost).max(negligible);
         let mut fall = cost - trial.cost;
-        // The derivatives serve for further steps as long as these gain: a pass with them costs as much as many trials.
+        // The derivatives serve for further steps as long as these gain: a pass with them costs as much as many trials. Far
+        // from the end such steps lead to other minima.
         let near = fall <= enough || (fall <= NEAR && damping <= FIRST_DAMPING);
-        while fall > enough {
+        while near && fall > enough {
             stop(iteration as f64 / budget as f64)?;
             let gradient = problem.gradient(&trial.point, &linear, &trial.residuals);
             let next = step(problem, &trial.point, &gradient, &normal.hessian, damping);
