@@ -139,9 +139,17 @@ impl Part<'_> {
                 shared += 1;
             }
         }
+        // Body by body: a body that no lane of a pass reaches goes without derivatives until it meets one that has some.
+        let body = |slot: usize| match owners[slot] {
+            Owner::Body(a) => a,
+            Owner::Pair(a, b) => a.max(b),
+            Owner::Shared => 0,
+        };
+        let mut order: Vec<usize> = (0..self.slots.len()).collect();
+        order.sort_by_key(|&s| body(self.slots[s].0));
         let mut own = vec![shared; components.len()];
-        for (s, &(slot, _)) in self.slots.iter().enumerate() {
-            if let Some(Some(c)) = component(slot) {
+        for s in order {
+            if let Some(Some(c)) = component(self.slots[s].0) {
                 lanes.push(Lane { slot: s, component: Some(c), number: own[c] });
                 own[c] += 1;
             }

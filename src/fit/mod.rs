@@ -20,7 +20,7 @@ use crate::scene::Scene;
 use crate::world::{Ending, Model};
 use problem::Problem;
 use serde::{Deserialize, Serialize};
-use solve::{Solution, minimise};
+use solve::{NEGLIGIBLE, Solution, minimise};
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
@@ -134,6 +134,8 @@ const LOOK_AHEAD: usize = 8;
 const OTHER_ITERATIONS: usize = 40;
 const YAW_ROUNDS: usize = 2;
 const WORTH_A_ROUND: f64 = 5.0;
+/// A fall of the cost that is not worth another step while the window still grows.
+const UNFINISHED: f64 = 0.01;
 /// A residual beyond this many deviations has left the noise.
 const OUT_OF_NOISE: f64 = 6.0;
 
@@ -186,8 +188,12 @@ fn gauss_newton(
         |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && !done(&best) {
         let grown = grow(problem, problem.start(), frames, budget, stop)?;
-        let grown = better(grown.clone(), of_any_yaw(problem, &grown.point, frames, budget, stop)?);
+        let turned = match start::unseen_yaws(problem)[..] {
+            [] => None,
+            _ => Some(of_any_yaw(problem, &grown.point, frames, budget, stop)?),
+        };
         best = better(best, grown);
+        best = turned.into_iter().fold(best, better);
     }
     for other in start::other_spins(problem, &best.point) {
         // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
@@ -196,7 +202,7 @@ fn gauss_newton(
                 return Ok(best);
             }
             let tried = if whole {
-                minimise(problem, &other, frames, budget, stop)?
+                minimise(problem, &other, frames, NEGLIGIBLE, budget, stop)?
             } else {
                 grow(problem, other.clone(), frames, budget, stop)?
             };
@@ -221,11 +227,11 @@ fn of_any_yaw(
 ) -> Result<Solution, FitError> {
     let unseen = start::unseen_yaws(problem);
     if unseen.is_empty() {
-        return minimise(problem, start, frames, budget, stop);
+        return minimise(problem, start, frames, NEGLIGIBLE, budget, stop);
     }
     // None is worth being followed to its very end before it is the best.
     let few = budget.min(OTHER_ITERATIONS);
-    let mut best = minimise(problem, start, frames, few, stop)?;
+    let mut best = minimise(problem, start, frames, NEGLIGIBLE, few, stop)?;
     for _ in 0..YAW_ROUNDS {
         let before = best.cost;
         for &(k, others) in &unseen {
@@ -236,7 +242,7 @@ fn of_any_yaw(
                 }
                 let mut point = from.clone();
                 point[k] += other as f64 * start::YAW_STEP;
-                best = better(best, minimise(problem, &point, frames, few, stop)?);
+                best = better(best, minimise(problem, &point, frames, NEGLIGIBLE, few, stop)?);
             }
         }
         if before - best.cost < WORTH_A_ROUND {
@@ -244,7 +250,7 @@ fn of_any_yaw(
         }
     }
     if best.outcome == Outcome::IterationLimit {
-        let further = minimise(problem, &best.point, frames, budget, stop)?;
+        let further = minimise(problem, &best.point, frames, NEGLIGIBLE, budget, stop)?;
         best = better(best, further);
     }
     Ok(best)
@@ -292,8 +298,9 @@ fn grow(
     let mut window = LOOK_AHEAD.max(10).min(frames);
     let (mut iterations, mut losses) = (0, vec![]);
     loop {
-        let solution =
-            minimise(problem, &point, window, budget.saturating_sub(iterations).clamp(1, 30), stop)?;
+        let left = budget.saturating_sub(iterations).clamp(1, 30);
+        let negligible = if window < frames { UNFINISHED } else { NEGLIGIBLE };
+        let solution = minimise(problem, &point, window, negligible, left, stop)?;
         iterations += solution.iterations;
         point = solution.point;
         losses.extend(&solution.losses);

@@ -250,6 +250,22 @@ impl<'a> Problem<'a> {
         normal
     }
 
+    /// Half the cost's gradient where the residuals are these, with the derivatives of a point nearby.
+    pub fn gradient(
+        &self,
+        point: &[f64],
+        parts: &[Linear],
+        residuals: &[Vec<f64>],
+    ) -> nalgebra::DVector<f64> {
+        let prior = self.free.iter().zip(point).map(|(f, x)| (x - f.mean) / (f.sd * f.sd));
+        let mut gradient = nalgebra::DVector::from_iterator(point.len(), prior);
+        for (linear, residuals) in parts.iter().zip(residuals) {
+            let pulls: Vec<f64> = residuals.iter().map(|r| r.clamp(-HUBER, HUBER)).collect();
+            linear.pull_back(&pulls, &mut gradient);
+        }
+        gradient
+    }
+
     /// Residuals of each part and how they change with the parameters.
     pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
         self.parts.iter().map(|part| part.linearised(&self.free, point, window, self.stop)).collect()

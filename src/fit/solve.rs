@@ -8,7 +8,10 @@ use nalgebra::{DMatrix, DVector};
 /// A relative fall of the cost below this ends the search.
 const TOLERANCE: f64 = 1e-6;
 /// So does a fall below this: the cost is a negative log likelihood, and data do not tell odds of 1.001 from even ones.
-const NEGLIGIBLE: f64 = 0.001;
+pub(super) const NEGLIGIBLE: f64 = 0.001;
+/// A step that is not damped and has a smaller fall stays well within the deviations of the posterior: the derivatives at
+/// its start serve at its end.
+const NEAR: f64 = 0.1;
 /// Damping (share of the Hessian's diagonal): at the start, and beyond which no step helps.
 const FIRST_DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e10;
@@ -24,11 +27,13 @@ pub(super) struct Solution {
     pub losses: Vec<f64>,
 }
 
-/// Minimises the cost over the frames before `window` from `start`. `budget` counts iterations.
+/// Minimises the cost over the frames before `window` from `start`, until it falls by no more than `negligible`. `budget`
+/// counts iterations.
 pub(super) fn minimise(
     problem: &Problem,
     start: &[f64],
     window: Window,
+    negligible: f64,
     budget: usize,
     stop: Stop,
 ) -> Result<Solution, FitError> {
@@ -38,7 +43,8 @@ pub(super) fn minimise(
     let mut losses = vec![];
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
-        let normal = problem.normal(&point, window);
+        let linear = problem.linearised(&point, window);
+        let normal = problem.weighed(&point, &linear, &vec![1.0; linear.len()]);
         cost = normal.cost;
         losses.push(cost);
         if problem.is_exhausted() {
@@ -54,23 +60,41 @@ pub(super) fn minimise(
         while accepted.is_none() && damping < MOST_DAMPING {
             stop(iteration as f64 / budget as f64)?;
             if let Some(step) = step(problem, &point, &normal.gradient, &normal.hessian, damping) {
-                let trial_cost = problem.cost(&step, window);
-                if trial_cost < cost {
-                    accepted = Some((step, trial_cost));
+                let found = Trial::at(problem, step, window);
+                if found.cost < cost {
+                    accepted = Some(found);
                     damping = (damping * 0.1).max(1e-12);
                     break;
                 }
             }
             damping *= 10.0;
         }
-        let Some((step, trial_cost)) = accepted else {
+        let Some(mut trial) = accepted else {
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
             return Ok(Solution { point, cost, iterations, outcome, losses });
         };
-        let fall = cost - trial_cost;
-        point = step;
-        cost = trial_cost;
-        if fall <= (TOLERANCE * cost).max(NEGLIGIBLE) {
+        let enough = (TOLERANCE * trial.cost).max(negligible);
+        let mut fall = cost - trial.cost;
+        // The derivatives serve for further steps as long as these gain: a pass with them costs as much as many trials. Far
+        // from the end such steps lead to other minima.
+        let near = fall <= enough || (fall <= NEAR && damping <= FIRST_DAMPING);
+        while near && fall > enough {
+            stop(iteration as f64 / budget as f64)?;
+            let gradient = problem.gradient(&trial.point, &linear, &trial.residuals);
+            let next = step(problem, &trial.point, &gradient, &normal.hessian, damping);
+            let next =
+                next.map(|step| Trial::at(problem, step, window)).filter(|next| next.cost < trial.cost);
+            let gain = next.as_ref().map_or(0.0, |next| trial.cost - next.cost);
+            trial = next.unwrap_or(trial);
+            if gain < 0.1 * fall && gain > enough {
+                break;
+            }
+            fall = gain;
+        }
+        let converged = near && fall <= enough;
+        point = trial.point;
+        cost = trial.cost;
+        if converged {
             losses.push(cost);
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
             return Ok(Solution { point, cost, iterations, outcome, losses });
@@ -81,6 +105,25 @@ pub(super) fn minimise(
     }
     losses.push(cost);
     Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit, losses })
+}
+
+/// A point with its residuals, each part's.
+struct Trial {
+    point: Vec<f64>,
+    cost: f64,
+    residuals: Vec<Vec<f64>>,
+}
+
+impl Trial {
+    fn at(problem: &Problem, point: Vec<f64>, window: Window) -> Trial {
+        match problem.residuals(&point, window) {
+            Some(residuals) => {
+                let cost = problem.cost_of(&point, &residuals, &vec![1.0; residuals.len()]);
+                Trial { point, cost, residuals }
+            }
+            None => Trial { point, cost: f64::INFINITY, residuals: vec![] },
+        }
+    }
 }
 
 /// The damped Gauss-Newton step, held inside the bounds: parameters that would leave them are held there and

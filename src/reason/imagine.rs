@@ -1,11 +1,12 @@
 //! Predictions and counterfactuals over an ensemble drawn from the posterior.
 
 use super::ReasonError;
-use crate::fit::{Fit, deviation};
+use crate::fit::{Deviation, Fit, deviation};
 use crate::num::Stop;
 use crate::scene::{Camera, Scene};
 use crate::world::{Anchor, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Most frames of one simulation.
 pub const MAX_SIMULATED_FRAMES: usize = 20_000;
@@ -83,10 +84,10 @@ pub fn imagine(
     }
     let times: Vec<f64> = (0..*frames).map(|f| scene.time_of(f)).collect();
     let edited = |model: &Model| interventions.iter().try_fold(model.clone(), |m, i| i.apply(&m));
-    let run = |model: &Model| {
-        let mut run = trace(model, &times);
+    let filmed = |mut run: Trace, model: &Model| {
         if let Some(camera) = &scene.camera {
-            run.events.extend(comings_and_goings(model, &run, camera));
+            let seen = comings_and_goings(model, &run, camera);
+            run.events.extend(seen);
             run.events.sort_by(|a, b| a.time.total_cmp(&b.time));
         }
         run
@@ -96,28 +97,34 @@ pub fn imagine(
     // What was observed against the simulation that was fitted to it.
     let factual = trace(&fitted.model, &scene.times);
     let changed = !interventions.is_empty();
-    let partings = |own: &Trace, model: &Model| match changed {
-        true => partings(own, &trace(model, &scene.times)),
-        false => partings(own, own),
+    let unguided = |model: &Model| changed.then(|| trace(model, &scene.times));
+    let reached = partings(&factual, unguided(&model).as_ref().unwrap_or(&factual));
+    // An anchor at the last frame that is asked for, or after it, changes nothing.
+    let mut known: BTreeMap<(usize, usize), Option<Deviation>> = BTreeMap::new();
+    let mut off = |p: &Parting| -> Option<Deviation> {
+        let found = || deviation(scene, fitted, &factual, p.body, scene.time_of(p.last));
+        if p.last + 1 < *frames { *known.entry((p.body, p.last)).or_insert_with(found) } else { None }
     };
-    let reached = partings(&factual, &model);
-    let off = |body: usize, frame: usize| deviation(scene, fitted, &factual, body, scene.time_of(frame));
-    model.anchors = reached.iter().filter_map(|p| Some(off(p.body, p.last)?.anchor())).collect();
-    let best = run(&model);
+    model.anchors = reached.iter().filter_map(|p| Some(off(p)?.anchor())).collect();
+    let best = filmed(trace(&model, &times), &model);
     let anchored = !model.anchors.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
     for (number, drawn) in fit.draw(index, *rollouts, *seed).iter().enumerate() {
         stop(ensemble.len() as f64 / *rollouts as f64)?;
         let mut model = edited(drawn)?;
+        let mut found = None;
         if anchored {
             let own = trace(drawn, &scene.times);
+            found = unguided(&model);
             let anchor = |p: &Parting| -> Option<Anchor> {
                 let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
-                Some(off(p.body, p.last)?.drawn(number, &at(&own)?, &at(&factual)?))
+                Some(off(p)?.drawn(number, &at(&own)?, &at(&factual)?))
             };
-            model.anchors = partings(&own, &model).iter().filter_map(anchor).collect();
+            let parted = partings(&own, found.as_ref().unwrap_or(&own));
+            model.anchors = parted.iter().filter_map(anchor).collect();
         }
-        ensemble.push(run(&model));
+        let known = found.filter(|run| model.anchors.is_empty() && run.times == times);
+        ensemble.push(filmed(known.unwrap_or_else(|| trace(&model, &times)), &model));
     }
     let sd = spread(&best, &ensemble);
     let events = likely_events(scene, &best, &ensemble);

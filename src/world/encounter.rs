@@ -10,6 +10,7 @@ use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
 use crate::effects::Scalar;
 use crate::scene::Shape;
+use std::borrow::Cow;
 
 /// Contacts slower than this do not rebound (m/s): the hop would be under 0.2 mm.
 const REBOUND_SPEED: f64 = 0.01;
@@ -120,6 +121,10 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     pub(super) fn impact(&mut self, mut time: f64, a: usize, b: usize) {
+        if !self.met.contains_key(&(a, b)) {
+            let values = self.contact_values(a, b);
+            self.met.insert((a, b), values);
+        }
         let solid = b < self.bodies.len();
         let earliest =
             self.bodies[a].path.start.max(if solid { self.bodies[b].path.start } else { f64::MIN });
@@ -397,9 +402,10 @@ impl<T: Scalar> Run<'_, T> {
         let point = (near.on_a + near.on_b).scaled(0.5);
         let contact = Contact { a: body(a), b: other, normal: near.normal, point, approach };
         let mut law = ContactLaw::plain();
-        for effect in &self.contact_effects {
-            let (pa, pb) = (self.contact_values(effect, a, b), self.contact_values(effect, b, a));
-            (effect.hook)(&pa, &pb, &contact, &mut law);
+        let found =
+            self.met.get(&(a, b)).map_or_else(|| Cow::Owned(self.contact_values(a, b)), Cow::Borrowed);
+        for (effect, [pa, pb]) in self.contact_effects.iter().zip(found.iter()) {
+            (effect.hook)(pa, pb, &contact, &mut law);
         }
         if let Some((presence, restitution)) = self.obstacle(a, b) {
             (law.presence, law.restitution) = (presence, restitution);
@@ -431,10 +437,13 @@ impl<T: Scalar> Run<'_, T> {
         }
     }
 
-    /// Parameters of a contact effect as they apply to body `i` when it touches `j`.
-    fn contact_values(&self, effect: &ContactEffect<T>, i: usize, j: usize) -> Vec<T> {
+    /// Parameters of each contact effect as they apply to body `a` when it touches `b`, and the other way round.
+    fn contact_values(&self, a: usize, b: usize) -> Vec<[Vec<T>; 2]> {
         let body = |k: usize| self.model.bodies.get(k);
-        let (Some(this), other) = (body(i).or(body(j)), body(j).or(body(i))) else { return vec![] };
-        effect.active.values_for(effect.first, self.flat, this, other.unwrap_or(this))
+        let values = |effect: &ContactEffect<T>, i: usize, j: usize| {
+            let (Some(this), other) = (body(i).or(body(j)), body(j).or(body(i))) else { return vec![] };
+            effect.active.values_for(effect.first, self.flat, this, other.unwrap_or(this))
+        };
+        self.contact_effects.iter().map(|effect| [values(effect, a, b), values(effect, b, a)]).collect()
     }
 }

@@ -7,6 +7,8 @@ use crate::effects::{EffectEntry, EffectSpec, Hook, Scope, effect};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 use serde::{Deserialize, Serialize};
+use smallvec::SmallVec;
+use std::fmt;
 
 /// A physical model of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -314,27 +316,41 @@ impl Parameter {
     /// Index of the value that applies to body `a` (touching `b`, or the same body where there is none).
     pub fn index(&self, a: &BodySpec, b: &BodySpec) -> Option<usize> {
         // Contacts ask for this often: no label is put together on the heap.
-        let find = |label: &str| self.labels.binary_search_by(|l| l.as_str().cmp(label)).ok();
-        match self.scope {
-            Scope::Setup => find(""),
-            Scope::Material => find(&a.material),
-            Scope::Shape => find(a.shape.word()),
-            _ => find(&self.label(a, b)),
-        }
+        let mut label = Label(SmallVec::new());
+        self.write_label(a, b, &mut label).ok()?;
+        self.labels.binary_search_by(|l| l.as_bytes().cmp(&label.0)).ok()
     }
 
     fn label(&self, a: &BodySpec, b: &BodySpec) -> String {
-        let pair = |x: &dyn std::fmt::Display, y: &dyn std::fmt::Display| format!("{x}-{y}");
+        let mut label = String::new();
+        // Writing to a string never fails.
+        let _ = self.write_label(a, b, &mut label);
+        label
+    }
+
+    fn write_label(&self, a: &BodySpec, b: &BodySpec, to: &mut impl fmt::Write) -> fmt::Result {
         match self.scope {
-            Scope::Setup => String::new(),
-            Scope::Material => a.material.clone(),
-            Scope::Shape => a.shape.word().to_string(),
-            Scope::Object => a.id.to_string(),
+            Scope::Setup => Ok(()),
+            Scope::Material => to.write_str(&a.material),
+            Scope::Shape => to.write_str(a.shape.word()),
+            Scope::Object => write!(to, "{}", a.id),
             Scope::ShapePair => {
                 let (x, y) = (a.shape.word(), b.shape.word());
-                pair(&x.min(y), &x.max(y))
+                to.write_str(x.min(y))?;
+                to.write_str("-")?;
+                to.write_str(x.max(y))
             }
-            Scope::Pair => pair(&a.id.min(b.id), &a.id.max(b.id)),
+            Scope::Pair => write!(to, "{}-{}", a.id.min(b.id), a.id.max(b.id)),
         }
+    }
+}
+
+/// A label on the stack.
+struct Label(SmallVec<[u8; 32]>);
+
+impl fmt::Write for Label {
+    fn write_str(&mut self, part: &str) -> fmt::Result {
+        self.0.extend_from_slice(part.as_bytes());
+        Ok(())
     }
 }

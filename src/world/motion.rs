@@ -265,7 +265,7 @@ impl<T: Scalar> Laws<T> {
     /// Accelerations under the wrench, dry friction resolved by mode.
     pub fn rates(&self, i: usize, k: &Kinematics<T>, mode: Mode, w: &Wrench<T>) -> Rates<T> {
         if matches!(mode, Mode::Rest | Mode::Absent) {
-            return Rates { velocity: Vec2::zero(), spin: T::zero(), roll: Vec2::zero() };
+            return Rates::zero();
         }
         let mut rates = self.undamped(i, k, mode, w);
         if w.damping.value() > 0.0 || T::DIFFERENTIATES {
@@ -356,6 +356,17 @@ impl<T: Scalar> Laws<T> {
             }
         }
         change
+    }
+}
+
+impl<T: Real> Rates<T> {
+    pub fn zero() -> Self {
+        Rates { velocity: Vec2::zero(), spin: T::zero(), roll: Vec2::zero() }
+    }
+
+    /// The real parts.
+    pub fn value(&self) -> Rates<f64> {
+        Rates { velocity: self.velocity.value(), spin: self.spin.value(), roll: self.roll.value() }
     }
 }
 

@@ -9,12 +9,20 @@ use crate::body::Wrench;
 use crate::effects::Scalar;
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
+use smallvec::SmallVec;
 
 /// Rate at which a kept contact corrects its gap (1/s).
 const STIFFNESS: f64 = 25.0;
-/// Sweeps over simultaneous pressure points, at most, and the change of an acceleration that ends them (m/s^2).
-const SWEEPS: usize = 16;
+/// Change of an acceleration that ends sweeps over simultaneous pressure points (m/s^2), and their number at most: first to
+/// see which points press and which slip; then, where the equations of these have another answer, to the end.
+const SETTLING: [(f64, usize); 3] = [(1e-2, 16), (1e-6, 16), (1e-9, 256)];
+/// The same of points that are too many for their equations; and what of it is nothing.
+const SWEPT: (f64, usize) = (SETTLED, 16);
 const SETTLED: f64 = 1e-6;
+/// Most pressure points whose equations are solved; more are swept over only.
+const MOST_SOLVED: usize = 24;
+/// Share of its own response by which a force must differ from what others can do.
+const REDUNDANT: f64 = 1e-4;
 
 /// A contact that lasts: bodies `a` and `b` (or wall `b - bodies`) press on each other.
 #[derive(Clone, Copy)]
@@ -24,13 +32,15 @@ pub(super) struct Touching<T> {
     pub pressing: bool,
     /// Coulomb coefficient between the two.
     pub friction: T,
-    /// Normal and tangential force at either end (N), as last found.
-    forces: [(T, T); 2],
+    /// Normal and tangential force at either end (N), as last found: where the next search begins.
+    forces: [(f64, f64); 2],
+    /// Whether friction was at its bound there.
+    slides: [bool; 2],
 }
 
 impl<T: Real> Touching<T> {
     pub fn new(a: usize, b: usize, friction: T) -> Self {
-        Touching { a, b, pressing: true, friction, forces: [(T::zero(), T::zero()); 2] }
+        Touching { a, b, pressing: true, friction, forces: [(0.0, 0.0); 2], slides: [true; 2] }
     }
 }
 
@@ -137,7 +147,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// The pressure points of the group with their forces; `rates` take them in. The search starts where the last
-    /// one ended.
+    /// one ended and looks at real parts only: derivatives follow from the equations of the points that press.
     pub(super) fn solved(
         &mut self,
         group: &[usize],
@@ -145,17 +155,23 @@ impl<T: Scalar> Run<'_, T> {
         rates: &mut [Rates<T>],
     ) -> Vec<PressurePoint<T>> {
         let mut points = self.pressure_points(group, k);
-        for p in &points {
-            p.add(rates, p.force, p.rub);
-        }
-        for _ in 0..SWEEPS {
-            let moved = points.iter_mut().fold(0.0, |most, p| f64::max(most, p.press(rates)));
-            if moved < SETTLED {
-                break;
+        if points.len() > MOST_SOLVED {
+            points.iter().for_each(|p| p.add(rates, p.force, p.rub));
+            sweep(&mut points, rates, SWEPT);
+        } else {
+            let (plain, system) = search(&points, rates);
+            for (p, found) in points.iter_mut().zip(&plain) {
+                (p.force, p.slides) = (T::constant(found.force), found.slides);
+                p.rub = if found.slides { p.aside * found.rub_share() } else { T::constant(found.rub) };
+                p.add(rates, p.force, p.rub);
+            }
+            if T::DIFFERENTIATES {
+                system.differentiate(&mut points, &plain, rates);
             }
         }
         for p in &points {
-            self.touching[p.contact].forces[p.end] = (p.force, p.rub);
+            let kept = &mut self.touching[p.contact];
+            (kept.forces[p.end], kept.slides[p.end]) = ((p.force.value(), p.rub.value()), p.slides);
         }
         points
     }
@@ -241,7 +257,7 @@ impl<T: Scalar> Run<'_, T> {
     /// The points at which kept contacts of the group press.
     fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = vec![];
-        for (contact, &Touching { a, b, friction, forces, .. }) in self.touching.iter().enumerate() {
+        for (contact, &Touching { a, b, friction, forces, slides, .. }) in self.touching.iter().enumerate() {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };
             let y = place(b);
@@ -278,12 +294,13 @@ impl<T: Scalar> Run<'_, T> {
                         normal: n,
                         response,
                         bias,
-                        force,
+                        force: T::constant(force),
                         tangential_response,
                         slip,
                         aside,
                         up,
-                        rub,
+                        rub: T::constant(rub),
+                        slides: slides[end],
                     });
                 }
             }
@@ -366,6 +383,8 @@ pub(super) struct PressurePoint<T> {
     /// Normal force and tangential force on b (N).
     pub force: T,
     pub rub: T,
+    /// Whether friction is at its bound.
+    slides: bool,
 }
 
 /// How one body answers a force at a pressure point.
@@ -391,23 +410,35 @@ impl<T: Real> PressurePoint<T> {
     /// One step of projected Gauss-Seidel: the force at which the gap stays closed, never a pull, and the friction
     /// that ends the slip, within Coulomb's bound. Gives the largest change of an acceleration (m/s^2).
     fn press(&mut self, rates: &mut [Rates<T>]) -> f64 {
-        let opening = self.bias + self.acceleration(rates, self.normal);
+        let opening = self.opening(rates);
         let total = (self.force - opening / self.response).max(T::zero());
         let more = total - self.force;
         self.force = total;
         self.add(rates, more, T::zero());
         let pressed = (more * self.response).value().abs();
         if self.aside.value() == 0.0 && !T::DIFFERENTIATES {
+            self.slides = true;
             return pressed;
         }
-        let across = self.normal.perp();
-        let slipping = self.slip * (2.0 * STIFFNESS) + self.acceleration(rates, across);
+        let slipping = self.slipping(rates);
         let most = self.aside * self.force;
-        let total = (self.rub - slipping / self.tangential_response).max(-most).min(most);
+        let free = self.rub - slipping / self.tangential_response;
+        self.slides = free.value().abs() >= most.value();
+        let total = free.max(-most).min(most);
         let more = total - self.rub;
         self.rub = total;
         self.add(rates, T::zero(), more);
         pressed.max((more * self.tangential_response).value().abs())
+    }
+
+    /// Acceleration at which the gap opens, and that at which the surfaces would have to slip to keep slipping as
+    /// they do (m/s^2): zero at a point that presses and at one that does not slip.
+    fn opening(&self, rates: &[Rates<T>]) -> T {
+        self.bias + self.acceleration(rates, self.normal)
+    }
+
+    fn slipping(&self, rates: &[Rates<T>]) -> T {
+        self.slip * (2.0 * STIFFNESS) + self.acceleration(rates, self.normal.perp())
     }
 
     /// Adds what a normal and a tangential force do to the accelerations.
@@ -428,7 +459,217 @@ impl<T: Real> PressurePoint<T> {
     }
 }
 
+/// So many sweeps, or fewer, until no acceleration changes by more than `settled` (m/s^2).
+fn sweep<T: Real>(points: &mut [PressurePoint<T>], rates: &mut [Rates<T>], (settled, most): (f64, usize)) {
+    for _ in 0..most {
+        let moved = points.iter_mut().fold(0.0, |most, p| f64::max(most, p.press(rates)));
+        if moved < settled {
+            break;
+        }
+    }
+}
+
+/// The points without derivatives and with their forces, and the equations that these obey.
+fn search<T: Real>(points: &[PressurePoint<T>], rates: &[Rates<T>]) -> (Vec<PressurePoint<f64>>, System) {
+    let mut plain: Vec<PressurePoint<f64>> = points.iter().map(PressurePoint::value).collect();
+    let mut rates: Few<Rates<f64>> = rates.iter().map(Rates::value).collect();
+    for p in &mut plain {
+        if p.slides {
+            // Its bound is another one than when the last search ended.
+            p.rub = p.aside * p.rub_share();
+        }
+        p.add(&mut rates, p.force, p.rub);
+    }
+    let mut settled = SETTLING.into_iter();
+    loop {
+        let system = System::of(&plain, rates.len());
+        if system.improve(&mut plain, &mut rates) {
+            return (plain, system);
+        }
+        match settled.next() {
+            Some(settled) => sweep(&mut plain, &mut rates, settled),
+            None => return (plain, system),
+        }
+    }
+}
+
+/// Linear equations of the forces that are free to be what keeps points closed and surfaces from slipping.
+struct System {
+    /// Index of the point, and whether it is the friction that is free.
+    unknowns: Few<(usize, bool)>,
+    /// Acceleration that each equation sees per force, row by row.
+    matrix: SmallVec<[f64; 16]>,
+}
+
+impl System {
+    fn of(points: &[PressurePoint<f64>], bodies: usize) -> System {
+        let pressing = points.iter().enumerate().filter(|(_, p)| p.force > 0.0);
+        let unknowns: Few<(usize, bool)> = pressing
+            .flat_map(|(i, p)| std::iter::once((i, false)).chain((!p.slides).then_some((i, true))))
+            .collect();
+        let n = unknowns.len();
+        let mut matrix = SmallVec::from_elem(0.0, n * n);
+        for (column, &(i, rubs)) in unknowns.iter().enumerate() {
+            let p = &points[i];
+            let mut rates: Few<Rates<f64>> = Few::from_elem(Rates::zero(), bodies);
+            p.add(&mut rates, if rubs { 0.0 } else { 1.0 }, if rubs { 1.0 } else { p.rub_per_force() });
+            for (row, &(j, rubs)) in unknowns.iter().enumerate() {
+                let along = if rubs { points[j].normal.perp() } else { points[j].normal };
+                matrix[row * n + column] = points[j].acceleration(&rates, along);
+            }
+        }
+        System { unknowns, matrix }
+    }
+
+    /// The changes of the forces that the equations ask for, by Gauss and Jordan. Forces that others can replace (two
+    /// points of one edge resist one slip) stay.
+    fn solve<T: Real>(&self, points: &[PressurePoint<T>], rates: &[Rates<T>]) -> Few<T> {
+        let n = self.unknowns.len();
+        let mut matrix = self.matrix.clone();
+        let wanted = |&(i, rubs): &(usize, bool)| match rubs {
+            true => -points[i].slipping(rates),
+            false => -points[i].opening(rates),
+        };
+        let mut right: Few<T> = self.unknowns.iter().map(wanted).collect();
+        let mut row_of: Few<Option<usize>> = Few::from_elem(None, n);
+        let mut next = 0;
+        for column in 0..n {
+            let size = |row: &usize| matrix[row * n + column].abs();
+            let Some(pivot) = (next..n).max_by(|a, b| size(a).total_cmp(&size(b)).then(b.cmp(a))) else {
+                break;
+            };
+            if size(&pivot) <= REDUNDANT * self.matrix[column * n + column].abs() {
+                continue;
+            }
+            (0..n).for_each(|k| matrix.swap(pivot * n + k, next * n + k));
+            right.swap(pivot, next);
+            let inverse = 1.0 / matrix[next * n + column];
+            for row in (0..n).filter(|&row| row != next) {
+                let factor = matrix[row * n + column] * inverse;
+                if factor != 0.0 {
+                    (column..n).for_each(|k| matrix[row * n + k] -= factor * matrix[next * n + k]);
+                    let part = right[next] * factor;
+                    right[row] -= part;
+                }
+            }
+            row_of[column] = Some(next);
+            next += 1;
+        }
+        let change = |(column, row): (usize, &Option<usize>)| {
+            row.map_or(T::zero(), |row| right[row] * (1.0 / matrix[row * n + column]))
+        };
+        row_of.iter().enumerate().map(change).collect()
+    }
+
+    /// Takes the forces that solve the equations, if the points then still press, slip and open as they do.
+    fn improve(&self, points: &mut [PressurePoint<f64>], rates: &mut [Rates<f64>]) -> bool {
+        let change = self.solve(points, rates);
+        let mut forces: Few<(f64, f64)> = points.iter().map(|p| (p.force, p.rub)).collect();
+        for (&(i, rubs), change) in self.unknowns.iter().zip(&change) {
+            if rubs {
+                forces[i].1 += change;
+            } else {
+                forces[i].0 += change;
+                forces[i].1 += if points[i].slides { points[i].rub_per_force() * change } else { 0.0 };
+            }
+        }
+        let mut better: Few<Rates<f64>> = Few::from_slice(rates);
+        for (p, &(force, rub)) in points.iter().zip(&forces) {
+            p.add(&mut better, force - p.force, rub - p.rub);
+        }
+        let holds = points.iter().zip(&forces).all(|(p, &(force, rub))| {
+            let open = p.force > 0.0 || p.opening(&better) >= -SETTLED;
+            let rubs = match p.slides {
+                true => rub == 0.0 || rub.signum() * p.slipping(&better) <= SETTLED,
+                false => rub.abs() <= p.aside * force + 1e-9,
+            };
+            open && force >= 0.0 && rubs
+        });
+        if holds {
+            for (p, (force, rub)) in points.iter_mut().zip(forces) {
+                (p.force, p.rub) = (force, rub);
+            }
+            rates.copy_from_slice(&better);
+        }
+        holds
+    }
+
+    /// Gives the forces their derivatives: the implicit function theorem on the equations.
+    fn differentiate<T: Real>(
+        &self,
+        points: &mut [PressurePoint<T>],
+        plain: &[PressurePoint<f64>],
+        rates: &mut [Rates<T>],
+    ) {
+        let change = self.solve(points, rates);
+        for (&(i, rubs), change) in self.unknowns.iter().zip(change) {
+            let (p, change) = (&mut points[i], change.infinitesimal());
+            let (force, rub) = match rubs {
+                true => (T::zero(), change),
+                false => (change, change * plain[i].rub_per_force()),
+            };
+            p.force += force;
+            p.rub += rub;
+            p.add(rates, force, rub);
+        }
+    }
+}
+
+impl PressurePoint<f64> {
+    /// Normal force with the sign of the friction: times `aside`, the friction of a point that slips (N).
+    fn rub_share(&self) -> f64 {
+        self.force * self.direction()
+    }
+
+    /// Friction per normal force.
+    fn rub_per_force(&self) -> f64 {
+        if self.slides { self.aside * self.direction() } else { 0.0 }
+    }
+
+    /// Sign of the friction of a point that slips.
+    fn direction(&self) -> f64 {
+        // Without friction only its derivative matters, and that goes against the slip.
+        if self.rub != 0.0 { self.rub.signum() } else { -self.slip.signum() }
+    }
+}
+
+impl<T: Real> PressurePoint<T> {
+    /// The real parts.
+    fn value(&self) -> PressurePoint<f64> {
+        PressurePoint {
+            contact: self.contact,
+            end: self.end,
+            sides: self.sides.each_ref().map(|side| side.as_ref().map(Pressed::value)),
+            normal: self.normal.value(),
+            response: self.response.value(),
+            tangential_response: self.tangential_response.value(),
+            bias: self.bias.value(),
+            slip: self.slip.value(),
+            aside: self.aside.value(),
+            up: self.up.value(),
+            force: self.force.value(),
+            rub: self.rub.value(),
+            slides: self.slides,
+        }
+    }
+}
+
 impl<T: Real> Pressed<T> {
+    /// The real parts.
+    fn value(&self) -> Pressed<f64> {
+        Pressed {
+            at: self.at,
+            sign: self.sign,
+            arm: self.arm.value(),
+            lever: self.lever.value(),
+            carried: self.carried.iter().map(|(x, arm)| (*x, arm.value())).collect(),
+            compliance: self.compliance.value(),
+            inverse_inertia: self.inverse_inertia.value(),
+            ball: self.ball,
+            rolls: self.rolls,
+        }
+    }
+
     fn response(&self, direction: Vec2<T>) -> T {
         let turn = self.lever.cross(direction);
         self.compliance + turn * turn * self.inverse_inertia

@@ -16,6 +16,7 @@ use crate::effects::{ContactFn, Hook, Scalar};
 use crate::num::Vec2;
 use crate::scene::Shape;
 use smallvec::SmallVec;
+use std::collections::BTreeMap;
 
 /// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
 const MAX_STEP: f64 = 0.16;
@@ -136,6 +137,8 @@ pub(super) struct Run<'m, T: Scalar> {
     pub flat: &'m [T],
     pub laws: Laws<T>,
     pub contact_effects: Vec<ContactEffect<'m, T>>,
+    /// Of bodies that have met, what the contact effects' parameters are: one entry an effect, either way round.
+    pub met: BTreeMap<(usize, usize), Vec<[Vec<T>; 2]>>,
     pub bodies: Vec<Moving<T>>,
     pub walls: Vec<Static<T>>,
     pub touching: Vec<Touching<T>>,
@@ -192,6 +195,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             states: vec![vec![None; model.bodies.len()]; times.len()],
             laws,
             contact_effects: contact_effects.collect(),
+            met: BTreeMap::new(),
             bodies,
             walls: Static::all(model, flat),
             touching: vec![],
