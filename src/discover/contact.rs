@@ -5,7 +5,7 @@ use super::force::Lens;
 use super::path::{Jump, Path, started};
 use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, Outcome, fit};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
 use crate::num::{Stop, Vec2};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -41,8 +41,6 @@ const HEAVIER: &str = "mass_change";
 const SAME_VALUE: f64 = 3.0;
 /// Iterations of one fit of short films.
 const ITERATIONS: usize = 40;
-/// The same where a law is tried for the first time.
-const FIRST_LOOK: usize = 10;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
 const SCATTER: f64 = 0.15;
 /// Prior deviations of a wall's restitution and angle.
@@ -233,30 +231,18 @@ pub fn screen_contacts(
     let fitted: Result<Vec<_>, FitError> = trials
         .par_iter()
         .map(|(entry, values, object)| {
-            // What nobody saw changes where bodies go: its windows grow from the start. A law of contact is sought near
-            // where the models without it ended, and at the tracks: one film that nothing follows must not slow all.
-            let unseen = entry.uses(Hook::Bodies);
-            let near = FitOptions { begin: Begin::Near, max_iterations: FIRST_LOOK, ..options };
-            let from = |models: &[Model], options: &FitOptions| {
-                fit(&films.scenes, &with_contact(models, entry, values, *object, region), options, stop)
-            };
-            let found = from(&films.models, if unseen { &options } else { &near })?;
-            let sum = |fit: &Fit| chi_squares(fit).iter().sum::<f64>();
+            let models = with_contact(&films.models, entry, values, *object, region);
+            let mut found = fit(&films.scenes, &models, &options, stop)?;
             // A search that went astray begins anew where the models without the effect ended.
-            if unseen && sum(&found) <= before.iter().sum::<f64>() + CHANCE {
-                return Ok((*entry, values, *object, found));
+            if chi_squares(&found).iter().sum::<f64>() > before.iter().sum::<f64>() + CHANCE {
+                let models = with_contact(&ended, entry, values, *object, region);
+                let near = FitOptions { begin: Begin::Near, ..options };
+                let again = fit(&films.scenes, &models, &near, stop)?;
+                if chi_squares(&again).iter().sum::<f64>() < chi_squares(&found).iter().sum() {
+                    found = again;
+                }
             }
-            let again = from(&ended, &near)?;
-            let mut better = if sum(&again) < sum(&found) { again } else { found };
-            // What brings something is followed to its end.
-            if sum(&better) < before.iter().sum::<f64>() - 0.5 * PROOF
-                && better.outcome == Outcome::IterationLimit
-            {
-                let models: Vec<Model> = better.scenes.iter().map(|s| s.model.clone()).collect();
-                let on = FitOptions { max_iterations: ITERATIONS, ..near };
-                better = fit(&films.scenes, &models, &on, stop)?;
-            }
-            Ok((*entry, values, *object, better))
+            Ok((*entry, values, *object, found))
         })
         .collect();
     let fitted = fitted?;

@@ -13,7 +13,7 @@ use super::revise::{Revision, pooled_noise, revise, trajectories};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
 use crate::effects::formula::Formula;
-use crate::effects::{EffectEntry, Region, effect};
+use crate::effects::{EffectEntry, Hook, Region, effect};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -36,6 +36,8 @@ const SURFACE: f64 = 0.5;
 
 /// A scene up to this reduced chi-square is explained but for what engines do at contacts.
 const NEARLY: f64 = 2.0;
+/// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.
+const MOSTLY: f64 = 0.9;
 
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 const STICKING: &str = "sticky_contact";
@@ -271,7 +273,10 @@ fn conclude(
     // Engines do more at contacts than any law, and a video may be lost to chaos alone.
     let explains = |r: &Revision| {
         let near = r.fit.scenes.iter().filter(|s| s.reduced_chi_square < NEARLY).count();
-        r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len()
+        let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
+        let first = revisions.first().map_or(0.0, |r| r.reduced_chi_square);
+        let mostly = r.reduced_chi_square - 1.0 < (1.0 - MOSTLY) * (first - 1.0);
+        r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
     };
     let explained = proven.is_some() && revisions.last().is_some_and(explains);
     let misfit = motion.typical > super::MISFIT && !explained;
