@@ -1,20 +1,21 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
+use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, contacts, estimates_of, films_stick, screen_contacts, with_contact};
+use super::contact::{ContactCandidate, contacts, films_stick, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::outcome::{Discovery, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
+use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::path::Jump;
 use super::proof;
 use super::revise::{Revision, pooled_noise, revise, trajectories};
-use super::screen::{Candidate, region, sought, with_nuisance};
-use super::search::{CLEAN, FreeMotion, PROOF, fewer, search, search_on};
+use super::screen::{region, sought, with_nuisance};
+use super::search::{CLEAN, FreeMotion, fewer, search, search_on};
 use crate::effects::formula::Formula;
 use crate::effects::{EffectEntry, Hook, Region, effect};
-use crate::fit::{Fit, FitError, FitOptions, SceneFit};
+use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
@@ -25,14 +26,6 @@ use serde::{Deserialize, Serialize};
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
-/// A fit in trajectory space up to this reduced chi-square has followed the contacts.
-const FOLLOWED: f64 = 1.3;
-
-/// Lens and trajectories agree on a number within this many deviations.
-const AGREE: f64 = 2.0;
-/// Surfaces give, and sizes are known no better than positions are measured: deviation of a length, or of an angle seen
-/// from a metre away, in deviations of a measured position.
-const SURFACE: f64 = 0.5;
 
 /// A scene up to this reduced chi-square is explained but for what engines do at contacts.
 const NEARLY: f64 = 2.0;
@@ -243,27 +236,7 @@ fn conclude(
         revisions.extend(stuck);
     }
     if let Some(c) = proven {
-        let object = c.object.map(f64::from).map(Value::Number);
-        let object = object.map(|id| Reported {
-            name: "object_id".into(),
-            unit: String::new(),
-            value: id.clone(),
-            low: id.clone(),
-            high: id,
-        });
-        let scale = c.remains.max(1.0).sqrt();
-        let least = |k: usize| match c.entry.spec.params[k].unit {
-            "m" | "rad" => SURFACE * noise_sigma,
-            _ => 0.0,
-        };
-        let sd: Vec<f64> = c.sd.iter().enumerate().map(|(k, sd)| f64::max(scale * sd, least(k))).collect();
-        let mut parameters = reported(c.entry, &c.values, &sd);
-        parameters.extend(object);
-        effects.push(Found {
-            kind: c.entry.kind.to_string(),
-            effect: c.entry.spec.name.to_string(),
-            parameters,
-        });
+        effects.push(found_contact(c, noise_sigma));
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
@@ -475,129 +448,6 @@ fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
     let priced = law.cost + law.terms as f64 * motion.degrees_of_freedom.ln();
     let unit = (law.cost / motion.degrees_of_freedom).max(1.0);
     (motion.priced() - priced) / unit > FORMULA_PROOF
-}
-
-/// What was added first, then the others by evidence.
-fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
-    let degrees = motion.degrees_of_freedom;
-    let mut ranked: Vec<Ranked> = motion
-        .ranked
-        .iter()
-        .map(|(score, c)| Ranked {
-            kind: c.entry.kind.to_string(),
-            effect: c.entry.spec.name.to_string(),
-            log_evidence: 0.5 * score,
-            held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
-        })
-        .collect();
-    ranked.extend(contacts.iter().map(|c| Ranked {
-        kind: c.entry.kind.to_string(),
-        effect: c.entry.spec.name.to_string(),
-        log_evidence: 0.5 * c.score,
-        held_out_rmse: sigma * c.remains.sqrt(),
-    }));
-    let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
-    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
-    ranked
-}
-
-/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
-/// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
-/// own deviation: the interval holds both.
-fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
-    let scale = motion.reduced_chi_square().max(1.0).sqrt();
-    let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
-    let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
-    let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
-    for (k, p) in c.entry.spec.params.iter().enumerate() {
-        let name = format!("{}.{}", c.entry.spec.name, p.name);
-        if let Some(at) = motion.free.iter().position(|f| f.name == name) {
-            values[k] = motion.seen.values[at];
-            sd[k] = scatter.as_ref().map_or(sd[k], |all| sd[k].max(all[at]));
-        }
-        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
-            let apart = e.value - values[k];
-            if apart.abs() < AGREE * sd[k] {
-                values[k] = e.value;
-            }
-            sd[k] = sd[k].hypot(apart);
-        }
-    }
-    Found {
-        kind: c.entry.kind.to_string(),
-        effect: c.entry.spec.name.to_string(),
-        parameters: reported(c.entry, &values, &sd),
-    }
-}
-
-/// The smallest amplitude of each kind of force that the lens would have proven.
-fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
-    let price = |c: &Candidate| PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
-    let unit = motion.reduced_chi_square().max(1.0);
-    let one = |c: &Candidate| {
-        let entry: &'static EffectEntry = c.entry;
-        let sd = c.sd[..entry.amplitudes.min(c.sd.len())].iter().fold(0.0, |a: f64, b| a.max(*b));
-        Smallest {
-            kind: entry.kind.to_string(),
-            effect: entry.spec.name.to_string(),
-            parameter: entry.spec.params[0].name.to_string(),
-            value: (price(c) * unit).sqrt() * sd,
-            unit: entry.spec.params[0].unit.to_string(),
-        }
-    };
-    motion.ranked.iter().map(|(_, c)| one(c)).collect()
-}
-
-fn reason(
-    verdict: Verdict,
-    motion: &FreeMotion,
-    left: f64,
-    effects: &[Found],
-    ambiguous: &[Vec<String>],
-    written: bool,
-) -> String {
-    let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
-    match verdict {
-        Verdict::EffectFound => {
-            format!(
-                "{} explains the motion; between contacts reduced chi-square {left:.2} remains",
-                names.join(" and ")
-            )
-        }
-        Verdict::Ambiguous => format!(
-            "{} explain the motion equally well; film the launch given as experiment",
-            ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
-        ),
-        Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
-        Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
-            "the formula explains the motion better than any law of the library, and is as simple".into()
-        }
-        Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
-            "between contacts the motion is explained, what contacts do is not; film single contacts".into()
-        }
-        Verdict::OutsideLibrary => {
-            format!(
-                "no law of the library is the one; reduced chi-square {left:.2} remains after its best, and the formula says more"
-            )
-        }
-        Verdict::NotIdentifiable => String::new(),
-    }
-}
-
-/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.
-fn unfollowed(last: &Revision) -> String {
-    let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
-    lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
-    let Some(worst) = lost.first() else { return String::new() };
-    let others = match lost.len() {
-        1 => String::new(),
-        n => format!(" and {} more", n - 1),
-    };
-    format!(
-        "; {}{others} is not followed past its contacts (reduced chi-square {:.0}), which are chaotic or unlike the model's: \
-         compare shows where",
-        worst.name, worst.reduced_chi_square
-    )
 }
 
 fn not_identifiable(lens: &Lens) -> Discovery {

@@ -1,5 +1,6 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
+mod account;
 mod change;
 mod compare;
 mod contact;

@@ -14,6 +14,8 @@ use std::collections::BTreeSet;
 const FPS: f64 = 25.0;
 /// Width and height of CLEVRER's videos (px).
 const IMAGE_SIZE: [f64; 2] = [480.0, 320.0];
+/// A sample that has an image point only, and where the file has it.
+type Placeless = (Pixel, String);
 /// CLEVRER's published camera.
 pub const CLEVRER_CAMERA: Camera = Camera {
     matrix: [[-207.846, 525.0, -120.0, 1200.0], [123.936, 0.0, -534.663, 800.0], [-0.866025, 0.0, -0.5, 5.0]],
@@ -70,10 +72,8 @@ impl Reader {
             }
         }
         let mut camera = self.camera(root);
-        if let Some(camera) = &camera {
-            if let Some(astray) = camera.astray(&shown, &objects, &tracks) {
-                self.report.add(astray.path, astray.message);
-            }
+        if let Some(astray) = camera.as_ref().and_then(|camera| camera.astray(&shown, &objects, &tracks)) {
+            self.report.add(astray.path, astray.message);
         }
         if camera.is_none() && world == WorldKind::Clevrer && !root.contains_key("camera_matrix") {
             camera = Some(Camera { image_size: self.image_size(root), ..CLEVRER_CAMERA });
@@ -157,7 +157,7 @@ impl Reader {
         &mut self,
         root: &Map<String, Value>,
         ids: &[u32],
-    ) -> (usize, Vec<Track>, Vec<(Pixel, String)>, Vec<Pixel>) {
+    ) -> (usize, Vec<Track>, Vec<Placeless>, Vec<Pixel>) {
         let (mut pixels, mut shown) = (vec![], vec![]);
         let mut tracks = vec![Track::default(); ids.len()];
         let trajectory = self.list(root, "motion_trajectory", "");

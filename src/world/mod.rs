@@ -16,6 +16,7 @@ mod motion;
 mod obstacle;
 mod preset;
 mod pressing;
+mod pressure;
 mod rigid;
 mod simulate;
 mod trace;

@@ -3,7 +3,7 @@
 use super::geometry::Proximity;
 use super::impact::Side;
 use super::motion::{Change, Kinematics, Mode, REST_SPEED, Rates, SETTLING_SPEED};
-use super::pressing::PressurePoint;
+use super::pressure::PressurePoint;
 use super::simulate::{Few, Run};
 use crate::body::Wrench;
 use crate::effects::Scalar;
