@@ -114,7 +114,7 @@ pub fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
 pub fn reason(
     verdict: Verdict,
     motion: &FreeMotion,
-    left: f64,
+    left: &str,
     effects: &[Found],
     ambiguous: &[Vec<String>],
     written: bool,
@@ -122,16 +122,13 @@ pub fn reason(
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
-            format!(
-                "{} explains the motion; between contacts reduced chi-square {left:.2} remains",
-                names.join(" and ")
-            )
+            format!("{} explains the motion; {left} remains", names.join(" and "))
         }
         Verdict::Ambiguous => format!(
             "{} explain the motion equally well; film the launch given as experiment",
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
-        Verdict::Adequate => format!("nothing is missing at this noise; reduced chi-square {left:.2}"),
+        Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
         Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
             "the formula explains the motion better than any law of the library, and is as simple".into()
         }
@@ -140,7 +137,7 @@ pub fn reason(
         }
         Verdict::OutsideLibrary => {
             format!(
-                "no law of the library is the one; reduced chi-square {left:.2} remains after its best, and the formula says more"
+                "no law of the library is the one; {left} remains after its best, and the formula says more"
             )
         }
         Verdict::NotIdentifiable => String::new(),
@@ -157,8 +154,8 @@ pub fn unfollowed(last: &Revision) -> String {
         n => format!(" and {} more", n - 1),
     };
     format!(
-        "; {}{others} is not followed past its contacts (reduced chi-square {:.0}), which are chaotic or unlike the model's: \
-         compare shows where",
+        "; past contacts the simulation does not follow {}{others} (reduced chi-square {:.0}): those are chaotic or \
+         unlike the model's; compare shows where",
         worst.name, worst.reduced_chi_square
     )
 }

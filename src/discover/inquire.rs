@@ -282,8 +282,11 @@ fn conclude(
         Verdict::Ambiguous => tell_apart(lens, &motion),
         _ => None,
     };
-    let left = if followed { begun } else { motion.reduced_chi_square() };
-    let reason = reason(verdict, &motion, left, &effects, &ambiguous, formula.is_some());
+    let left = match followed {
+        true => format!("reduced chi-square {begun:.2}"),
+        false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
+    };
+    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some());
     let aside = revisions.last().map(unfollowed).unwrap_or_default();
     Ok(Discovery {
         reason: reason + &aside,

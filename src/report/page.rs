@@ -126,17 +126,14 @@ fn percent(views: &Views) -> String {
 fn worst(report: &Report, views: &Views) -> Option<String> {
     let first = views.stages.first().filter(|_| views.stages.len() > 1)?;
     let last = views.stages.last()?;
-    let (name, before, _) = first.regimes.iter().max_by(|a, b| {
-        let weight = |r: &(String, f64, usize)| r.1 * r.1 * r.2 as f64;
-        weight(a).total_cmp(&weight(b))
-    })?;
+    let (name, before, _) = first.regimes.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
     let all = first.residuals.iter().enumerate().flat_map(|(k, video)| video.iter().map(move |r| (k, r)));
     let (k, far) = all.max_by(|a, b| a.1.size().total_cmp(&b.1.size()))?;
     let scene = report.scenes.get(k)?;
     Some(format!(
-        "The first model failed most where the motion is “{name}”: {} there, {} now. It was off most, by {}, for the {} of {} \
-         at {:.2} s.",
+        "The first model failed most on “{name}”: {} of error, now {}. Its simulation, whose start is fitted too, was farthest \
+         off, by {}, at the {} of {} at {:.2} s.",
         mm(*before),
         mm(after),
         mm(far.size()),
@@ -223,12 +220,14 @@ fn fails(views: &Views, pictures: &[Picture]) -> Markup {
 
 fn regimes(views: &Views) -> Markup {
     let Some(first) = views.stages.first() else { return html! {} };
+    let mut regimes: Vec<&(String, f64, usize)> = first.regimes.iter().collect();
+    regimes.sort_by(|a, b| b.1.total_cmp(&a.1));
     html! {
         div class="scroll" { table {
-            thead { tr { th { "Motion" } @for k in 0..views.stages.len() { th { "error " (word(views, k)) } }
+            thead { tr { th { "Where" } @for k in 0..views.stages.len() { th { "error " (word(views, k)) } }
                 th { "positions" } } }
             tbody {
-                @for (name, before, frames) in &first.regimes {
+                @for (name, before, frames) in regimes {
                     tr { th { (name) } td { (mm(*before)) }
                         @if views.stages.len() > 1 {
                             @let after = views.stages.last().and_then(|s| s.regimes.iter().find(|r| r.0 == *name));
@@ -253,7 +252,7 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
                 div class="figures wide" {
                     (figures(pictures, "candidates"))
                     div class="scroll" { table {
-                        thead { tr { th { "Candidate" } th { "log evidence" } th { "error on other videos" } } }
+                        thead { tr { th { "Candidate" } th { "log evidence" } th { "other videos, between contacts" } } }
                         tbody { @for r in found.ranked.iter().take(12) {
                             tr { th { (label(&r.kind, &r.effect)) } td { (number(r.log_evidence)) } td { (mm(r.held_out_rmse)) } }
                         } }

@@ -82,7 +82,7 @@ fn ladder(report: &Report) -> Picture {
     Picture {
         name: "ladder".into(),
         title: "Error of each revision of the model".into(),
-        caption: "Root mean square position error. Strong: all frames; pale: the last quarter of each video, predicted by \
+        caption: "Root mean square error of a coordinate. Strong: all frames; pale: the last quarter of each video, predicted by \
                   a fit that has not seen it."
             .into(),
         size: [WIDTH, height],
@@ -157,8 +157,7 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
             y1=(px(top)) y2=(px(bottom)) {}
         (legend(views))
     };
-    let caption =
-        "Thick: all objects; thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
+    let caption = "Root mean square of a coordinate; thick: all objects, thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
     chart.picture(&format!("residual-time-{}", video + 1), "Error against time", caption, data)
 }
 
@@ -336,7 +335,7 @@ fn causes(first: &Stage) -> Vec<Picture> {
             }
         };
         let caption = format!(
-            "A line that leaves zero depends on {}.",
+            "Of the first model. A line that leaves zero depends on {}.",
             if name.len() == 1 { "the place" } else { name }
         );
         chart.picture(&format!("cause-{name}"), &format!("What is missing, against {name}"), &caption, data)
