@@ -10,16 +10,17 @@ use vrdp::num::never;
 use vrdp::reason::{Request, imagine};
 use vrdp::recording::messages::{STATES, v1};
 use vrdp::recording::{MAX_TIME, Reader, Recording, encode};
-use vrdp::scene::parse;
+use vrdp::scene::{Scene, parse};
 use vrdp::store::Store;
 use vrdp::world::Preset;
 
-const SCENE: &str = include_str!("../tests/data/clevrer/scene_00011/observed.json");
+const SCENE: &str = include_str!("../tests/data/clevrer/scene_00000/observed.json");
 const FRAMES: usize = 128;
+const OBJECTS: usize = 6;
 const GIB: u64 = 1 << 30;
 
 fn benches(criterion: &mut Criterion) {
-    let scene = parse("scene", SCENE).expect("the committed scene is valid");
+    let scene = crowded(parse("scene", SCENE).expect("the committed scene is valid"));
     let start = Preset::for_world(scene.world).model(&scene);
     let fit = fit(std::slice::from_ref(&scene), &[start], &FitOptions::default(), &never)
         .expect("the committed scene can be fitted");
@@ -43,6 +44,18 @@ fn benches(criterion: &mut Criterion) {
         publish(criterion, &format!("store_{rollouts}_rollouts"), bytes);
     }
     gib();
+}
+
+/// The scene with copies of its objects, 20 m away, until there are [`OBJECTS`].
+fn crowded(mut scene: Scene) -> Scene {
+    for k in 0..OBJECTS.saturating_sub(scene.objects.len()) {
+        let (mut object, mut track) = (scene.objects[k].clone(), scene.tracks[k].clone());
+        object.id = 100 + k as u32;
+        track.samples.iter_mut().for_each(|s| s.position.x += 20.0);
+        scene.objects.push(object);
+        scene.tracks.push(track);
+    }
+    scene
 }
 
 /// The blob and its record, durable, as the engine stores them.

@@ -138,9 +138,10 @@ impl World {
 
 /// Error of the tracks against the noise that each point's covariance states.
 fn points(worlds: &[World]) {
-    let (mut white, mut error, mut stated, mut count) = (0.0, 0.0, 0.0, 0);
+    let (mut white, mut error, mut stated, mut metres, mut count) = (0.0, 0.0, 0.0, 0.0, 0);
     for world in worlds {
-        for (frame, object, pixel, _) in world.seen() {
+        for (frame, object, pixel, given) in world.seen() {
+            metres += (given - world.true_state(frame, object)).norm_squared();
             let (found, c) = world.camera().locate(pixel, HEIGHT, [SIGMA_PX; 2]).unwrap();
             let off = found - world.true_state(frame, object);
             let [xx, yx, yy] = c.factor().unwrap();
@@ -154,11 +155,14 @@ fn points(worlds: &[World]) {
     }
     let n = count as f64;
     println!(
-        "points: {count} coordinates; error {:.4} m, propagated {:.4} m, ratio {:.3}; whitened {:.3}",
+        "points: {count} coordinates; error {:.4} m, propagated {:.4} m, ratio {:.3}; whitened {:.3}; the positions given in \
+         metres {:.4} m, ratio {:.3}",
         (error / n).sqrt(),
         (stated / n).sqrt(),
         (error / stated).sqrt(),
-        (white / n).sqrt()
+        (white / n).sqrt(),
+        (metres / n).sqrt(),
+        (error / metres).sqrt()
     );
 }
 

@@ -46,6 +46,8 @@ pub struct Wrench<T> {
     pub skew: T,
     /// Share by which a box stands more on one diagonal of its corners than on the other, -1..=1.
     pub rock: T,
+    /// How much nearer to its middle than rim and corners a foot carries the weight, as a share of its size, -1..=0.
+    pub foot: T,
     /// Most resistance to rolling, as a force at a ball's centre (N).
     pub rolling: T,
     /// Rate at which velocities and spins decay (1/s), whatever holds the body.
@@ -66,6 +68,7 @@ impl<T: Real> Wrench<T> {
             lever: zero,
             skew: zero,
             rock: zero,
+            foot: zero,
             rolling: zero,
             damping: zero,
             pivot: zero,

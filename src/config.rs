@@ -50,7 +50,7 @@ pub struct Config {
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
-    /// URL of a collector that takes spans (OTLP over gRPC), for a build with the feature `otlp`; empty: none does.
+    /// URL of a collector that takes spans (OTLP over gRPC); empty: none does. Not in a build without the feature `otlp`.
     pub otlp: String,
 }
 

@@ -398,6 +398,12 @@ pub fn never(_progress: f64) -> Result<(), Stopped> {
     Ok(())
 }
 
+/// The angle in -pi..=pi that differs by whole turns.
+pub fn wrapped(angle: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    angle - turn * (angle / turn).round()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

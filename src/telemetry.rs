@@ -24,7 +24,7 @@ pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemet
         None => (None, Telemetry::default()),
     };
     // It fails only where a logger is set already, as in tests.
-    let _ = tracing_subscriber::registry().with(spans).with(logs).with(filter).try_init();
+    let _ = tracing_subscriber::registry().with(spans).with(logs.with_filter(filter)).try_init();
     Ok(telemetry)
 }
 
@@ -40,12 +40,15 @@ fn spans(collector: &str) -> Result<(Spans, Telemetry), String> {
     use opentelemetry::trace::TracerProvider;
     use opentelemetry_otlp::{SpanExporter, WithExportConfig};
     use opentelemetry_sdk::{Resource, trace::SdkTracerProvider};
+    use tracing_subscriber::filter::Targets;
     let exporter = SpanExporter::builder().with_tonic().with_endpoint(collector).build();
     let exporter = exporter.map_err(|e| format!("otlp {collector:?}: {e}; give the URL of a collector"))?;
     let resource = Resource::builder().with_service_name("vrdp").build();
     let provider = SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build();
-    let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("vrdp")).boxed();
-    Ok((Some(layer), Telemetry { spans: Some(provider) }))
+    let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("vrdp"));
+    // Our own spans, whatever is logged; those of the exporter's own calls would beget others.
+    let ours = Targets::new().with_target("vrdp", tracing::Level::INFO);
+    Ok((Some(layer.with_filter(ours).boxed()), Telemetry { spans: Some(provider) }))
 }
 
 #[cfg(feature = "otlp")]

@@ -63,10 +63,8 @@ pub fn ranking(ranked: &[RankedEffect], most: usize) -> String {
         return String::new();
     }
     let row = |r: &RankedEffect| {
-        // The kind of a user's law says nothing.
-        let name = if r.kind == crate::discover::FORMULA { &r.effect } else { &r.kind };
-        vec![name.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)]
+        vec![r.effect.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)]
     };
     let rows: Vec<Vec<String>> = ranked.iter().take(most).map(row).collect();
-    format!("\n{}", output::table(&["candidate", "log evidence", "held out mm"], &rows))
+    format!("\n{}", output::table(&["candidate", "log evidence", "other videos mm"], &rows))
 }

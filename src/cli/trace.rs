@@ -218,14 +218,16 @@ fn table(schema: &str) -> Option<(&'static [&'static str], Rows)> {
                 row.states.iter().map(one).collect()
             },
         ),
-        "vrdp.v1.TraceRollout" => (&["frame", "time_s", "object_id", "x", "y", "yaw"], |m| {
-            let row = v1::TraceRollout::decode(m.data.as_slice()).unwrap_or_default();
-            let places = row.x.iter().zip(&row.y).zip(&row.yaw);
-            let one = |(id, ((x, y), yaw)): (&u32, ((&f64, &f64), &f64))| {
-                let head = [row.frame.to_string(), number(m.time), id.to_string()];
-                head.into_iter().chain([*x, *y, *yaw].map(number)).collect()
+        "vrdp.v1.TraceRollouts" => (&["rollout", "frame", "time_s", "object_id", "x", "y", "yaw"], |m| {
+            let row = v1::TraceRollouts::decode(m.data.as_slice()).unwrap_or_default();
+            let objects = row.object_ids.len();
+            let places = row.x.iter().zip(&row.y).zip(&row.yaw).enumerate();
+            let one = |(at, ((x, y), yaw)): (usize, ((&f64, &f64), &f64))| {
+                let (rollout, id) = (at.checked_div(objects)?, row.object_ids.get(at.checked_rem(objects)?)?);
+                let head = [rollout.to_string(), row.frame.to_string(), number(m.time), id.to_string()];
+                (!x.is_nan()).then(|| head.into_iter().chain([*x, *y, *yaw].map(number)).collect())
             };
-            row.object_ids.iter().zip(places).map(one).collect()
+            places.filter_map(one).collect()
         }),
         "vrdp.v1.TraceResiduals" => (&["frame", "time_s", "object_id", "x", "y"], |m| {
             let row = v1::TraceResiduals::decode(m.data.as_slice()).unwrap_or_default();

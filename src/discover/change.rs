@@ -1,11 +1,13 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
-use super::contact::{contacts, estimates_of, screen_contacts, with_contact};
-use super::force::{Free, Lens, Seen, fit_forces};
+use super::contact::{estimates_of, screen_contacts, with_contact};
+use super::film::contacts;
+use super::force::{Lens, Seen, fit_forces};
+use super::free::{Free, at_values};
 use super::inquire::{readings, stuck};
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, pooled_noise, revise};
-use super::screen::{Base, at_values, region, screen, with_effect, with_nuisance};
+use super::screen::{Base, region, screen, with_effect, with_nuisance};
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
@@ -26,8 +28,6 @@ const SHOWN: usize = 3;
 const CERTAIN: f64 = 10.0;
 /// Errors on what was not fitted that differ by less than this share are the same.
 const ALIKE: f64 = 0.02;
-/// Iterations on the lens when a law is proven on what was left out.
-const PROOFS: usize = 4;
 
 /// What is to be done to a model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -311,8 +311,7 @@ pub fn rank_formulas(
     let one = |(name, formula): &(String, Formula)| {
         let with = with_formula(models, name, formula);
         let (free, seen) = fit_forces(lens, &with);
-        let left_out: f64 =
-            lens.folds.iter().map(|f| lens.solve(&with, &free, &seen.values, PROOFS, f).left_out).sum();
+        let left_out = lens.left_out(&with, &free, &seen.values);
         // A law without a number of its own has a price too.
         let added = (free.len() - base.0.len().min(free.len())).max(1);
         let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();

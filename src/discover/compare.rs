@@ -9,8 +9,11 @@ use crate::scene::Scene;
 use crate::world::{Model, trace};
 use serde::{Deserialize, Serialize};
 
+/// Regimes of bodies that touch nothing.
+pub const FAST_FREE: &str = "fast free motion";
+pub const SLOW_FREE: &str = "slow free motion";
 /// Between slow and fast (m/s).
-const FAST: f64 = 0.5;
+pub const FAST: f64 = 0.5;
 /// Frames after a contact in which what happens next shows.
 const AFTERMATH: usize = 12;
 /// Speed of rest (m/s).
@@ -161,8 +164,8 @@ fn regimes(scene: &Scene, paths: &[Path], residuals: &[Residual], sigma: f64) ->
     let speed = |i: usize, f: usize| paths[i].motion[f].map_or(0.0, |k| k.velocity.norm());
     let free = move |i: usize, f: usize| !near(i, f) && !after(i, f) && !hit(i, f) && speed(i, f) > REST;
     let mut all: Vec<(String, Belongs)> = vec![
-        ("free, fast".into(), Box::new(move |i, f| free(i, f) && speed(i, f) >= FAST)),
-        ("free, slow".into(), Box::new(move |i, f| free(i, f) && speed(i, f) < FAST)),
+        (FAST_FREE.into(), Box::new(move |i, f| free(i, f) && speed(i, f) >= FAST)),
+        (SLOW_FREE.into(), Box::new(move |i, f| free(i, f) && speed(i, f) < FAST)),
         ("near another object".into(), Box::new(near)),
         ("after a contact".into(), Box::new(after)),
         ("after a jump that no object explains".into(), Box::new(hit)),

@@ -1,10 +1,11 @@
 //! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
-use super::force::Lens;
-use super::path::{Jump, Path, started};
+use super::film::Contacts;
+use super::force::unseen_turn;
+use super::path::Jump;
 use super::screen::{CERTAIN, with_effect};
-use crate::effects::{EffectEntry, Hook, Region, Scope, effect};
+use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
 use crate::num::{Stop, Vec2};
 use crate::scene::Scene;
@@ -12,11 +13,6 @@ use crate::world::{Model, Parameter, Prior};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Frames before and after a contact that a short film shows.
-const BEFORE: usize = 14;
-const AFTER: usize = 16;
-/// Longest time that objects may be near each other in one short film (frames): they may have stopped there.
-const LONGEST: usize = 40;
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
 /// bring: engines differ in their contacts by more than the noise.
 const PROOF: f64 = 40.0;
@@ -41,18 +37,8 @@ const HEAVIER: &str = "mass_change";
 const SAME_VALUE: f64 = 3.0;
 /// Iterations of one fit of short films.
 const ITERATIONS: usize = 40;
-/// Prior deviation of the ratio of a pair's restitution to the others'.
-const SCATTER: f64 = 0.15;
 /// Prior deviations of a wall's restitution and angle.
 const RESTITUTION_SD: f64 = 0.3;
-
-/// The short films of a set-up, with models of what they show.
-pub struct Contacts {
-    pub scenes: Vec<Scene>,
-    pub models: Vec<Model>,
-    /// Whether a jump without a partner is in it.
-    pub jumps: Vec<(usize, Jump)>,
-}
 
 /// A law of contact as the short films see it.
 #[derive(Clone)]
@@ -92,108 +78,6 @@ impl ContactCandidate {
     }
 }
 
-/// Cuts the short films; forces between contacts stay as the models have them.
-pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
-    let mut all = Contacts { scenes: vec![], models: vec![], jumps: vec![] };
-    for (index, (scene, paths)) in lens.scenes.iter().zip(&lens.paths).enumerate() {
-        // Spans of frames with the objects in them, merged while they overlap and share an object.
-        let mut spans: Vec<(usize, usize, Vec<usize>)> = vec![];
-        for (i, path) in paths.iter().enumerate() {
-            for j in (0..paths.len()).filter(|&j| j > i) {
-                let mut frames: Vec<usize> =
-                    path.near.iter().filter(|(_, other)| *other == j).map(|n| n.0).collect();
-                frames.sort_unstable();
-                let mut run: Option<(usize, usize)> = None;
-                for f in frames {
-                    match &mut run {
-                        Some((_, last)) if f - *last <= AFTER => *last = f,
-                        _ => {
-                            spans.extend(run.map(|(a, b)| (a, b, vec![i, j])));
-                            run = Some((f, f));
-                        }
-                    }
-                }
-                spans.extend(run.map(|(a, b)| (a, b, vec![i, j])));
-            }
-            for jump in &path.jumps {
-                spans.push((jump.frame, jump.frame, vec![i]));
-                all.jumps.push((index, *jump));
-            }
-        }
-        for span in &mut spans {
-            span.1 = span.1.min(span.0 + LONGEST);
-        }
-        spans.sort();
-        let mut merged: Vec<(usize, usize, Vec<usize>)> = vec![];
-        for span in spans {
-            let joins = merged.iter_mut().find(|m| {
-                span.0 <= m.1 + BEFORE && m.0 <= span.1 + BEFORE && span.2.iter().any(|b| m.2.contains(b))
-            });
-            match joins {
-                Some(m) => {
-                    (m.0, m.1) = (m.0.min(span.0), m.1.max(span.1));
-                    m.2.extend(&span.2);
-                    m.2.sort_unstable();
-                    m.2.dedup();
-                }
-                None => merged.push(span),
-            }
-        }
-        for (first, last, bodies) in merged {
-            let window = first.saturating_sub(BEFORE)..(last + AFTER).min(scene.times.len());
-            let film = short_film(scene, &bodies, window.start, window.end);
-            let own: Vec<Path> = bodies.iter().map(|&b| paths[b].clone()).collect();
-            let model = part(&models[index], &bodies);
-            // What is hit as the film begins has no velocity to begin with.
-            if let Some(model) = started(&film, &own, &model) {
-                all.models.push(model);
-                all.scenes.push(film);
-            }
-        }
-    }
-    all
-}
-
-fn short_film(scene: &Scene, bodies: &[usize], first: usize, end: usize) -> Scene {
-    let mut film = scene.clone();
-    film.times.truncate(end);
-    film.objects = bodies.iter().map(|&b| scene.objects[b].clone()).collect();
-    film.tracks = bodies.iter().map(|&b| scene.tracks[b].clone()).collect();
-    for track in &mut film.tracks {
-        track.samples.retain(|s| (first..end).contains(&s.frame));
-    }
-    film
-}
-
-/// The model with these bodies only; what acts between contacts is known and stays.
-fn part(model: &Model, bodies: &[usize]) -> Model {
-    let mut part = model.clone();
-    part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
-    for active in &mut part.effects {
-        let entry = effect(&active.name);
-        let between =
-            active.formula.is_some() || entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
-        for p in &mut active.parameters {
-            let mut own = Parameter::new(&p.name, p.scope, p.prior, &part.bodies);
-            for (label, (value, mean)) in own.labels.iter().zip(own.values.iter_mut().zip(&mut own.means)) {
-                if let Ok(at) = p.labels.binary_search(label) {
-                    (*value, *mean) = (p.values[at], p.means[at]);
-                }
-            }
-            // Engines scatter from pair to pair; a law must say more than that.
-            if active.name == "restitution" && p.name == "deviation" && p.prior.sd == 0.0 {
-                own = Parameter::new(&p.name, Scope::Pair, Prior { mean: 1.0, sd: SCATTER }, &part.bodies);
-            }
-            let known = between && active.name != "ball_spin" && p.scope != Scope::Object;
-            if known {
-                own.prior = Prior { sd: 0.0, ..own.prior };
-            }
-            *p = own;
-        }
-    }
-    part
-}
-
 fn chi_squares(fit: &Fit) -> Vec<f64> {
     fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
 }
@@ -209,11 +93,11 @@ pub fn screen_contacts(
     if films.scenes.is_empty() {
         return Ok((vec![], 0.0));
     }
-    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
+    let films = &turned(films, stop)?;
+    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
     let base = fit(&films.scenes, &films.models, &options, stop)?;
     let before = chi_squares(&base);
     let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
-    let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
         match entry.spec.name {
@@ -242,35 +126,89 @@ pub fn screen_contacts(
                     found = again;
                 }
             }
-            Ok((*entry, values, *object, found))
+            Ok(Tried { entry, start: values.clone(), object: *object, fit: found })
         })
         .collect();
-    let fitted = fitted?;
+    judged(films, base, fitted?, 0.0, &options, stop)
+}
+
+/// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.
+fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
+    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
+    let unseen = |scene: &Scene| (0..scene.objects.len()).any(|object| unseen_turn(scene, object));
+    let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
+        let mut model = model.clone();
+        if unseen(scene) {
+            let alone = fit(std::slice::from_ref(scene), std::slice::from_ref(&model), &options, stop)?;
+            for (body, found) in
+                model.bodies.iter_mut().zip(alone.scenes.iter().flat_map(|s| &s.model.bodies))
+            {
+                body.start.state.yaw = found.start.state.yaw;
+                body.start.state.spin = found.start.state.spin;
+            }
+        }
+        Ok(model)
+    };
+    let models: Result<Vec<Model>, FitError> = films.scenes.par_iter().zip(&films.models).map(one).collect();
+    Ok(Contacts { scenes: films.scenes.clone(), models: models?, jumps: films.jumps.clone() })
+}
+
+/// One law of contact, or an unseen thing, fitted to the short films.
+struct Tried {
+    entry: &'static EffectEntry,
+    start: Vec<f64>,
+    object: Option<u32>,
+    fit: Fit,
+}
+
+/// See [`screen_contacts`]; `lost` is the chi-square of films that were left out before.
+fn judged(
+    films: &Contacts,
+    base: Fit,
+    fitted: Vec<Tried>,
+    lost: f64,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Vec<ContactCandidate>, f64), FitError> {
+    let before = chi_squares(&base);
     let follows = |film: usize| {
-        let least = fitted.iter().map(|f| &f.3).chain([&base]).map(|f| f.scenes[film].reduced_chi_square);
+        let least = fitted.iter().map(|f| &f.fit).chain([&base]).map(|f| f.scenes[film].reduced_chi_square);
         least.fold(f64::INFINITY, f64::min) < FOLLOWED
     };
     let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
     if followed.len() < films.scenes.len() {
+        let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
+        let lost = lost + left_out.map(|film| before[film]).sum::<f64>();
+        if followed.is_empty() {
+            return Ok((vec![], lost));
+        }
         let rest = Contacts {
             scenes: followed.iter().map(|&f| films.scenes[f].clone()).collect(),
             models: followed.iter().map(|&f| films.models[f].clone()).collect(),
             jumps: films.jumps.clone(),
         };
-        let lost = (0..films.scenes.len()).filter(|film| !followed.contains(film)).map(|film| before[film]);
-        let lost: f64 = lost.sum();
-        return screen_contacts(&rest, region, candidates, stop).map(|(found, more)| (found, lost + more));
+        // The others go on from where they are, without what pulled at them.
+        let near = FitOptions { begin: Begin::Near, ..*options };
+        let further = |old: &Fit| {
+            let models: Vec<Model> = followed.iter().map(|&f| old.scenes[f].model.clone()).collect();
+            fit(&rest.scenes, &models, &near, stop)
+        };
+        let base = further(&base)?;
+        let fitted: Result<Vec<Tried>, FitError> =
+            fitted.into_par_iter().map(|t| Ok(Tried { fit: further(&t.fit)?, ..t })).collect();
+        return judged(&rest, base, fitted?, lost, options, stop);
     }
-    let least = fitted.iter().map(|f| chi_squares(&f.3).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
+    let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let least = fitted.iter().map(|f| chi_squares(&f.fit).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
     let unit = (least / degrees.max(1) as f64).max(1.0);
     let all: Result<Vec<ContactCandidate>, FitError> = fitted
         .into_par_iter()
-        .map(|(entry, start, object, fit)| {
+        .map(|Tried { entry, start, object, fit }| {
             let after = chi_squares(&fit);
             let worth = |before: &[f64]| before.iter().sum::<f64>() - after.iter().sum::<f64>();
             // What brings nothing against the one minimum brings nothing against the better of two.
             let before = match worth(&before) > 0.5 * PROOF * unit {
-                true => without(films, &fit, entry, &before, &options, stop)?,
+                true => without(films, &fit, entry, &before, options, stop)?,
                 false => before.clone(),
             };
             let mut values = start.clone();
@@ -284,17 +222,24 @@ pub fn screen_contacts(
                 }
             }
             let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
+            let score = (sum_before - sum) / unit - added as f64 * (degrees.max(2) as f64).ln();
+            let told: Vec<usize> =
+                (0..after.len()).filter(|&k| before[k] - after[k] > CHANCE * unit).collect();
+            if score > PROOF && told.len() > 1 {
+                let scatter = scatter(films, &fit, entry, &values, &told, options, stop)?;
+                sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = sd.max(scatter));
+            }
             Ok(ContactCandidate {
                 entry,
                 values,
                 sd,
                 object,
                 added,
-                score: (sum_before - sum) / unit - added as f64 * (degrees.max(2) as f64).ln(),
+                score,
                 before: sum_before,
                 after: sum,
                 remains: sum / degrees.max(1) as f64,
-                gained: after.iter().zip(&before).filter(|(a, b)| **b - **a > CHANCE * unit).count(),
+                gained: told.len(),
             })
         })
         .collect();
@@ -307,7 +252,7 @@ pub fn screen_contacts(
             kept.push(c);
         }
     }
-    Ok((kept, 0.0))
+    Ok((kept, lost))
 }
 
 /// Whether the short films are nearer to models in which objects stick; also where there is no film to tell.
@@ -338,6 +283,35 @@ fn without(
     let again = chi_squares(&fit(&films.scenes, &models, &near, stop)?);
     let sum = |all: &[f64]| all.iter().sum::<f64>();
     Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
+}
+
+/// Deviations of an effect's parameters by how much the films that tell of it disagree, whatever the noise is: each is left
+/// out in turn (Tukey's jackknife; Efron and Stein, Ann. Statist. 9 (1981) 586).
+fn scatter(
+    films: &Contacts,
+    with: &Fit,
+    entry: &EffectEntry,
+    values: &[f64],
+    told: &[usize],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<f64>, FitError> {
+    let near = FitOptions { begin: Begin::Near, ..*options };
+    let one = |&left_out: &usize| -> Result<Vec<f64>, FitError> {
+        let kept: Vec<usize> = (0..films.scenes.len()).filter(|&k| k != left_out).collect();
+        let scenes: Vec<Scene> = kept.iter().map(|&k| films.scenes[k].clone()).collect();
+        let models: Vec<Model> = kept.iter().map(|&k| with.scenes[k].model.clone()).collect();
+        let found = fit(&scenes, &models, &near, stop)?;
+        let names = entry.spec.params.iter().zip(values);
+        Ok(names.map(|(p, v)| pooled(&estimates_of(&found, entry, p.name)).map_or(*v, |e| e.0)).collect())
+    };
+    let all: Result<Vec<Vec<f64>>, FitError> = told.par_iter().map(one).collect();
+    let (all, n) = (all?, told.len() as f64);
+    let deviation = |k: usize| {
+        let mean = all.iter().map(|v| v[k]).sum::<f64>() / n;
+        ((n - 1.0) / n * all.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>()).sqrt()
+    };
+    Ok((0..values.len()).map(deviation).collect())
 }
 
 /// Ids of the objects that meet others.

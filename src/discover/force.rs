@@ -1,12 +1,12 @@
 //! The force lens: along free stretches, measured positions against the double integral of a model's
 //! accelerations along the measured path. Positions are never differentiated twice.
 
+use super::free::{Free, STEP, at_values, flats, free_parameters, values_of};
 use super::path::{Path, paths};
-use crate::effects::{EffectEntry, Hook, effect};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{BODY_VALUES, Kinematics, Model, Snapshot, accelerations};
+use crate::world::{Kinematics, Model, Snapshot, accelerations};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -14,13 +14,12 @@ use std::ops::Range;
 /// Iterations of one search, and trials of the damping in each.
 const ITERATIONS: usize = 12;
 const TRIALS: usize = 6;
+/// Iterations when numbers are proven on what was left out.
+pub const PROOFS: usize = 4;
+/// The data say nothing of a number whose deviation stays above this share of its prior's.
+const UNTOLD: f64 = 0.5;
 /// A fall of chi-square below this share ends a search.
 const TOLERANCE: f64 = 1e-4;
-/// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
-const STEP_SHARE: f64 = 1e-4;
-const STEP: f64 = 1e-3;
-/// The same for lengths that a search begins with (m): the edge of a patch lies between two frames.
-const STRIDE: f64 = 0.04;
 
 /// Objects of which one may be an exception.
 const FEW_TRACKS: usize = 4;
@@ -45,35 +44,24 @@ struct Stretch {
     first_row: usize,
     /// Orthonormal constant and line over the frames: place and velocity at the start are nobody's concern.
     basis: [Vec<f64>; 2],
+    /// Unit vector over the rows that does not count either: the friction of a foot that nobody saw turn, as what turns
+    /// brakes less.
+    braked: Option<DVector<f64>>,
 }
 
 impl Stretch {
-    /// Writes differences (m) in deviations, place and velocity projected out.
+    /// Writes differences (m) in deviations, what is nobody's concern projected out.
     fn write(&self, differences: impl Iterator<Item = Vec2>, sigma: f64, out: &mut DVector<f64>) {
-        let n = self.frames.len();
-        let (mut x, mut y): (Vec<f64>, Vec<f64>) = differences.map(|d| (d.x / sigma, d.y / sigma)).unzip();
-        for values in [&mut x, &mut y] {
-            for base in &self.basis {
-                let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
-                values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
-            }
+        let mut rows = bent(&self.basis, differences.map(|d| d.scaled(1.0 / sigma)));
+        if let Some(braked) = &self.braked {
+            rows -= braked * braked.dot(&rows);
         }
-        out.rows_mut(self.first_row, n).copy_from(&DVector::from_vec(x));
-        out.rows_mut(self.first_row + n, n).copy_from(&DVector::from_vec(y));
+        out.rows_mut(self.first_row, rows.len()).copy_from(&rows);
     }
-}
 
-/// One parameter that the lens can move, and where it stands in each model.
-#[derive(Debug, Clone)]
-pub struct Free {
-    pub name: String,
-    pub slots: Vec<(usize, usize)>,
-    pub min: f64,
-    pub max: f64,
-    pub mean: f64,
-    pub sd: f64,
-    /// Step of its differences.
-    pub step: f64,
+    fn degrees_of_freedom(&self) -> usize {
+        (2 * self.frames.len()).saturating_sub(4 + usize::from(self.braked.is_some()))
+    }
 }
 
 /// A least-squares solution of the lens.
@@ -101,7 +89,10 @@ impl<'a> Lens<'a> {
                     let frames: Vec<usize> = range.clone().collect();
                     let basis = line_basis(&scenes[scene], &frames);
                     let count = frames.len();
-                    stretches.push(Stretch { scene, body, frames, first_row: row, basis });
+                    let braked = unseen_turn(&scenes[scene], body)
+                        .then(|| braked(&scenes[scene], path, &frames, &basis))
+                        .flatten();
+                    stretches.push(Stretch { scene, body, frames, first_row: row, basis, braked });
                     let fold = if scenes.len() > 1 { scene } else { body };
                     folds.entry(fold).or_default().push(row..row + 2 * count);
                     row += 2 * count;
@@ -113,7 +104,7 @@ impl<'a> Lens<'a> {
 
     /// How many residuals there are, less what each stretch's start takes.
     pub fn degrees_of_freedom(&self) -> usize {
-        self.stretches.iter().map(|s| 2 * s.frames.len().saturating_sub(2)).sum()
+        self.stretches.iter().map(Stretch::degrees_of_freedom).sum()
     }
 
     /// All rows but these.
@@ -122,13 +113,30 @@ impl<'a> Lens<'a> {
         all.filter(|r| !rows.contains(r)).collect()
     }
 
+    /// Chi-square of all parts by what the others say; numbers of which they say nothing (the friction of a material that
+    /// only this part shows) are the part's own.
+    pub fn left_out(&self, models: &[Model], free: &[Free], values: &[f64]) -> f64 {
+        let one = |fold: &Vec<Range<usize>>| {
+            let others = self.solve(models, free, values, PROOFS, fold);
+            let untold = free.iter().zip(&others.sd).filter(|(f, sd)| **sd > UNTOLD * f.sd);
+            let own: Vec<Free> = untold.map(|(f, _)| f.clone()).collect();
+            if own.is_empty() {
+                return others.left_out;
+            }
+            let told = at_values(models, free, &others.values);
+            let here = self.solve(&told, &own, &values_of(&told, &own), PROOFS, &self.rest(fold));
+            here.chi_square - here.left_out
+        };
+        self.folds.iter().map(one).sum()
+    }
+
     /// Chi-square and degrees of freedom of each object that moves.
     pub fn by_track(&self, residual: &DVector<f64>) -> Vec<(f64, f64)> {
         let mut sums: BTreeMap<(usize, usize), (f64, f64)> = BTreeMap::new();
         for s in &self.stretches {
             let sum = sums.entry((s.scene, s.body)).or_default();
             sum.0 += residual.rows(s.first_row, 2 * s.frames.len()).norm_squared();
-            sum.1 += 2.0 * (s.frames.len() as f64 - 2.0);
+            sum.1 += s.degrees_of_freedom() as f64;
         }
         sums.into_values().collect()
     }
@@ -444,6 +452,30 @@ pub(super) fn integral(scene: &Scene, frames: &[usize], acceleration: impl Fn(us
     all
 }
 
+/// Differences as rows, x then y, constant and line projected out.
+fn bent(basis: &[Vec<f64>; 2], differences: impl Iterator<Item = Vec2>) -> DVector<f64> {
+    let (mut x, mut y): (Vec<f64>, Vec<f64>) = differences.map(|d| (d.x, d.y)).unzip();
+    for values in [&mut x, &mut y] {
+        for base in basis {
+            let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
+            values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
+        }
+    }
+    x.append(&mut y);
+    DVector::from_vec(x)
+}
+
+/// Whether an object has a foot that may turn, and nobody measured how it does.
+pub(super) fn unseen_turn(scene: &Scene, object: usize) -> bool {
+    !scene.objects[object].shape.is_ball() && scene.tracks[object].samples.iter().all(|s| s.yaw.is_none())
+}
+
+/// What friction of any constant size does over the frames, as a unit vector.
+fn braked(scene: &Scene, path: &Path, frames: &[usize], basis: &[Vec<f64>; 2]) -> Option<DVector<f64>> {
+    let against = |f: usize| path.motion[f].map_or(Vec2::zero(), |k| -k.velocity.unit());
+    bent(basis, integral(scene, frames, against).into_iter()).try_normalize(1e-9)
+}
+
 fn line_basis(scene: &Scene, frames: &[usize]) -> [Vec<f64>; 2] {
     let n = frames.len() as f64;
     let mean = frames.iter().map(|&f| scene.times[f]).sum::<f64>() / n;
@@ -451,72 +483,6 @@ fn line_basis(scene: &Scene, frames: &[usize]) -> [Vec<f64>; 2] {
     let norm = line.iter().map(|t| t * t).sum::<f64>().sqrt().max(1e-12);
     line.iter_mut().for_each(|t| *t /= norm);
     [vec![1.0 / n.sqrt(); frames.len()], line]
-}
-
-/// Free parameters of all effects that act between contacts.
-pub fn free_parameters(models: &[Model]) -> Vec<Free> {
-    let mut free: Vec<Free> = vec![];
-    for (scene, model) in models.iter().enumerate() {
-        let mut at = BODY_VALUES.len() * model.bodies.len();
-        for active in &model.effects {
-            let entry = effect(&active.name);
-            let forces = |e: &EffectEntry| e.uses(Hook::Force) || e.uses(Hook::Pair);
-            let acts = active.on && (active.formula.is_some() || entry.is_some_and(forces));
-            for (k, parameter) in active.parameters.iter().enumerate() {
-                let bounds = active.bounds(k);
-                for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
-                    if acts && parameter.prior.sd > 0.0 {
-                        let place =
-                            if !active.shares(parameter) { format!("@{scene}") } else { String::new() };
-                        let name = parameter.full_name(active, label) + &place;
-                        match free.iter_mut().find(|f| f.name == name) {
-                            Some(known) => known.slots.push((scene, at)),
-                            None => free.push(Free {
-                                name,
-                                slots: vec![(scene, at)],
-                                min: bounds.map_or(f64::NEG_INFINITY, |b| b.1),
-                                max: bounds.map_or(f64::INFINITY, |b| b.2),
-                                mean: *mean,
-                                sd: parameter.prior.sd,
-                                step: (STEP_SHARE * parameter.prior.sd).min(STEP),
-                            }),
-                        }
-                    }
-                    at += 1;
-                }
-            }
-        }
-    }
-    free
-}
-
-/// Wide differences by lengths, for the beginning of a search.
-pub fn stride(free: &mut [Free], entry: &EffectEntry) {
-    for (k, p) in entry.spec.params.iter().enumerate().skip(entry.amplitudes) {
-        let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
-        if p.unit == "m"
-            && let Some(f) = free.iter_mut().find(|f| f.name == name)
-        {
-            f.step = STRIDE;
-        }
-    }
-}
-
-/// The numbers of each model with the free parameters at `values`.
-pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
-    let mut flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
-    for (f, value) in free.iter().zip(values) {
-        for &(scene, slot) in &f.slots {
-            flats[scene][slot] = *value;
-        }
-    }
-    flats
-}
-
-/// Where the free parameters stand in the models.
-pub fn values_of(models: &[Model], free: &[Free]) -> Vec<f64> {
-    let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
-    free.iter().map(|f| f.slots.first().map_or(f.mean, |&(scene, slot)| flats[scene][slot])).collect()
 }
 
 /// Fits the models' parameters as the lens sees them.

@@ -1,6 +1,7 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
-use super::force::{Free, Lens, Seen};
+use super::force::{Lens, Seen};
+use super::free::Free;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::DMatrix;

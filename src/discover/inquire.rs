@@ -3,8 +3,9 @@
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, contacts, films_stick, screen_contacts, with_contact};
+use super::contact::{ContactCandidate, films_stick, screen_contacts, with_contact};
 use super::experiment::tell_apart;
+use super::film::contacts;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
@@ -26,7 +27,6 @@ use serde::{Deserialize, Serialize};
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
-
 /// A scene up to this reduced chi-square is explained but for what engines do at contacts.
 const NEARLY: f64 = 2.0;
 /// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.

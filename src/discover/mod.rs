@@ -5,8 +5,10 @@ mod change;
 mod compare;
 mod contact;
 mod experiment;
+mod film;
 mod force;
 mod formula;
+mod free;
 mod inquire;
 mod outcome;
 mod path;
@@ -21,15 +23,19 @@ mod unexplained;
 pub use change::{
     Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,
 };
-pub use compare::{Comparison, ObjectComparison, Regime, SceneComparison, compare, failures};
-pub use contact::{ContactCandidate, Contacts, contacts, screen_contacts, with_contact};
-pub use force::{Lens, fit_forces, flats, free_parameters};
+pub use compare::{
+    Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
+};
+pub use contact::{ContactCandidate, screen_contacts, with_contact};
+pub use film::{Contacts, contacts};
+pub use force::{Lens, fit_forces};
 pub use formula::{ResidualLaw, residual_law};
+pub use free::{at_values, flats, free_parameters};
 pub use inquire::{Diagnosis, DiscoverOptions, diagnose, discover};
 pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
-pub use screen::{Candidate, at_values, region, screen, sought, with_effect, with_nuisance};
+pub use screen::{Candidate, region, screen, sought, with_effect, with_nuisance};
 pub use search::{FreeMotion, search, search_on};
 pub use unexplained::{Unexplained, unexplained};
 

@@ -2,6 +2,7 @@
 
 use super::revise::Revision;
 use crate::fit::SceneFit;
+use crate::world::ActiveEffect;
 
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
@@ -22,5 +23,18 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
         gain += n * (b.reduced_chi_square / a.reduced_chi_square.max(f64::MIN_POSITIVE)).ln();
         count += n;
     }
-    if count == 0.0 { after.rmse < before.rmse } else { gain > added as f64 * count.ln() }
+    // A scene with numbers of its own has paid for none of them yet.
+    let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
+    let price = added as f64 + own(after) - own(before);
+    if count == 0.0 { after.rmse < before.rmse } else { gain > price * count.ln() }
+}
+
+/// How many free numbers the scenes of a revision share.
+fn shared(revision: &Revision) -> usize {
+    let effects = revision.fit.scenes.first().map_or(&[][..], |s| &s.model.effects);
+    let of = |e: &ActiveEffect| {
+        let free = e.parameters.iter().filter(|p| p.prior.sd > 0.0 && e.shares(p));
+        free.map(|p| p.labels.len()).sum::<usize>()
+    };
+    effects.iter().filter(|e| e.on).map(of).sum()
 }

@@ -1,7 +1,8 @@
 //! Models in trajectory space: a revision's fit, what it is worth on frames that it has not seen.
 
-use super::force::{Free, Lens, Seen, fit_forces};
-use super::screen::at_values;
+use super::force::{Lens, Seen, fit_forces};
+use super::free::{Free, at_values};
+use super::proof;
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -75,7 +76,7 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let (mut fit_all, apart) = trajectories(lens, models, effect, options, stop)?;
+    let (mut fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
     for (fitted, asked) in fit_all.scenes.iter_mut().zip(models) {
         for (active, own) in fitted.model.effects.iter_mut().zip(&asked.effects) {
@@ -92,10 +93,7 @@ pub fn revise(
         degrees += fitted.degrees_of_freedom as f64;
         chi_square += fitted.reduced_chi_square * fitted.degrees_of_freedom as f64;
     }
-    let mut left_out = 0.0;
-    for fold in &lens.folds {
-        left_out += lens.solve(models, &free, &seen.values, 4, fold).left_out;
-    }
+    let left_out = lens.left_out(models, &free, &seen.values);
     let sigma = pooled_noise(lens);
     let parts = held_out(lens.scenes, models, effect, options, stop)?;
     let whole = parts.iter().fold(HeldOut::default(), |a, b| HeldOut {
@@ -150,7 +148,8 @@ fn fit_set_up(
     let again: Result<Vec<Option<Fit>>, FitError> = (scenes, &led, &alone)
         .into_par_iter()
         .map(|(scene, model, alone)| match alone.scenes.first() {
-            Some(s) if !right || s.reduced_chi_square < WELL => Ok(None),
+            // The lost come last, with what the others agree on.
+            Some(s) if !right || s.reduced_chi_square < WELL || proof::lost(s) => Ok(None),
             _ => fit_alone(scene, model, options, stop).map(Some),
         })
         .collect();
@@ -180,7 +179,7 @@ fn fit_set_up(
         }
     }
     let together = FitOptions { begin: Begin::Near, ..*options };
-    let mut joint = fit(scenes, &near, &together, stop)?;
+    let (mut joint, alone) = common(scenes, &near, alone, &together, stop)?;
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
     for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
@@ -192,6 +191,84 @@ fn fit_set_up(
         }
     }
     Ok((joint, apart))
+}
+
+/// Fits all scenes from `near`, and gives the fits of each alone. One that its own fit has lost says nothing of the common
+/// numbers, and would be searched without end: it is fitted with those of the others, and counts again where that helps.
+fn common(
+    scenes: &[Scene],
+    near: &[Model],
+    mut alone: Vec<Fit>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Fit, Vec<Fit>), FitError> {
+    let lost = |alone: &[Fit]| -> Vec<usize> {
+        (0..scenes.len()).filter(|&k| alone[k].scenes.iter().any(proof::lost)).collect()
+    };
+    let mut all = near.to_vec();
+    let together = |all: &mut [Model], lost: &[usize]| -> Result<Fit, FitError> {
+        let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
+        let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
+        let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
+        let found = fit(&some, &models, options, stop)?;
+        for (&k, fitted) in rest.iter().zip(&found.scenes) {
+            all.iter_mut().for_each(|model| take_shared(model, &fitted.model));
+            all[k].clone_from(&fitted.model);
+        }
+        Ok(found)
+    };
+    let before = lost(&alone);
+    if before.is_empty() || before.len() == scenes.len() {
+        return Ok((fit(scenes, near, options, stop)?, alone));
+    }
+    let mut found = together(&mut all, &before)?;
+    let again = FitOptions { begin: Begin::Tracks, ..*options };
+    let retried: Result<Vec<Fit>, FitError> = before
+        .par_iter()
+        .map(|&k| {
+            let mut model = all[k].clone();
+            for active in &mut model.effects {
+                let shared: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
+                let fixed = active.parameters.iter_mut().zip(shared).filter(|(_, shared)| *shared);
+                fixed.for_each(|(p, _)| p.prior.sd = 0.0);
+            }
+            fit_alone(&scenes[k], &model, &again, stop)
+        })
+        .collect();
+    for (&k, mut fitted) in before.iter().zip(retried?) {
+        for (active, own) in fitted.scenes[0].model.effects.iter_mut().zip(&all[k].effects) {
+            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+                p.prior = q.prior;
+            }
+        }
+        if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
+            all[k].clone_from(&fitted.scenes[0].model);
+            alone[k] = fitted;
+        }
+    }
+    let after = lost(&alone);
+    if after.len() < before.len() {
+        found = together(&mut all, &after)?;
+    }
+    if after.is_empty() {
+        return Ok((found, alone));
+    }
+    let as_they_are = FitOptions { max_iterations: 0, ..*options };
+    let Fit { scenes, posterior, .. } = fit(scenes, &all, &as_they_are, stop)?;
+    Ok((Fit { scenes, posterior, ..found }, alone))
+}
+
+/// Gives a model the shared numbers that another of its set-up has too.
+fn take_shared(model: &mut Model, other: &Model) {
+    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
+        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {
+            for (label, value) in p.labels.iter().zip(&mut p.values) {
+                if let Ok(at) = q.labels.binary_search(label) {
+                    *value = q.values[at];
+                }
+            }
+        }
+    }
 }
 
 fn each_alone(

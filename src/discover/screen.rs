@@ -1,6 +1,7 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::force::{Free, Lens, Seen, flats, free_parameters, stride, values_of};
+use super::force::{Lens, PROOFS, Seen};
+use super::free::{Free, at_values, flats, free_parameters, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
 use crate::num::vec2;
 use crate::scene::Scene;
@@ -34,7 +35,6 @@ pub const CERTAIN: f64 = 4.0;
 /// Prior deviation of a friction's angle from the velocity (rad).
 const SKEW: f64 = 0.02;
 const REFINEMENTS: usize = 15;
-const PROOFS: usize = 4;
 
 /// One candidate as the force lens sees it.
 #[derive(Clone)]
@@ -283,9 +283,4 @@ fn refine(
     let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
     let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
     (free, seen, with)
-}
-
-/// The models with the free parameters at these values.
-pub fn at_values(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Model> {
-    models.iter().zip(flats(models, free, values)).map(|(m, flat)| m.with_values(&flat)).collect()
 }

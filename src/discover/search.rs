@@ -1,7 +1,8 @@
 //! The search in free motion: laws of force added one at a time while the proof holds.
 
-use super::force::{Free, Lens, Seen, fit_forces, flats};
-use super::screen::{Base, Candidate, at_values, region, screen, sought};
+use super::force::{Lens, Seen, fit_forces};
+use super::free::{Free, at_values, flats};
+use super::screen::{Base, Candidate, region, screen, sought};
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -224,7 +225,10 @@ fn one_after_another(
                     state.ranked = ranked.clone();
                 }
                 let Some((score, winner)) = chosen else { break };
-                let near = ranked.iter().filter(|(s, c)| score - s < ALIKE && proven(lens, *s, c));
+                // A richer law that says little more is no other reading, but the same with a number too many.
+                let richer = |c: &Candidate| c.added > winner.added && winner.gain >= NEARLY * c.gain;
+                let alike = |s: f64, c: &Candidate| score - s < ALIKE && !richer(c) && proven(lens, s, c);
+                let near = ranked.iter().filter(|(s, c)| alike(*s, c));
                 let mut kinds: Vec<&str> = vec![];
                 for (_, c) in near {
                     if !kinds.contains(&c.entry.kind) {

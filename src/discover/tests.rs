@@ -2,12 +2,13 @@
 
 use super::change::propose;
 use super::*;
+use crate::body::GRAVITY;
 use crate::effects::effect;
 use crate::effects::formula::Formula;
 use crate::fit::{FitOptions, fit};
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Model, Preset, trace};
+use crate::world::{ActiveEffect, Kinematics, Model, Preset, Snapshot, accelerations, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -283,7 +284,7 @@ fn a_comparison_names_the_regime_that_fails() {
     assert!(compared.summary.contains("fails most"), "{}", compared.summary);
     let first = &compared.scenes[0];
     assert!((first.noise_sigma / SIGMA - 1.0).abs() < 0.2 && first.held_out_rmse > first.noise_sigma);
-    assert!(first.regimes.iter().any(|r| r.regime == "free, fast" && r.frames > 20));
+    assert!(first.regimes.iter().any(|r| r.regime == "fast free motion" && r.frames > 20));
     assert!(first.objects.iter().all(|o| o.worst >= o.rmse) && first.by_frame.len() == 100);
 }
 
@@ -360,17 +361,38 @@ fn a_video_left_out_changes_nothing_for_the_others() {
     let (all, others) = (Lens::new(&scenes), Lens::new(&scenes[1..]));
     let base = with_nuisance(&models(&scenes));
     let (free, rest) = (free_parameters(&base), free_parameters(&base[1..]));
-    let start = |free: &[force::Free]| free.iter().map(|f| f.mean).collect::<Vec<_>>();
+    let start = |free: &[free::Free]| free.iter().map(|f| f.mean).collect::<Vec<_>>();
     let without = all.solve(&base, &free, &start(&free), 8, &all.folds[0]);
     let alone = others.solve(&base[1..], &rest, &start(&rest), 8, &[]);
-    let friction = |free: &[force::Free], values: &[f64]| {
+    let friction = |free: &[free::Free], values: &[f64]| {
         let at = free.iter().position(|f| f.name == "gliding_friction.sliding[rubber]").expect("it is free");
         values[at]
     };
     let (a, b) = (friction(&free, &without.values), friction(&rest, &alone.values));
     assert!((a - b).abs() < 1e-9, "{a} {b}");
     // What the left-out video is worth is told at the numbers of the others.
-    let residual = all.residual(&base, &force::flats(&base, &free, &without.values));
+    let residual = all.residual(&base, &free::flats(&base, &free, &without.values));
     let rows: f64 = all.folds[0].iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum();
     assert!((rows - without.left_out).abs() < 1e-6 * rows);
+}
+
+#[test]
+fn what_turns_brakes_less_unless_its_foot_is_a_point() {
+    let scenes = film(&launches(), None);
+    let mut model = models(&scenes).remove(0);
+    let turning = Kinematics {
+        position: vec2(0.0, 0.0),
+        yaw: 0.3,
+        velocity: vec2(1.0, 0.0),
+        spin: 6.0,
+        roll: vec2(0.0, 0.0),
+    };
+    let instant = [Snapshot { time: 0.0, bodies: vec![(0, turning)] }];
+    let braking = |model: &Model| -accelerations(model, &model.flatten(), &instant)[0][0].x;
+    let full = 0.03 * GRAVITY;
+    assert!(braking(&model) < 0.8 * full, "{}", braking(&model));
+    for p in model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.name == "foot") {
+        p.values.iter_mut().for_each(|v| *v = -1.0);
+    }
+    assert!((braking(&model) - full).abs() < 1e-9, "{}", braking(&model));
 }

@@ -11,7 +11,7 @@ pub struct AttractorInverseSquare;
 impl Effect for AttractorInverseSquare {
     const SPEC: EffectSpec = EffectSpec {
         name: "attractor_inverse_square",
-        doc: "F = S d/(d^2 + eps^2)^1.5, d = center - x; negative S drives away.",
+        doc: "Something pulls to a point, the harder the nearer: F = S d/(d^2 + eps^2)^1.5, d = center - x; negative S drives away.",
         source: "Coulomb's law with Plummer's softening (Mon. Not. R. Astron. Soc. 71 (1911) 460)",
         hooks: &[Hook::Force],
         params: &[

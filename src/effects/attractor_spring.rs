@@ -9,7 +9,7 @@ pub struct AttractorSpring;
 impl Effect for AttractorSpring {
     const SPEC: EffectSpec = EffectSpec {
         name: "attractor_spring",
-        doc: "F = k (center - x); negative k drives away.",
+        doc: "Something pulls to a point like a spring: F = k (center - x); negative k drives away.",
         source: "Hooke's law",
         hooks: &[Hook::Force],
         params: &[

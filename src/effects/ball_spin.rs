@@ -9,7 +9,7 @@ pub struct BallSpin;
 impl Effect for BallSpin {
     const SPEC: EffectSpec = EffectSpec {
         name: "ball_spin",
-        doc: "A ball's foot slides under mu_slide m g against its slip until it rolls; then a = -mu_roll g v/|v|.",
+        doc: "A spinning ball slides before it rolls: its foot slides under mu_slide m g against its slip; then a = -mu_roll g v/|v|.",
         source: "Marlow, The Physics of Pocket Billiards (1995), ch. 2",
         hooks: &[Hook::Force],
         params: &[

@@ -9,7 +9,7 @@ pub struct ContactFriction;
 impl Effect for ContactFriction {
     const SPEC: EffectSpec = EffectSpec {
         name: "contact_friction",
-        doc: "Tangential impulse of at most mu times the normal impulse, against the slip of the touching points.",
+        doc: "Touching surfaces rub: tangential impulse of at most mu times the normal impulse, against the slip of the touching points.",
         source: "Coulomb's law; Stronge, Impact Mechanics, ch. 3",
         hooks: &[Hook::Contact],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct Coriolis;
 impl Effect for Coriolis {
     const SPEC: EffectSpec = EffectSpec {
         name: "coriolis",
-        doc: "a = -2 Omega z^ x v, the same for all masses.",
+        doc: "The table turns: a = -2 Omega z^ x v, the same for all masses.",
         source: "Coriolis (1835); Goldstein, Classical Mechanics, sec. 4.10",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

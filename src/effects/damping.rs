@@ -9,7 +9,7 @@ pub struct Damping;
 impl Effect for Damping {
     const SPEC: EffectSpec = EffectSpec {
         name: "damping",
-        doc: "a = -(linear + quadratic |v|) v, the same for all masses; spins decay at the linear rate too.",
+        doc: "Whatever moves is slowed: a = -(linear + quadratic |v|) v, the same for all masses; spins decay at the linear rate too.",
         source: "VRDP eq. 1 (l3); linear and angular damping of Bullet's rigid bodies",
         hooks: &[Hook::Force],
         params: &[

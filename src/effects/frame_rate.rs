@@ -8,7 +8,7 @@ pub struct FrameRate;
 impl Effect for FrameRate {
     const SPEC: EffectSpec = EffectSpec {
         name: "frame_rate",
-        doc: "t_true = (1 + excess) t + offset.",
+        doc: "The clock of the video is wrong: t_true = (1 + excess) t + offset.",
         source: "A rival to forces",
         hooks: &[Hook::Clock],
         params: &[

@@ -9,7 +9,7 @@ pub struct FrictionOffset;
 impl Effect for FrictionOffset {
     const SPEC: EffectSpec = EffectSpec {
         name: "friction_offset",
-        doc: "The ground's friction on a sliding foot acts at a lever beside the centre of mass, askew to the velocity; a box rocks, as any that stands on four corners.",
+        doc: "The ground's friction on a sliding foot acts at a lever beside the centre of mass, askew to the velocity; a box rocks, as any that stands on four corners; a foot may carry less at its edge.",
         source: "Uneven load over the foot: Goyal, Ruina and Papadopoulos, Wear 143 (1991) 307",
         hooks: &[Hook::Force],
         params: &[
@@ -40,6 +40,15 @@ impl Effect for FrictionOffset {
                 scope: Scope::Object,
                 doc: "share by which a box stands more on one diagonal of its corners than on the other",
             },
+            ParamSpec {
+                name: "foot",
+                unit: "1",
+                default: 0.0,
+                min: -1.0,
+                max: 0.0,
+                scope: Scope::Shape,
+                doc: "how much nearer to the middle than rim and corners the weight stands: -0.3 evenly spread, -1 a point",
+            },
         ],
     };
 
@@ -49,5 +58,6 @@ impl Effect for FrictionOffset {
         out.lever += p[0];
         out.skew += p[1];
         out.rock += p[2];
+        out.foot += p[3];
     }
 }

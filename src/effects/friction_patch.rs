@@ -12,7 +12,7 @@ pub struct FrictionPatch;
 impl Effect for FrictionPatch {
     const SPEC: EffectSpec = EffectSpec {
         name: "friction_patch",
-        doc: "The ground's friction (every mu) is 1 + excess times larger while the centre is in the disc.",
+        doc: "A rough or slippery spot: the ground's friction (every mu) is 1 + excess times larger while the centre is in the disc.",
         source: "Coulomb's law on uneven ground",
         hooks: &[Hook::Force],
         params: &[

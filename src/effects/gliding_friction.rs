@@ -9,7 +9,7 @@ pub struct GlidingFriction;
 impl Effect for GlidingFriction {
     const SPEC: EffectSpec = EffectSpec {
         name: "gliding_friction",
-        doc: "a = -l g v/|v|: l = sliding for cylinders and cubes, rolling for spheres from the start, whatever their spin.",
+        doc: "What glides is slowed evenly: a = -l g v/|v|, l = sliding for cylinders and cubes, rolling for spheres from the start, whatever their spin.",
         source: "VRDP eq. 1 (l1, l2)",
         hooks: &[Hook::Force],
         params: &[

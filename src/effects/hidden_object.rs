@@ -9,7 +9,7 @@ pub struct HiddenObject;
 impl Effect for HiddenObject {
     const SPEC: EffectSpec = EffectSpec {
         name: "hidden_object",
-        doc: "A static disc.",
+        doc: "An object that nobody saw: a static disc.",
         source: "Impact on a fixed disc",
         hooks: &[Hook::Bodies],
         params: &[

@@ -9,7 +9,7 @@ pub struct HiddenWall;
 impl Effect for HiddenWall {
     const SPEC: EffectSpec = EffectSpec {
         name: "hidden_wall",
-        doc: "Static; everything behind the line through point = offset normal is solid.",
+        doc: "A wall that nobody saw: static; everything behind the line through point = offset normal is solid.",
         source: "Impact on a fixed plane",
         hooks: &[Hook::Bodies],
         params: &[

@@ -9,7 +9,7 @@ pub struct Lateral;
 impl Effect for Lateral {
     const SPEC: EffectSpec = EffectSpec {
         name: "lateral",
-        doc: "F = b z^ x v (a = F/m).",
+        doc: "A sideways force on whatever moves: F = b z^ x v (a = F/m).",
         source: "Lorentz force of a charge in a field along z",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct LinearDrag;
 impl Effect for LinearDrag {
     const SPEC: EffectSpec = EffectSpec {
         name: "linear_drag",
-        doc: "F = -c v.",
+        doc: "Drag that grows with the speed: F = -c v.",
         source: "Stokes' law; a lubricating air film",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct Magnus;
 impl Effect for Magnus {
     const SPEC: EffectSpec = EffectSpec {
         name: "magnus",
-        doc: "F = S w z^ x v, w the turn rate about z.",
+        doc: "Spin bends the path: F = S w z^ x v, w the turn rate about z.",
         source: "Rubinow and Keller, J. Fluid Mech. 11 (1961) 447",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

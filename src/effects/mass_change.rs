@@ -9,7 +9,7 @@ pub struct MassChange;
 impl Effect for MassChange {
     const SPEC: EffectSpec = EffectSpec {
         name: "mass_change",
-        doc: "m = factor times what is believed, factor = 1 + excess.",
+        doc: "An object is heavier or lighter than believed: m = factor times what is believed, factor = 1 + excess.",
         source: "A rival to forces, and a hidden load",
         hooks: &[Hook::Matter],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct OffCentreMarker;
 impl Effect for OffCentreMarker {
     const SPEC: EffectSpec = EffectSpec {
         name: "off_centre_marker",
-        doc: "x_seen = x + R(yaw) arm.",
+        doc: "The tracker follows a point beside the centre: x_seen = x + R(yaw) arm.",
         source: "Kinematics of a rigid body",
         hooks: &[Hook::Observe],
         params: &[

@@ -31,7 +31,7 @@ pub struct PairAttraction;
 impl Effect for PairAttraction {
     const SPEC: EffectSpec = EffectSpec {
         name: "pair_attraction",
-        doc: "F_i = S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
+        doc: "Objects pull at each other: F_i = S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
         source: "Newton's law with Plummer's softening (Mon. Not. R. Astron. Soc. 71 (1911) 460)",
         hooks: &[Hook::Pair],
         params: &SOFTENED,

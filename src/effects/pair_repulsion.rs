@@ -10,7 +10,7 @@ pub struct PairRepulsion;
 impl Effect for PairRepulsion {
     const SPEC: EffectSpec = EffectSpec {
         name: "pair_repulsion",
-        doc: "F_i = -S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
+        doc: "Objects push each other away: F_i = -S d/(d^2 + eps^2)^1.5, d = x_j - x_i.",
         source: "Coulomb's law with Plummer's softening (Mon. Not. R. Astron. Soc. 71 (1911) 460)",
         hooks: &[Hook::Pair],
         params: &SOFTENED,

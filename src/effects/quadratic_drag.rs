@@ -9,7 +9,7 @@ pub struct QuadraticDrag;
 impl Effect for QuadraticDrag {
     const SPEC: EffectSpec = EffectSpec {
         name: "quadratic_drag",
-        doc: "F = -c |v| v.",
+        doc: "Drag of the air, which grows with the square of the speed: F = -c |v| v.",
         source: "VRDP eq. 1 (l3); Batchelor, An Introduction to Fluid Dynamics, sec. 5.11",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct Restitution;
 impl Effect for Restitution {
     const SPEC: EffectSpec = EffectSpec {
         name: "restitution",
-        doc: "e = coefficient r_a r_b d_ab: separation over approach speed; a factor of each object and a deviation of the pair.",
+        doc: "How hard things bounce: e = coefficient r_a r_b d_ab, separation over approach speed; a factor of each object and a deviation of the pair.",
         source: "VRDP eq. 2 (product law); Newton's law of restitution",
         hooks: &[Hook::Contact],
         params: &[

@@ -9,7 +9,7 @@ pub struct RollingResistance;
 impl Effect for RollingResistance {
     const SPEC: EffectSpec = EffectSpec {
         name: "rolling_resistance",
-        doc: "a = -mu g v/|v| of a rolling ball.",
+        doc: "Rolling balls are slowed: a = -mu g v/|v| of a rolling ball.",
         source: "VRDP eq. 1 (l2); Alciatore, Technical proofs TP 4.1",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

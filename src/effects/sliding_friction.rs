@@ -9,7 +9,7 @@ pub struct SlidingFriction;
 impl Effect for SlidingFriction {
     const SPEC: EffectSpec = EffectSpec {
         name: "sliding_friction",
-        doc: "a = -mu g v/|v| of the touching surface; over a footprint it is shared between sliding and turning, and a ball slides until it rolls.",
+        doc: "Friction with the ground: a = -mu g v/|v| of the touching surface; over a footprint it is shared between sliding and turning, and a ball slides until it rolls.",
         source: "VRDP eq. 1; Farkas et al., Phys. Rev. Lett. 90 (2003) 248302 for sliding with spin",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct SoftContact;
 impl Effect for SoftContact {
     const SPEC: EffectSpec = EffectSpec {
         name: "soft_contact",
-        doc: "F = k x + c dx/dt while pressed and never a pull; the damper's loss comes on top of the restitution that the other laws give.",
+        doc: "Contacts give way like a spring with a damper: F = k x + c dx/dt while pressed and never a pull; the damper's loss comes on top of the restitution that the other laws give.",
         source: "Schwager and Poeschel, Granular Matter 9 (2007) 465",
         hooks: &[Hook::Contact],
         params: &[

@@ -9,7 +9,7 @@ pub struct SpeedDependentRestitution;
 impl Effect for SpeedDependentRestitution {
     const SPEC: EffectSpec = EffectSpec {
         name: "speed_dependent_restitution",
-        doc: "e = e0 exp(-v_n/v0), e0 what the other laws say and v_n the approach speed.",
+        doc: "Fast hits bounce less: e = e0 exp(-v_n/v0), e0 what the other laws say and v_n the approach speed.",
         source: "Empirical; loss grows with speed: Johnson, Contact Mechanics, sec. 11.5",
         hooks: &[Hook::Contact],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct SpinFriction;
 impl Effect for SpinFriction {
     const SPEC: EffectSpec = EffectSpec {
         name: "spin_friction",
-        doc: "Torque of mu m g r against the spin about z (r: radius); a ball's spin falls at 5 mu g / (2 r).",
+        doc: "Spin about the vertical dies away: torque of mu m g r against the spin about z (r: radius); a ball's spin falls at 5 mu g / (2 r).",
         source: "Marlow, The Physics of Pocket Billiards (1995); Alciatore, Technical proofs TP 4.1",
         hooks: &[Hook::Force],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct StickyContact;
 impl Effect for StickyContact {
     const SPEC: EffectSpec = EffectSpec {
         name: "sticky_contact",
-        doc: "A plastic blow that also ends slip and relative spin; then both move as one rigid body until a pull of `strength` parts them.",
+        doc: "Objects stick together: a plastic blow that also ends slip and relative spin; then both move as one rigid body until a pull of `strength` parts them.",
         source: "Euler's laws of a rigid body; Goldstein, Classical Mechanics, ch. 5",
         hooks: &[Hook::Contact],
         params: &[

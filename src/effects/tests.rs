@@ -33,8 +33,10 @@ fn forces<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let shape =
             if step % 2 == 0 { Shape::Square { half_side: 0.2 } } else { Shape::Ball { radius: 0.2 } };
         (hooks.force)(p, T::constant(TIME), &Body { shape, ..body(&s) }, &mut w);
-        let Wrench { force, torque, grip, lever, skew, rock, rolling, damping, pivot, excess } = w;
-        all.extend([force.x, force.y, torque, grip, lever, skew, rock, rolling, damping, pivot, excess]);
+        let Wrench { force, torque, grip, lever, skew, rock, foot, rolling, damping, pivot, excess } = w;
+        all.extend([
+            force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, damping, pivot, excess,
+        ]);
     }
     all
 }
@@ -258,7 +260,7 @@ fn forces_have_the_symmetry_they_declare() {
                 (hooks.force)(&p, TIME, a, &mut w);
                 (
                     w.force + (hooks.pair)(&p, a, b),
-                    w.grip + w.rolling + w.damping + w.excess,
+                    w.grip + w.foot + w.rolling + w.damping + w.excess,
                     w.torque,
                     w.lever + w.skew + w.rock,
                 )

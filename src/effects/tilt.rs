@@ -13,7 +13,7 @@ const fn component(name: &'static str, doc: &'static str) -> ParamSpec {
 impl Effect for Tilt {
     const SPEC: EffectSpec = EffectSpec {
         name: "tilt",
-        doc: "F = m a, a constant and the same for all masses.",
+        doc: "The table slopes: F = m a, a constant and the same for all masses.",
         source: "Inclined plane: |a| = g sin(angle)",
         hooks: &[Hook::Force],
         params: &[

@@ -9,7 +9,7 @@ pub struct TiltedCamera;
 impl Effect for TiltedCamera {
     const SPEC: EffectSpec = EffectSpec {
         name: "tilted_camera",
-        doc: "x_seen = x/(1 - h.x): the perspective of a plane that recedes along h.",
+        doc: "The camera is tilted: x_seen = x/(1 - h.x): the perspective of a plane that recedes along h.",
         source: "Hartley and Zisserman, Multiple View Geometry, sec. 2.4",
         hooks: &[Hook::Observe],
         params: &[

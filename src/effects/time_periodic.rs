@@ -9,7 +9,7 @@ pub struct TimePeriodic;
 impl Effect for TimePeriodic {
     const SPEC: EffectSpec = EffectSpec {
         name: "time_periodic",
-        doc: "a = a cos(2 pi f t + phi), the same for all masses; t = 0 at the first frame.",
+        doc: "The table shakes in a rhythm: a = a cos(2 pi f t + phi), the same for all masses; t = 0 at the first frame.",
         source: "Inertial force of a table that is shaken",
         hooks: &[Hook::Force],
         params: &[

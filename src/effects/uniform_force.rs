@@ -9,7 +9,7 @@ pub struct UniformForce;
 impl Effect for UniformForce {
     const SPEC: EffectSpec = EffectSpec {
         name: "uniform_force",
-        doc: "F constant, a = F/m.",
+        doc: "The same force everywhere, such as wind: F constant, a = F/m.",
         source: "Newton's second law; steady wind",
         hooks: &[Hook::Force],
         params: &[

@@ -9,7 +9,7 @@ pub struct Vortex;
 impl Effect for Vortex {
     const SPEC: EffectSpec = EffectSpec {
         name: "vortex",
-        doc: "F = -c (v - u(x)), u = Omega z^ x (x - center).",
+        doc: "A whirl carries things around a point: F = -c (v - u(x)), u = Omega z^ x (x - center).",
         source: "Stokes drag in a fluid that turns as one body",
         hooks: &[Hook::Force],
         params: &[

@@ -9,7 +9,7 @@ pub struct WrongScale;
 impl Effect for WrongScale {
     const SPEC: EffectSpec = EffectSpec {
         name: "wrong_scale",
-        doc: "x_seen = (1 + excess) x.",
+        doc: "Lengths of the video are wrong by a factor: x_seen = (1 + excess) x.",
         source: "A rival to forces",
         hooks: &[Hook::Observe],
         params: &[ParamSpec {

@@ -9,7 +9,7 @@ pub struct WrongSize;
 impl Effect for WrongSize {
     const SPEC: EffectSpec = EffectSpec {
         name: "wrong_size",
-        doc: "Lengths of the outline are factor times what is believed, factor = 1 + excess.",
+        doc: "Objects are larger or smaller than believed: lengths of the outline are factor times what is believed, factor = 1 + excess.",
         source: "A rival to contact laws",
         hooks: &[Hook::Matter],
         params: &[ParamSpec {

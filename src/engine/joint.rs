@@ -109,7 +109,7 @@ impl Engine {
             let files = files.collect::<Result<_, _>>()?;
             Ok((fits, backlog.admit(files, stop)?))
         };
-        let (fits, batch) = self.pool.run(control, job).await?;
+        let ((fits, batch), _place) = self.pool.run(control, job).await?;
         self.publish(batch).await?;
         for (fit, key) in fits.iter().zip(&keys) {
             self.put_of_video(Kind::Fits, &fit.video, key, fit).await?;

@@ -140,7 +140,8 @@ impl<T: Send + Sync + 'static> Memo<T> {
         };
         let control = Control { token: flight.token.clone(), deadline, progress: Arc::new(progress) };
         let (cache, flights, work) = (self.cache.clone(), self.flights.clone(), work(control));
-        let (kind, work) = (self.kind, work.in_current_span());
+        let kind = self.kind;
+        let work = work.instrument(tracing::info_span!("work", kind));
         let finish = async move {
             // It may have been finished between our look into the cache and the lock.
             let task = match cache.get(&key).await {

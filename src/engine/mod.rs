@@ -289,7 +289,7 @@ impl Engine {
             let scene = make()?;
             Ok((scene.digest(), scene))
         });
-        let (id, scene) = made.await?;
+        let ((id, scene), _place) = made.await?;
         self.store.put_video(&id, &scene).await?;
         Ok((id, Arc::new(scene)))
     }
@@ -302,7 +302,7 @@ impl Engine {
     {
         let control =
             Control { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) };
-        self.pool.run(control, move |_| work()).await
+        Ok(self.pool.run(control, move |_| work()).await?.0)
     }
 
     pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {
@@ -370,7 +370,7 @@ impl Engine {
             let file = trace::fit(&scene, &model, &options, &stored)?;
             Ok((stored, backlog.admit(vec![file], stop)?))
         };
-        let (stored, batch) = self.pool.run(control, job).await?;
+        let ((stored, batch), _place) = self.pool.run(control, job).await?;
         self.publish(batch).await?;
         self.put_of_video(Kind::Fits, &stored.video, &key, &stored).await?;
         Ok(stored)
@@ -423,7 +423,7 @@ impl Engine {
         let engine = self.clone();
         let work = move |control| async move {
             figures::result("simulation", "made");
-            let (imagined, batch) = {
+            let ((imagined, batch), _place) = {
                 let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
                 let job = move |stop: crate::num::Stop| {
                     check::places(&edited, &request.interventions)?;
@@ -470,7 +470,7 @@ impl Engine {
                 }
                 Ok((answer, backlog.admit(files, stop)?))
             };
-            let (answer, batch) = engine.pool.run(control, job).await?;
+            let ((answer, batch), _place) = engine.pool.run(control, job).await?;
             let traces = engine.publish(batch).await?;
             Ok(Answered { model, answer, traces })
         };

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
 
 /// What ends a job early, and where its progress goes.
@@ -38,6 +38,11 @@ pub struct Pool {
     panics: AtomicU64,
     state: Arc<State>,
 }
+
+/// The place of a job among those that were admitted. Who keeps it until the result is stored too is admitted no faster
+/// than the disk can follow.
+#[derive(Debug)]
+pub struct Place(#[allow(dead_code, reason = "it is held, not read")] OwnedSemaphorePermit);
 
 /// How busy the pool is.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -104,7 +109,7 @@ impl Pool {
 
     /// Runs a job; refuses it at once where the queue is full. A panic is this job's error and nobody else's.
     /// The caller hears of the deadline and of a cancellation at once; the job keeps its place until it notices.
-    pub async fn run<T, F>(&self, control: Control, work: F) -> Result<T, EngineError>
+    pub async fn run<T, F>(&self, control: Control, work: F) -> Result<(T, Place), EngineError>
     where
         T: Send + 'static,
         F: FnOnce(Stop) -> Result<T, EngineError> + Send + 'static,
@@ -116,7 +121,9 @@ impl Pool {
         let (reply, answer) = oneshot::channel();
         let (token, deadline) = (control.token.clone(), control.deadline);
         let (state, job) = (self.state.clone(), self.state.comes());
+        let caller = tracing::Span::current();
         self.threads.spawn_fifo(move || {
+            let _span = tracing::info_span!(parent: &caller, "job").entered();
             state.begins(job);
             let began = Instant::now();
             let result = catch_unwind(AssertUnwindSafe(|| {
@@ -132,9 +139,8 @@ impl Pool {
                 })
             }));
             state.ends(began);
-            drop(permit);
             // The caller may have gone.
-            let _ = reply.send(result);
+            let _ = reply.send((result, Place(permit)));
         });
         let answer = tokio::select! {
             biased;
@@ -143,8 +149,8 @@ impl Pool {
             () = tokio::time::sleep_until(deadline.into()) => return Err(EngineError::DeadlineExceeded),
         };
         match answer {
-            Ok(Ok(result)) => result,
-            Ok(Err(panic)) => Err(self.panicked(panic.as_ref())),
+            Ok((Ok(result), place)) => Ok((result?, place)),
+            Ok((Err(panic), _)) => Err(self.panicked(panic.as_ref())),
             Err(_) => Err(self.panicked(&"the job was lost")),
         }
     }
@@ -182,7 +188,7 @@ mod tests {
         let pool = Pool::new(1, 4).unwrap();
         let broken = pool.run::<(), _>(control(), |_| panic!("injected")).await;
         assert!(matches!(broken, Err(EngineError::Internal { ref message, .. }) if message == "injected"));
-        assert_eq!(pool.run(control(), |_| Ok(7)).await.unwrap(), 7);
+        assert_eq!(pool.run(control(), |_| Ok(7)).await.unwrap().0, 7);
     }
 
     #[tokio::test]
@@ -206,8 +212,13 @@ mod tests {
         let refused = pool.run(control(), |_| Ok(())).await;
         assert!(matches!(refused, Err(EngineError::Overloaded { capacity: 2 })));
         go.send(()).unwrap();
-        assert!(busy.await.unwrap().unwrap());
+        let (done, place) = busy.await.unwrap().unwrap();
+        assert!(done);
         queued.await.unwrap().unwrap();
+        // What is done and not yet stored counts.
+        assert_eq!(pool.admission.available_permits(), 1);
+        drop(place);
+        assert_eq!(pool.admission.available_permits(), 2);
         pool.run(control(), |_| Ok(())).await.unwrap();
     }
 

@@ -165,7 +165,7 @@ impl Engine {
             };
             Ok((findings, revisions, backlog.admit(files, stop)?))
         };
-        let (findings, revisions, batch) = self.pool.run(control, job).await?;
+        let ((findings, revisions, batch), _place) = self.pool.run(control, job).await?;
         self.publish(batch).await?;
         for fit in revisions {
             let key = format!("{}/{}", fit.video, fit.id);

@@ -131,7 +131,7 @@ pub fn fit(
 ) -> Result<TraceFile, EngineError> {
     let before = match options.begin {
         Begin::Tracks => beginning(scene, start),
-        Begin::Models | Begin::Near => start.clone(),
+        Begin::Models | Begin::Turned | Begin::Near => start.clone(),
     };
     let request = serde_json::json!({ "fit": options }).to_string();
     changed(TraceKind::Fit, scene, &before, fitted, &[], &request)
@@ -212,6 +212,7 @@ pub fn now_ms() -> u64 {
 
 impl Engine {
     /// Stores the files and gives their ids. Each file first, then the record that names it: what is listed is whole.
+    #[tracing::instrument(skip_all)]
     pub(super) async fn publish(&self, batch: Batch) -> Result<Vec<String>, EngineError> {
         let mut ids = Vec::with_capacity(batch.files.len());
         for TraceFile { bytes, record } in batch.files {

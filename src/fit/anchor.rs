@@ -2,8 +2,8 @@
 //! not explain it.
 
 use super::SceneFit;
-use super::noise::{Noise, wrapped};
-use crate::num::{Vec2, vec2};
+use super::noise::Noise;
+use crate::num::{Vec2, vec2, wrapped};
 use crate::scene::Scene;
 use crate::world::{Anchor, EventKind, State, Trace};
 use rand_chacha::ChaCha8Rng;

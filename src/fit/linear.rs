@@ -180,17 +180,34 @@ impl Linear {
 
     /// Adds its cost and derivatives to the normal equations, counted `share` times.
     pub fn add_to(&self, normal: &mut Normal, share: f64) {
-        for (r, j, columns) in self.rows() {
-            let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
-            normal.cost += share * rho(r);
-            for (x, &(k, lane)) in columns.iter().enumerate() {
-                let scaled = weight * j[lane];
-                if scaled == 0.0 {
-                    continue;
+        let rows: Vec<(f64, &[f64], usize)> =
+            self.rows().zip(&self.bodies).map(|((r, j, _), &body)| (r, j, body)).collect();
+        let (mut row, mut gradient, mut hessian) = (vec![], vec![], vec![]);
+        // The rows of a body follow each other and have the same columns: their sums are dense.
+        for of_body in rows.chunk_by(|a, b| a.2 == b.2) {
+            let columns = &self.columns[of_body[0].2];
+            let n = columns.len();
+            for (list, len) in [(&mut gradient, n), (&mut hessian, n * n)] {
+                list.clear();
+                list.resize(len, 0.0);
+            }
+            for &(r, j, _) in of_body {
+                let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
+                normal.cost += share * rho(r);
+                row.clear();
+                row.extend(columns.iter().map(|&(_, lane)| j[lane]));
+                for (x, slope) in row.iter().enumerate().filter(|(_, slope)| **slope != 0.0) {
+                    let scaled = weight * slope;
+                    gradient[x] += scaled * r;
+                    for (sum, other) in hessian[x * n..].iter_mut().zip(&row[..=x]) {
+                        *sum += scaled * other;
+                    }
                 }
-                normal.gradient[k] += scaled * r;
-                for &(m, other) in &columns[..=x] {
-                    normal.hessian[(k.max(m), k.min(m))] += scaled * j[other];
+            }
+            for (x, &(k, _)) in columns.iter().enumerate() {
+                normal.gradient[k] += gradient[x];
+                for (&(m, _), sum) in columns[..=x].iter().zip(&hessian[x * n..]) {
+                    normal.hessian[(k.max(m), k.min(m))] += sum;
                 }
             }
         }

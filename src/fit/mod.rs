@@ -41,6 +41,8 @@ pub enum Begin {
     Tracks,
     /// At the start states that the models have.
     Models,
+    /// The same, and yaws that nobody measured have been searched before.
+    Turned,
     /// The same, and they are taken to be so near that windows need not grow.
     Near,
 }
@@ -127,8 +129,10 @@ const FEWEST_SAMPLES: usize = 3;
 /// Reduced chi-square up to which a fit needs no other attempt, and up to which noise explains the misfit.
 const GOOD: f64 = 1.25;
 const ADEQUATE: f64 = 1.5;
-/// A growing window takes in this many frames after the first that leaves the noise.
+/// A growing window takes in this many frames after the first that leaves the noise, and at least this time (s): what
+/// happens between objects does not hurry where a camera does.
 const LOOK_AHEAD: usize = 8;
+const LOOK_AHEAD_TIME: f64 = 0.32;
 /// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
 /// likelihood, that makes it worth to do so again.
 const OTHER_ITERATIONS: usize = 40;
@@ -183,12 +187,17 @@ fn gauss_newton(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
-    let mut best = of_any_yaw(problem, &problem.start(), frames, budget, stop)?;
+    let turned = matches!(options.begin, Begin::Turned | Begin::Near);
+    let mut best = match turned {
+        true => minimise(problem, &problem.start(), frames, NEGLIGIBLE, budget, stop)?,
+        false => of_any_yaw(problem, &problem.start(), frames, budget, stop)?,
+    };
     let done =
         |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && !done(&best) {
         let grown = grow(problem, problem.start(), frames, budget, stop)?;
         let turned = match start::unseen_yaws(problem)[..] {
+            _ if turned => None,
             [] => None,
             _ => Some(of_any_yaw(problem, &grown.point, frames, budget, stop)?),
         };
@@ -206,11 +215,7 @@ fn gauss_newton(
             } else {
                 grow(problem, other.clone(), frames, budget, stop)?
             };
-            let iterations = best.iterations + tried.iterations;
-            if tried.cost < best.cost {
-                best = tried;
-            }
-            best.iterations = iterations;
+            best = better(best, tried);
         }
     }
     Ok(best)
@@ -295,7 +300,9 @@ fn grow(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let mut point = start;
-    let mut window = LOOK_AHEAD.max(10).min(frames);
+    let fastest = problem.parts.iter().map(|p| p.scene.fps).fold(0.0, f64::max);
+    let ahead = LOOK_AHEAD.max((LOOK_AHEAD_TIME * fastest).round() as usize);
+    let mut window = ahead.max(10).min(frames);
     let (mut iterations, mut losses) = (0, vec![]);
     loop {
         let left = budget.saturating_sub(iterations).clamp(1, 30);
@@ -308,7 +315,7 @@ fn grow(
             return Ok(Solution { point, iterations, losses, ..solution });
         }
         let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
-        window = (lost.unwrap_or(frames) + LOOK_AHEAD).max(window + LOOK_AHEAD).min(frames);
+        window = (lost.unwrap_or(frames) + ahead).max(window + ahead).min(frames);
     }
 }
 

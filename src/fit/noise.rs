@@ -140,9 +140,3 @@ fn deviation(absolute: &mut [f64]) -> f64 {
     let (_, median, _) = absolute.select_nth_unstable_by(middle, f64::total_cmp);
     *median / 0.674_489_750_196_081_7
 }
-
-/// The angle in -pi..=pi that differs by whole turns.
-pub(super) fn wrapped(angle: f64) -> f64 {
-    let turn = std::f64::consts::TAU;
-    angle - turn * (angle / turn).round()
-}

@@ -1,10 +1,10 @@
 //! The fit as a least-squares problem: free parameters, whitened residuals, their Jacobian.
 
 use super::linear::Linear;
-use super::noise::{Noise, Whitener, wrapped};
-use crate::num::Stop;
+use super::noise::{Noise, Whitener};
+use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
-use crate::world::{BODY_VALUES, Ending, Limits, MASS, Model, Rollout, SPINS, film};
+use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
@@ -136,8 +136,8 @@ impl<'a> Problem<'a> {
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
                         let shared = active.shares(parameter);
                         let name = parameter.full_name(active, label);
-                        let of_ball =
-                            || model.bodies.iter().any(|b| b.shape.is_ball() && b.id.to_string() == *label);
+                        let named = |b: &BodySpec| b.id.to_string() == *label || b.shape.word() == label;
+                        let of_ball = || model.bodies.iter().any(|b| b.shape.is_ball() && named(b));
                         let idle = OF_FEET.contains(&active.name.as_str()) && of_ball();
                         if parameter.prior.sd > 0.0 && active.on && !idle {
                             let known =

@@ -1,9 +1,9 @@
 //! Start values: what a line through the first frames of each track says, other spins that a ball may have, and other
 //! yaws of what nobody measured one of.
 
-use super::noise::{Noise, wrapped};
+use super::noise::Noise;
 use super::problem::Problem;
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, vec2, wrapped};
 use crate::scene::{Sample, Scene, Track};
 use crate::world::{BODY_VALUES, Model};
 

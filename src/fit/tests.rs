@@ -75,7 +75,7 @@ fn bodies_turn_in_place_and_yaws_may_wrap() {
     }
     assert!(whole.scenes[0].adequate, "{}", whole.scenes[0].reduced_chi_square);
     for yaw in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).filter_map(|s| s.yaw.as_mut()) {
-        *yaw = noise::wrapped(*yaw);
+        *yaw = crate::num::wrapped(*yaw);
     }
     let wrapped = fitted(&[scene]);
     assert!((wrapped.scenes[0].reduced_chi_square - whole.scenes[0].reduced_chi_square).abs() < 1e-3);

@@ -148,15 +148,17 @@ fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
     let looked = |from: &str, s: &Imagined| {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
-            true => format!(" {from} looks {:.1} s beyond the video, to {until:.1} s.", until - end),
-            false => format!(" {from} looks to the video's end, {until:.1} s."),
+            true => format!(" {from} is simulated to {until:.1} s, {:.1} s beyond the video.", until - end),
+            false => format!(" {from} is simulated to the video's end, {until:.1} s."),
         }
     };
-    words +=
-        &simulations.iter().find(|s| s.interventions.is_empty()).map_or(String::new(), |s| looked("It", s));
+    words += &simulations
+        .iter()
+        .find(|s| s.interventions.is_empty())
+        .map_or(String::new(), |s| looked("What comes", s));
     words += &imagined.first().map_or(String::new(), |s| looked("What would be", s));
     if !imagined.is_empty() && !kept.is_empty() {
-        words += &format!(" The change does not reach {}: as observed.", kept.join(", "));
+        words += &format!(" The change does not reach {}, which moves as observed.", kept.join(" or "));
     }
     if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
         words += &format!(" {} rollouts ended early ({}).", cut.rollouts, cut.why);
@@ -287,14 +289,14 @@ impl Session<'_> {
             .filter(|c| c.correct)
             .map(|c| format!("\"{}\" ({:.0} %)", c.choice, 100.0 * c.probability))
             .collect();
-        let right = if right.is_empty() { "none of the choices".to_string() } else { right.join(", ") };
+        let rollouts = self.options.rollouts.max(1);
         Ok(Answer {
             answer: None,
             probability: answers.iter().map(sure).fold(1.0, f64::min),
-            explanation: format!(
-                "Over {} simulated rollouts, correct: {right}.",
-                self.options.rollouts.max(1)
-            ),
+            explanation: match &right[..] {
+                [] => format!("In {rollouts} simulations: no choice is right."),
+                _ => format!("In {rollouts} simulations: right is {}.", right.join(", ")),
+            },
             trail: answers.first().map(|c| c.trail.clone()).unwrap_or_default(),
             choices: answers,
             program: vec![],

@@ -23,8 +23,7 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     let drawn = rollouts_kept(imagined);
     let mut topics = m::SIMULATION.to_vec();
     if drawn > 0 {
-        topics.extend([m::MEAN, m::MEAN_POSES]);
-        topics.extend((0..drawn).map(m::rollout));
+        topics.extend([m::MEAN, m::MEAN_POSES, m::ROLLOUTS]);
     }
     let mut draft = Draft::new(topics);
     measured(scene, &mut draft)?;
@@ -158,26 +157,29 @@ pub fn run(
     Ok(())
 }
 
-/// The mean of all rollouts with the spread around it, and the rollouts that are kept, each on its own topic.
+/// The mean of all rollouts with the spread around it, and the rollouts that are kept.
 fn ensemble(imagined: &Imagined, kept: usize, to: &mut Draft) -> Result<(), RecordingError> {
     if kept == 0 {
         return Ok(());
     }
     let (mean, sd) = mean(imagined);
     run(&mean, &sd, &imagined.model, [&m::MEAN, &m::MEAN_POSES], to)?;
-    for (number, rollout) in imagined.ensemble.iter().take(kept).enumerate() {
-        let topic = m::rollout(number);
-        for (frame, (row, &time)) in rollout.states.iter().zip(&rollout.times).enumerate() {
-            let here = || row.iter().zip(&rollout.ids).filter_map(|(state, id)| Some((state.as_ref()?, *id)));
-            let message = v1::TraceRollout {
-                frame: frame as u32,
-                object_ids: here().map(|(_, id)| id).collect(),
-                x: here().map(|(s, _)| s.position.x).collect(),
-                y: here().map(|(s, _)| s.position.y).collect(),
-                yaw: here().map(|(s, _)| s.yaw).collect(),
-            };
-            to.push(&topic, time, &message)?;
-        }
+    let rollouts = &imagined.ensemble[..kept];
+    for (frame, &time) in imagined.best.times.iter().enumerate() {
+        let bodies = 0..imagined.best.ids.len();
+        let state = |run: &Trace, body: usize| run.states.get(frame)?.get(body).copied().flatten();
+        let each = |value: fn(State) -> f64| {
+            let of = |run| bodies.clone().map(move |body| state(run, body).map_or(f64::NAN, value));
+            rollouts.iter().flat_map(of).collect()
+        };
+        let message = v1::TraceRollouts {
+            frame: frame as u32,
+            object_ids: imagined.best.ids.clone(),
+            x: each(|s| s.position.x),
+            y: each(|s| s.position.y),
+            yaw: each(|s| s.yaw),
+        };
+        to.push(&m::ROLLOUTS, time, &message)?;
     }
     Ok(())
 }

@@ -49,14 +49,11 @@ pub const LOG: Topic = topic("/log", "foxglove.Log", descriptors!("log"));
 pub const MEAN: Topic = topic("/ensemble/mean", "vrdp.v1.TraceFrame", OWN);
 pub const MEAN_POSES: Topic = topic("/ensemble/mean/poses", "foxglove.PosesInFrame", POSE);
 
-/// Every topic of a simulation; messages of equal time stand in this order. Those of the rollouts follow.
+pub const ROLLOUTS: Topic = topic("/ensemble/rollouts", "vrdp.v1.TraceRollouts", OWN);
+
+/// Every topic of a simulation; messages of equal time stand in this order. Those of the ensemble follow.
 pub const SIMULATION: [Topic; 9] =
     [PARAMETERS, MEASURED, POSES, SHAPES, TRANSFORMS, STATES, RESIDUALS, EVENTS, LOG];
-
-/// A rollout's own topic.
-pub fn rollout(number: usize) -> Topic {
-    Topic { name: format!("/ensemble/{number:03}").into(), schema: "vrdp.v1.TraceRollout", descriptors: OWN }
-}
 
 pub const BEFORE_POSES: Topic = topic("/before/poses", "foxglove.PosesInFrame", POSE);
 pub const AFTER_POSES: Topic = topic("/after/poses", "foxglove.PosesInFrame", POSE);

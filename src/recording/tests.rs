@@ -143,7 +143,7 @@ fn every_frame_and_event_is_in_the_file() {
     assert_eq!(events, [("collision", 0.5, vec![0, 3]), ("stop", 0.91, vec![6])]);
     let counts: Vec<_> = messages::SIMULATION.iter().map(|t| reading.counts[&*t.name]).collect();
     assert_eq!(counts, [1, 20, 30, 30, 30, 30, 20, 2, 2]);
-    for topic in ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/000", "/ensemble/001"] {
+    for topic in ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/rollouts"] {
         assert_eq!(reading.counts[topic], 30, "{topic}");
     }
     assert_eq!(reading.parameters.len(), FITTED.1.posterior.estimates.len());

@@ -11,6 +11,8 @@ use std::collections::BTreeMap;
 pub const FUTURE: usize = 60;
 /// Lags of the autocorrelation.
 const LAGS: usize = 25;
+/// Missing accelerations point one way when their mean is this many deviations from zero.
+const AGREE: f64 = 5.0;
 /// Deviation of the edges of the 99 % band of a normal law.
 pub const NINETY_NINE: f64 = 2.576;
 
@@ -70,7 +72,7 @@ impl Views {
         let noise = report.scenes.iter().map(|s| estimate_noise(s).position).collect();
         let tracks = report.scenes.iter().flat_map(|s| &s.tracks);
         let added = match &report.discovery.effects[..] {
-            [only] => super::plots::label(&only.kind, &only.effect),
+            [only] => super::plots::label(&only.effect),
             [] => "it".into(),
             _ => "them".into(),
         };
@@ -79,6 +81,12 @@ impl Views {
             _ => vec!["the model".into()],
         };
         Views { stages, names, noise, count: tracks.map(|t| t.samples.len()).sum() }
+    }
+
+    /// Where the first model is farthest off in a video, if another follows it.
+    pub fn farthest(&self, video: usize) -> Option<&Residual> {
+        let first = self.stages.first().filter(|_| self.stages.len() > 1)?;
+        first.residuals.get(video)?.iter().max_by(|a, b| a.size().total_cmp(&b.size()))
     }
 
     /// Times at which objects collide in the last model, within the video (s).
@@ -106,6 +114,29 @@ fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
         residuals,
         runs,
     }
+}
+
+/// Where the accelerations that a model lacks point, in words, if most of them agree.
+pub fn direction(lacks: &[Unexplained]) -> Option<&'static str> {
+    // Deviations by which a weighted mean differs from zero.
+    let sure = |part: &dyn Fn(&Unexplained) -> f64| {
+        let weights = lacks.iter().map(|u| 1.0 / (u.sd * u.sd).max(1e-12));
+        let (sum, whole) =
+            weights.zip(lacks).fold((0.0, 0.0), |(s, w), (weight, u)| (s + weight * part(u), w + weight));
+        sum / f64::max(whole, 1e-12).sqrt()
+    };
+    let along = sure(&|u| u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9));
+    let left = sure(&|u| u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9));
+    let fixed = sure(&|u| u.acceleration.x).hypot(sure(&|u| u.acceleration.y));
+    let told = [
+        (along, "along the motion"),
+        (-along, "against the motion"),
+        (left, "to the left of the motion"),
+        (-left, "to the right of the motion"),
+        (fixed, "the same way everywhere"),
+    ];
+    let (most, words) = told.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+    (most > AGREE).then_some(words)
 }
 
 pub fn residuals(scene: &Scene, run: &Trace) -> Vec<Residual> {

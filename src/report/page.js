@@ -55,8 +55,9 @@ function setUp(player) {
   slider.addEventListener("input", () => { stop(); show(+slider.value); });
   button.addEventListener("click", () => (playing === null ? play() : stop()));
   player.stopPlaying = stop;
-  slider.value = Math.min(data.observed, data.times.length) - 1;
-  show(+slider.value);
+  const begin = () => { stop(); slider.value = data.start; show(data.start); };
+  player.querySelector(".worst")?.addEventListener("click", begin);
+  begin();
 }
 
 const players = [...document.querySelectorAll(".player")];

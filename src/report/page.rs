@@ -2,11 +2,11 @@
 
 use super::chart::{Picture, number};
 use super::document::document;
-use super::look::Views;
+use super::look::{Views, direction};
 use super::plots::{class, label, step, word};
 use super::table::{self, Side, name, player};
 use super::{Answered, Report};
-use crate::discover::{Found, Reported, Value, Verdict};
+use crate::discover::{FAST, FAST_FREE, Found, Reported, SLOW_FREE, Value, Verdict};
 use crate::effects::effect;
 use crate::fit::Estimate;
 use crate::reason::Step;
@@ -32,7 +32,7 @@ pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
 /// Headline, and the verdict in one sentence.
 fn words(report: &Report) -> [String; 2] {
     let found = report.discovery;
-    let names: Vec<String> = found.effects.iter().map(|e| label(&e.kind, &e.effect)).collect();
+    let names: Vec<String> = found.effects.iter().map(|e| label(&e.effect)).collect();
     let names = names.join(" and ");
     match found.verdict {
         Verdict::EffectFound => [
@@ -67,8 +67,11 @@ fn figures(pictures: &[Picture], start: &str) -> Markup {
     html! { @for p in pictures.iter().filter(|p| p.name.starts_with(start)) { (p.figure()) } }
 }
 
+/// Three digits, so that a column of them can be compared.
 fn mm(v: f64) -> String {
-    format!("{} mm", number(1e3 * v))
+    let v = 1e3 * v;
+    let digits = if v > 0.0 { (2 - v.log10().floor() as i32).clamp(0, 3) as usize } else { 0 };
+    if v.is_finite() { format!("{v:.digits$} mm") } else { format!("{} mm", number(v)) }
 }
 
 fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
@@ -82,26 +85,34 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
         }
     };
     let noises = |v: f64| format!("{:.1} times the noise", v / found.noise_sigma.max(f64::MIN_POSITIVE));
+    let tiles = ends.map(|(first, last)| {
+        html! {
+            div class="tiles" {
+                @if many { (tile("was", "Error before", mm(first.rmse), noises(first.rmse))) }
+                (tile("is", if many { "Error after" } else { "Error" }, mm(last.rmse), noises(last.rmse)))
+                (tile("noise", "Noise floor", mm(found.noise_sigma), "as good as it can get".into()))
+                (tile("", "Fit percentage", percent(views), "of the motion; what noise leaves is below 100 %".into()))
+            }
+        }
+    });
     html! {
         header {
             p class="kind" { "vrdp report · " (count(report.scenes.len(), "video")) }
             h1 { (headline) }
             p class="verdict" { (verdict) }
-            @for e in &found.effects {
-                p { strong { (label(&e.kind, &e.effect)) } @if let Some(entry) = effect(&e.effect) { ": " (entry.spec.doc) } }
-                ul { @for p in &e.parameters { li { (reported(p)) } } }
-            }
-            @if let Some((first, last)) = ends {
-                div class="tiles" {
-                    @if many { (tile("was", "Error before", mm(first.rmse), noises(first.rmse))) }
-                    (tile("is", if many { "Error after" } else { "Error" }, mm(last.rmse), noises(last.rmse)))
-                    (tile("noise", "Noise floor", mm(found.noise_sigma), "as good as it can get".into()))
-                    (tile("", "Motion explained", percent(views), "share of the measured motion".into()))
+            @if many {
+                dl class="told" {
+                    @if let Some(place) = worst(report, views) { dt { "Where the first model failed" } dd { (place) } }
+                    dt { "What was missing" }
+                    @for e in &found.effects { dd { (law(e)) } }
+                    dt { "How far the error fell" } dd { (tiles.unwrap_or_default()) }
                 }
+            } @else {
+                @for e in &found.effects { p { (law(e)) } }
+                (tiles.unwrap_or_default())
             }
-            @if let Some(worst) = worst(report, views) { p class="verdict" { (worst) } }
             p class="quiet" { (found.reason) }
-            @for kinds in &found.ambiguous { p { "Cannot be told apart: " strong { (kinds.join(", ").replace('_', " ")) } "." } }
+            @for kinds in &found.ambiguous { p { "Cannot be told apart: " strong { (label(&kinds.join(", "))) } "." } }
             @if let Some(e) = &found.experiment {
                 p { "Film next: a " (e.shape) " of " (number(e.mass)) " kg from (" (number(e.position.x)) ", "
                     (number(e.position.y)) ") m at (" (number(e.velocity.x)) ", " (number(e.velocity.y)) ") m/s; after "
@@ -110,6 +121,14 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
             @if let Some(formula) = &found.formula { p { "What remains: " code { (formula) } } }
             div class="figures wide" { @if let Some(p) = picture(pictures, "ladder") { (p.figure()) } (rungs(report)) }
         }
+    }
+}
+
+/// An effect that was found: what it is and its numbers.
+fn law(found: &Found) -> Markup {
+    html! {
+        strong { (label(&found.effect)) } @if let Some(entry) = effect(&found.effect) { ": " (entry.spec.doc) }
+        ul { @for p in &found.parameters { li { (reported(p)) } } }
     }
 }
 
@@ -123,24 +142,34 @@ fn percent(views: &Views) -> String {
 }
 
 /// Where the first model fails most, in words.
-fn worst(report: &Report, views: &Views) -> Option<String> {
-    let first = views.stages.first().filter(|_| views.stages.len() > 1)?;
-    let last = views.stages.last()?;
+fn worst(report: &Report, views: &Views) -> Option<Markup> {
+    let [first, .., last] = &views.stages[..] else { return None };
     let (name, before, _) = first.regimes.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
-    let all = first.residuals.iter().enumerate().flat_map(|(k, video)| video.iter().map(move |r| (k, r)));
-    let (k, far) = all.max_by(|a, b| a.1.size().total_cmp(&b.1.size()))?;
-    let scene = report.scenes.get(k)?;
-    Some(format!(
-        "The first model failed most on “{name}”: {} of error, now {}. Its simulation, whose start is fitted too, was farthest \
-         off, by {}, at the {} of {} at {:.2} s.",
-        mm(*before),
-        mm(after),
-        mm(far.size()),
-        table::name(scene.objects.get(far.object)?),
-        scene.name,
-        scene.times.get(far.frame)?,
-    ))
+    let video = farthest(report, views)?;
+    let (far, scene) = (views.farthest(video)?, report.scenes.get(video)?);
+    let (object, time) = (scene.objects.get(far.object)?, scene.times.get(far.frame)?);
+    let meaning = match name.as_str() {
+        FAST_FREE => format!(" (touching nothing, {FAST} m/s or faster)"),
+        SLOW_FREE => format!(" (touching nothing, slower than {FAST} m/s)"),
+        _ => String::new(),
+    };
+    Some(html! {
+        ul {
+            li { "Most on: " strong { (name) } (meaning) ", an error of " (mm(*before)) ", now " (mm(after)) }
+            @if let Some(way) = direction(&first.unexplained) {
+                li { "What it lacks accelerates objects " strong { (way) } }
+            }
+            li { "Worst moment: " strong { (mm(far.size())) } " off, the " (table::name(object)) " of " (scene.name) " at "
+                (format!("{time:.2} s")) "; " a href="#see" { "look there" } }
+        }
+    })
+}
+
+/// The video in which the first model is farthest off.
+fn farthest(report: &Report, views: &Views) -> Option<usize> {
+    let far = |video: usize| views.farthest(video).map_or(0.0, |r| r.size());
+    (0..report.scenes.len()).max_by(|&a, &b| far(a).total_cmp(&far(b)).then(b.cmp(&a)))
 }
 
 /// The ladder as a table.
@@ -157,6 +186,10 @@ fn rungs(report: &Report) -> Markup {
                 tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} @if several { td {} } td { "1" } }
             }
         } }
+        p class="quiet" {
+            "Held out: the last quarter of each video, predicted by a fit that has not seen it."
+            @if several { " Other videos: between contacts, each video by the numbers of the others." }
+        }
     }
 }
 
@@ -165,11 +198,11 @@ fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
     html! {
         section aria-labelledby="see" {
             h2 id="see" { "See it" }
-            p { "The table from above. Dots: measured; lines: simulated from the first frame on, dashed after the video. \
-                 Filled bodies are simulated, dashed outlines measured: where they part, the model is wrong." }
+            p { "Seen from above. Dots: measured. Lines: simulated, each the best for the whole video, so its start may be off too; \
+                 dashed after the video. Filled bodies are simulated, dashed outlines measured: where they part, the model is wrong." }
             @if several {
                 p class="scripted" { label { "Video " select class="choose" {
-                    @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) { (scene.name) } }
+                    @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) selected[farthest(report, views) == Some(k)] { (scene.name) } }
                 } } }
             }
             @for (k, scene) in report.scenes.iter().enumerate() {
@@ -181,7 +214,7 @@ fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                         class: class(views.stages.len(), n), measured: true,
                     })).collect();
                     @let time = picture(pictures, &format!("residual-time-{}", k + 1));
-                    (player(&format!("video-{}", k + 1), scene, &sides, html! {
+                    (player(&format!("video-{}", k + 1), scene, &sides, views.farthest(k), html! {
                         div class="figures wide" { @if let Some(p) = time { (p.figure()) } }
                     }))
                 }
@@ -210,7 +243,8 @@ fn fails(views: &Views, pictures: &[Picture]) -> Markup {
         section aria-labelledby="fails" {
             h2 id="fails" { "Where it fails, and on what that depends" }
             (regimes(views))
-            div class="figures" {
+            p class="quiet" { "Free: touching nothing. Fast: " (FAST) " m/s or more." }
+            div class="figures wide" {
                 (figures(pictures, "residual-map")) (figures(pictures, "residual-acceleration"))
                 (figures(pictures, "autocorrelation")) (figures(pictures, "cause"))
             }
@@ -254,7 +288,7 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
                     div class="scroll" { table {
                         thead { tr { th { "Candidate" } th { "log evidence" } th { "other videos, between contacts" } } }
                         tbody { @for r in found.ranked.iter().take(12) {
-                            tr { th { (label(&r.kind, &r.effect)) } td { (number(r.log_evidence)) } td { (mm(r.held_out_rmse)) } }
+                            tr { th { (label(&r.effect)) } td { (number(r.log_evidence)) } td { (mm(r.held_out_rmse)) } }
                         } }
                     } }
                 }
@@ -264,7 +298,7 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
                 div class="scroll" { table {
                     thead { tr { th { "Kind" } th { "Parameter" } th { "would have been seen from" } } }
                     tbody { @for s in &found.smallest {
-                        tr { th { (s.kind.replace('_', " ")) } td { (s.parameter) } td { (number(s.value)) " " (s.unit) } }
+                        tr { th { (label(&s.kind)) } td { (s.parameter) } td { (number(s.value)) " " (unit(&s.unit)) } }
                     } }
                 } }
             }
@@ -279,13 +313,18 @@ fn reported(p: &Reported) -> Markup {
         Value::Word(word) => word.clone(),
     };
     html! {
-        (p.name) " = " strong { (text(&p.value)) " " (p.unit) }
+        (p.name) " = " strong { (text(&p.value)) " " (unit(&p.unit)) }
         @if !matches!(p.value, Value::Word(_)) { span class="quiet" { " 95 % interval " (text(&p.low)) " to " (text(&p.high)) } }
     }
 }
 
+/// As it is printed.
+fn unit(unit: &str) -> String {
+    if unit == "1" { String::new() } else { unit.replace("^2", "²").replace("^3", "³") }
+}
+
 fn estimate(e: &Estimate) -> Markup {
-    let unit = if e.unit == "1" { "" } else { &e.unit };
+    let unit = unit(&e.unit);
     if e.sd == 0.0 {
         return html! { td { (number(e.value)) " " (unit) " (fixed)" } };
     }
@@ -302,8 +341,8 @@ fn parameters(report: &Report) -> Markup {
     html! {
         section aria-labelledby="parameters" {
             h2 id="parameters" { "Parameters of the last model" }
-            p { "With their 95 % intervals. What is marked “not identified” the videos do not determine: the value is the \
-                 prior's." }
+            p { "With their 95 % intervals. Of what is marked “not identified” the videos say little: the value is mostly \
+                 the prior's." }
             @for (k, scene) in report.scenes.iter().enumerate() {
                 details open[k == 0] {
                     summary { (scene.name) }
@@ -317,9 +356,9 @@ fn parameters(report: &Report) -> Markup {
                     div class="scroll" { table {
                         thead { tr { th { "Effect" } th { "parameter" } th { "of" } th { "value" } } }
                         tbody { @for s in last.fit.shared(k) {
-                            @for (label, value) in s.labels.iter().zip(&s.values).filter(|(_, v)| v.sd > 0.0) {
+                            @for (of, value) in s.labels.iter().zip(&s.values).filter(|(_, v)| v.sd > 0.0) {
                                 tr class=[added(&s.effect).then_some("added")] {
-                                    th { (s.effect.replace('_', " ")) } td { (s.parameter.replace('_', " ")) } td { (label) }
+                                    th { (label(&s.effect)) } td { (label(&s.parameter)) } td { (of) }
                                     (estimate(value)) }
                             }
                         } }
@@ -334,6 +373,9 @@ fn answers(report: &Report) -> Markup {
     html! {
         section aria-labelledby="answers" {
             h2 id="answers" { "Questions" }
+            @if report.answers.iter().any(|a| report.scenes.iter().all(|s| s.name != a.scene.name)) {
+                p { "Some are about other videos than those above, each with the model of its own." }
+            }
             @for (k, answered) in report.answers.iter().enumerate() { (answer(k, answered)) }
         }
     }
@@ -358,14 +400,21 @@ fn answer(k: usize, answered: &Answered) -> Markup {
             p class="quiet" { (scene.name) }
             @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.trail)) }
             @for choice in &answer.choices {
-                p { strong { (if choice.correct { "✓ yes" } else { "✗ no" }) } " (" (share(if choice.correct { choice.probability } else { 1.0 - choice.probability })) " sure) " (choice.choice) }
+                p { (choice.choice) ": " strong { (if choice.correct { "yes ✓" } else { "no ✗" }) }
+                    span class="quiet" { " " (share(if choice.correct { choice.probability } else { 1.0 - choice.probability })) " sure" } }
                 (trail(&choice.trail))
             }
             p { (answer.explanation) }
-            @if frames > 0 { (legend(scene)) (player(&format!("answer-{}", k + 1), scene, &sides, html! {})) }
+            @if frames > 0 { (legend(scene)) (player(&format!("answer-{}", k + 1), scene, &sides, None, html! {})) }
             div class="figures" { @for p in table::of_answer(k, answered) { (p.figure()) } }
         }
     }
+}
+
+/// The name of a trace as far as it takes to tell it from others.
+fn short(name: &str) -> String {
+    const DIGITS: usize = "traces/".len() + 12;
+    name.chars().take(DIGITS).collect()
 }
 
 fn share(p: f64) -> String {
@@ -387,7 +436,7 @@ fn traces(report: &Report) -> Markup {
             h2 id="traces" { "Traces" }
             p { "The simulations above, number by number, as MCAP files for Foxglove or Rerun." }
             ul class="traces" { @for t in report.traces {
-                li { (t.about) ": " @match &t.href { Some(href) => { a href=(href) { (t.name) } }, None => { code { (t.name) } } } }
+                li { (t.about) ": " @match &t.href { Some(href) => { a href=(href) { (short(&t.name)) } }, None => { code { (t.name) } } } }
             } }
         }
     }

@@ -94,7 +94,7 @@ fn ladder(report: &Report) -> Picture {
 pub fn step(number: usize, effect: Option<&str>) -> String {
     match (number, effect) {
         (0, _) | (_, None) => "as it began".into(),
-        (_, Some(effect)) => format!("+ {}", effect.replace('_', " ")),
+        (_, Some(effect)) => format!("+ {}", label(effect)),
     }
 }
 
@@ -335,7 +335,7 @@ fn causes(first: &Stage) -> Vec<Picture> {
             }
         };
         let caption = format!(
-            "Of the first model. A line that leaves zero depends on {}.",
+            "Of the first model. Zero everywhere: nothing is missing. A steady rise or fall: it depends on {}.",
             if name.len() == 1 { "the place" } else { name }
         );
         chart.picture(&format!("cause-{name}"), &format!("What is missing, against {name}"), &caption, data)
@@ -352,7 +352,7 @@ fn candidates(report: &Report) -> Picture {
             @let y = 8.0 + 24.0 * k as f64;
             @let width = (WIDTH - NAMES - 62.0) * (r.log_evidence / most).clamp(0.0, 1.0);
             @let chosen = report.discovery.effects.iter().any(|e| e.effect == r.effect);
-            text class=[chosen.then_some("bold")] x="4" y=(px(y + 12.0)) { (label(&r.kind, &r.effect)) }
+            text class=[chosen.then_some("bold")] x="4" y=(px(y + 12.0)) { (label(&r.effect)) }
             rect class={ "filled after" @if !chosen { " pale" } } x=(px(NAMES)) y=(px(y)) width=(px(width)) height="15" {}
             text class="small" x=(px(NAMES + width + 5.0)) y=(px(y + 12.0)) { (number(r.log_evidence)) }
         }
@@ -361,15 +361,14 @@ fn candidates(report: &Report) -> Picture {
         name: "candidates".into(),
         title: "Which law explains it best".into(),
         caption: "Log evidence (nats) of each candidate against the model without it, the price of its parameters paid; 5 \
-                  is strong. Bold: what was added."
+                  is strong, and between two candidates only the difference counts. Bold: what was added."
             .into(),
         size: [WIDTH, height],
         body,
     }
 }
 
-/// A candidate in words; kind alone where the two are the same.
-pub fn label(kind: &str, effect: &str) -> String {
-    let name = if kind == crate::discover::FORMULA { effect } else { kind };
-    name.replace('_', " ")
+/// The name of an effect in words.
+pub fn label(effect: &str) -> String {
+    effect.replace('_', " ")
 }

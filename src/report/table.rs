@@ -1,7 +1,7 @@
 //! The table from above: paths, bodies that a slider moves, and stroboscopic pictures.
 
 use super::chart::{Picture, dots, line, px};
-use super::look::{FUTURE, Views};
+use super::look::{FUTURE, Residual, Views};
 use super::{Answered, Report};
 use crate::scene::{Object, Scene, Shape};
 use crate::world::{BodySpec, EventKind, Trace, trace};
@@ -129,6 +129,20 @@ impl View {
         }
     }
 
+    /// How far a simulation is from what was measured.
+    fn off(&self, r: &Residual) -> Markup {
+        let (x, y) = self.at(r.at[0], r.at[1]);
+        let (to_x, to_y) = self.at(r.at[0] - r.off[0], r.at[1] - r.off[1]);
+        let left = x.max(to_x) > 0.6 * self.size[0];
+        let place = if left { x.min(to_x) - 8.0 } else { x.max(to_x) + 8.0 };
+        html! {
+            path class="off" d=(line([Some((x, y)), Some((to_x, to_y))].into_iter())) {}
+            text class="off" x=(px(place)) y=(px((0.5 * (y + to_y) - 14.0).max(14.0))) text-anchor=[left.then_some("end")] {
+                (super::chart::number(1e3 * r.size())) " mm off"
+            }
+        }
+    }
+
     fn ground(&self, scene: &Scene) -> Markup {
         let metre = if self.scale > 120.0 { 0.5 } else { 1.0 };
         let [w, h] = self.size;
@@ -178,15 +192,16 @@ pub struct Side<'a> {
     pub measured: bool,
 }
 
-/// Views side by side with one slider. `extra` moves with them: charts with a cursor.
-pub fn player(id: &str, scene: &Scene, sides: &[Side], extra: Markup) -> Markup {
+/// Views side by side with one slider, which begins where the first side is farthest off. `extra` moves with them: charts
+/// with a cursor.
+pub fn player(id: &str, scene: &Scene, sides: &[Side], farthest: Option<&Residual>, extra: Markup) -> Markup {
     let runs: Vec<&Trace> = sides.iter().map(|s| s.run).collect();
     let view = View::around(std::iter::once(scene), &runs);
     let frames = runs.iter().map(|r| r.states.len()).max().unwrap_or(1);
     let observed = scene.times.len();
     let mut tracks: Vec<Value> = vec![];
     let mut drawn = vec![];
-    for side in sides {
+    for (n, side) in sides.iter().enumerate() {
         let (mut ghosts, mut bodies) = (vec![], vec![]);
         if side.measured {
             for (k, object) in scene.objects.iter().enumerate() {
@@ -218,6 +233,7 @@ pub fn player(id: &str, scene: &Scene, sides: &[Side], extra: Markup) -> Markup 
                 g class="body" data-track=(t) fill=(fill) { (view.outline(&object.shape)) }
             }
             @for (t, object) in &ghosts { g class="ghost" data-track=(t) { (view.outline(&object.shape)) } }
+            @if let Some(r) = farthest.filter(|_| n == 0) { (view.off(r)) }
         };
         let caption = String::new();
         drawn.push(Picture {
@@ -229,17 +245,18 @@ pub fn player(id: &str, scene: &Scene, sides: &[Side], extra: Markup) -> Markup 
         });
     }
     let times: Vec<f64> = (0..frames).map(|f| (1e3 * scene.time_of(f)).round() / 1e3).collect();
-    let data =
-        json!({ "fps": scene.fps, "times": times, "observed": observed, "tracks": tracks }).to_string();
+    let start = farthest.map_or(observed.min(frames).saturating_sub(1), |r| r.frame);
+    let data = json!({ "times": times, "observed": observed, "start": start, "tracks": tracks }).to_string();
     html! {
         div class="player" id=(id) {
-            div class="sides" { @for picture in &drawn { (picture.figure()) } }
             div class="controls" {
                 button type="button" class="play" aria-pressed="false" { "▶ Play" }
                 input type="range" class="time" min="0" max=(frames.saturating_sub(1)) value="0" step="1"
                     aria-label={ "Time in " (scene.name) };
                 output class="clock" { "0.00 s" }
+                @if farthest.is_some() { button type="button" class="worst" { "Farthest off" } }
             }
+            div class="sides" { @for picture in &drawn { (picture.figure()) } }
             (extra)
             // What a script holds is no markup; `<` would end it.
             script type="application/json" { (maud::PreEscaped(data.replace('<', "\\u003c"))) }

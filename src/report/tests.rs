@@ -62,7 +62,7 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         low: number(0.0),
         high: number(1.0),
     };
-    let effect = Found { kind: "vortex".into(), effect: HOSTILE.into(), parameters: vec![parameter] };
+    let effect = Found { kind: "vortex".into(), effect: "vortex".into(), parameters: vec![parameter] };
     let ranked =
         Ranked { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
     let discovery = Discovery {
@@ -92,6 +92,11 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
 fn a_page_says_what_was_missing_and_shows_both_models() {
     let (html, pictures) = made(Verdict::EffectFound, 2);
     assert!(html.contains("<h1>Missing: vortex</h1>") && html.contains("without vortex"));
+    for told in
+        ["Where the first model failed", "What was missing", "How far the error fell", "mm off</text>"]
+    {
+        assert!(html.contains(told), "{told}");
+    }
     // Two objects, on two sides and beside the imagined one.
     assert_eq!(html.matches("class=\"dots thin measured\"").count(), 2 * 3);
     assert_eq!(html.matches("class=\"ghost\"").count(), 2 * 3);
@@ -110,6 +115,7 @@ fn a_page_says_what_was_missing_and_shows_both_models() {
     assert!(pictures.iter().any(|p| p.0 == "answer-1-counterfactual-1.svg"));
     let (html, _) = made(Verdict::Adequate, 1);
     assert!(html.contains("<h1>Nothing is missing</h1>") && !html.contains("Error before"));
+    assert!(!html.contains("Farthest off"));
     // Nothing was fitted at all.
     assert!(made(Verdict::NotIdentifiable, 0).0.contains("These videos do not tell"));
 }

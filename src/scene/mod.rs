@@ -32,9 +32,8 @@ pub use silhouette::outline;
 pub use tracker::{is_tracker, parse_tracker};
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
-use crate::num::Vec2;
+use crate::num::{Vec2, wrapped};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::TAU;
 
 /// Most objects in one scene: contacts are found pair by pair and a posterior holds all of them.
 pub const MAX_OBJECTS: usize = 128;
@@ -111,7 +110,7 @@ impl Track {
     /// Whether a yaw was measured throughout and turns evenly. The yaw of a ball that rolls does not: it flips each time
     /// that the ball's mark goes over the top.
     pub fn turns_evenly(&self) -> bool {
-        let turn = |a: f64, b: f64| (b - a) - TAU * ((b - a) / TAU).round();
+        let turn = |a: f64, b: f64| wrapped(b - a);
         let even = |w: &[Sample]| match (w[0].yaw, w[1].yaw, w[2].yaw) {
             (Some(a), Some(b), Some(c)) => turn(turn(a, b), turn(b, c)).abs() < UNEVEN,
             _ => false,

@@ -173,17 +173,24 @@ impl<T: Scalar> Run<'_, T> {
             if rate.value() < -1e-6 { -(near.gap.infinitesimal() / rate).infinitesimal() } else { T::zero() }
         };
         let begun = saved.iter().find(|s| s.since.value() == time).map(|s| s.since);
-        let at = begun.unwrap_or_else(|| later(self) + time);
+        let mut at = begun.unwrap_or_else(|| later(self) + time);
         if at.is_constant() {
             return;
         }
         self.restore(saved);
         self.move_both(a, b, at);
-        if begun.is_none() {
-            // The gap opens at the rate of the velocities only as far as the integrator is exact.
-            let rest = later(self);
-            self.shift_both(a, b, rest);
+        if begun.is_some() {
+            return;
         }
+        // The gap opens at the rate of the velocities only as far as the integrator is exact, which it is not where another
+        // corner comes to press on the way.
+        if saved.len() > 2 {
+            at += later(self);
+            self.restore(saved);
+            self.move_both(a, b, at);
+        }
+        let rest = later(self);
+        self.shift_both(a, b, rest);
     }
 
     fn before(&self, body: usize) -> Before<T> {

@@ -1,7 +1,7 @@
 //! Coulomb friction shared between sliding and turning over the foot of a body.
 
 use super::motion::Kinematics;
-use crate::num::{Real, Vec2, vec2};
+use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 
 /// Friction over the foot for unit grip: mean of the unit slip velocities over the points that carry the
@@ -31,19 +31,33 @@ fn of_size<T: Real>(shape: &Shape, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) {
     }
 }
 
+/// Radius of the patch on which a corner stands, as a share of the foot's. It turns with the body, so that its points
+/// slip by `patch x spin` where the corner does not: friction has no jump where a box comes to pivot about a corner, as most
+/// do before they stop (Goyal, Ruina and Papadopoulos, 1991).
+const PATCH: f64 = 0.05;
+
+/// Slopes of the mean slip speed over the corners, each `sqrt(slip^2 + (patch x spin)^2)`.
 fn corners<T: Real>(a: f64, b: f64, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) {
     let turn = Vec2::from_angle(k.yaw);
-    // Of the corners one after the other, and of one diagonal against the other.
-    let mut sum = (Vec2::zero(), T::zero());
-    let mut difference = sum;
-    for (x, y, sign) in [(a, b, 0.25), (-a, b, -0.25), (-a, -b, 0.25), (a, -b, -0.25)] {
-        let arm = vec2(T::constant(x), T::constant(y)).rotated(turn);
-        let slip = (k.velocity + arm.perp() * k.spin).unit();
-        let torque = arm.cross(slip);
-        sum = (sum.0 + slip.scaled(0.25), sum.1 + torque * 0.25);
-        difference = (difference.0 + slip.scaled(sign), difference.1 + torque * sign);
-    }
-    (sum.0 + difference.0 * rock, sum.1 + difference.1 * rock)
+    let patch = PATCH * a.hypot(b);
+    let own = k.spin * patch;
+    let of_patch = own * own;
+    // Of both diagonals, one corner and the one across.
+    let diagonal = |x: f64, y: f64| {
+        let arm = turn.scaled(x) + turn.perp().scaled(y);
+        let turning = arm.perp() * k.spin;
+        let unit = |slip: Vec2<T>| {
+            let squared = slip.norm_squared() + of_patch;
+            let q = squared.value();
+            let inverse = if q > 0.0 { 1.0 / q.sqrt() } else { return (Vec2::zero(), T::zero()) };
+            let share = squared.chain(inverse, -0.5 * inverse / q);
+            (slip * share, share)
+        };
+        let ((near, s), (far, t)) = (unit(k.velocity + turning), unit(k.velocity - turning));
+        ((near + far).scaled(0.25), (arm.cross(near - far) + own * (s + t) * patch) * 0.25)
+    };
+    let ((f, t), (g, u)) = (diagonal(a, b), diagonal(-a, b));
+    (f + g + (f - g) * rock, t + u + (t - u) * rock)
 }
 
 /// The mean slip speed M(v, w) over a rim that slides with v and turns with w = spin x radius is the
@@ -74,6 +88,7 @@ fn rim<T: Real>(radius: f64, k: &Kinematics<T>) -> (Vec2<T>, T) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num::vec2;
 
     fn kinematics(vx: f64, spin: f64) -> Kinematics<f64> {
         Kinematics { position: vec2(0., 0.), yaw: 0.3, velocity: vec2(vx, 0.2), spin, roll: vec2(0., 0.) }

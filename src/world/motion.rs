@@ -285,7 +285,13 @@ impl<T: Scalar> Laws<T> {
         let shape = &self.shapes[i];
         let Shape::Ball { radius } = *shape else {
             if w.grip.value() > 0.0 {
-                let (f, t) = footprint(shape, self.growth.get(i).copied(), w.rock, k);
+                let growth = self.growth.get(i).copied();
+                let growth = match growth {
+                    None if w.foot.value() == 0.0 && !T::DIFFERENTIATES => None,
+                    None => Some(w.foot),
+                    Some(g) => Some(g + w.foot + g * w.foot),
+                };
+                let (f, t) = footprint(shape, growth, w.rock, k);
                 force -= (f - f.perp() * w.skew) * w.grip;
                 torque -= (t - w.lever * f.norm()) * w.grip;
             }

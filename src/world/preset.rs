@@ -65,8 +65,12 @@ const fn at_walls(name: &'static str, params: &'static [PresetParam]) -> PresetE
 }
 
 /// Friction a little beside the centre and askew: tight, so that it takes no more than what feet do.
-const UNEVEN_FOOT: &[PresetParam] =
-    &[set("lever", 0.0, 0.003, Scope::Object), set("skew", 0.0, 0.02, Scope::Object)];
+/// What stands on rim and corners in one engine is a point in another and an even load in a third.
+const UNEVEN_FOOT: &[PresetParam] = &[
+    set("lever", 0.0, 0.003, Scope::Object),
+    set("skew", 0.0, 0.02, Scope::Object),
+    set("foot", 0.0, 0.5, Scope::Shape),
+];
 
 /// Every preset there is.
 pub static PRESETS: &[Preset] = &[

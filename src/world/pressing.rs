@@ -230,7 +230,7 @@ impl<T: Scalar> Run<'_, T> {
 
     /// The points at which kept contacts of the group press.
     fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
-        let mut points = vec![];
+        let mut points = Vec::with_capacity(2 * self.touching.len());
         for (contact, &Touching { a, b, friction, forces, slides, .. }) in self.touching.iter().enumerate() {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };

@@ -110,7 +110,10 @@ def look(browser, url, width, scheme, shots, try_it):
 def report(browser, where):
     before = browser.value(BODIES)
     assert before and all(before), f"{where}: no player has bodies"
-    browser.value("document.querySelectorAll('.time').forEach(s => { s.value = 0; s.dispatchEvent(new Event('input')) })")
+    slide = "document.querySelectorAll('.time').forEach(s => { s.value = s.%s; s.dispatchEvent(new Event('input')) })"
+    browser.value(slide % "max")
+    before = browser.value(BODIES)
+    browser.value(slide % "min")
     after = browser.value(BODIES)
     assert all(a != b for a, b in zip(before, after)), f"{where}: a slider moves nothing"
     browser.value("document.querySelector('.time').focus()")
@@ -123,6 +126,11 @@ def report(browser, where):
     browser.value("new Promise(r => setTimeout(r, 500))")
     assert int(browser.value("document.querySelector('.time').value")) > 5, f"{where}: play does not play"
     browser.value("document.querySelector('.play').click()")
+    worst = browser.value("""(() => { const p = [...document.querySelectorAll('.player')].find(p => p.querySelector('.worst'));
+      if (!p) return true;
+      p.querySelector('.worst').click();
+      return +p.querySelector('.time').value == JSON.parse(p.querySelector('script').textContent).start; })()""")
+    assert worst, f"{where}: the farthest frame is not shown"
     picked = browser.value("""(() => { const c = document.querySelector('.choose'); if (!c) return true;
       c.value = '1'; c.dispatchEvent(new Event('change'));
       const shown = [...document.querySelectorAll('.video')].map(v => !v.hidden);

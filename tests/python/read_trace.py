@@ -9,11 +9,11 @@ from collections import Counter
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-ENSEMBLE = ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/000", "/ensemble/031"]
+ENSEMBLE = ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/rollouts"]
 FRAMES = ENSEMBLE + ["/simulated/states", "/simulated/poses", "/simulated/scene", "/simulated/transforms"]
 
 path, result = sys.argv[1], json.load(open(sys.argv[2]))
-counts, states = Counter(), []
+counts, states, rollouts = Counter(), [], []
 with open(path, "rb") as file:
     reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
     for schema, channel, message, decoded in reader.iter_decoded_messages():
@@ -21,6 +21,8 @@ with open(path, "rb") as file:
         counts[channel.topic] += 1
         if channel.topic == "/simulated/states":
             states.append(decoded)
+        if channel.topic == "/ensemble/rollouts":
+            rollouts.append(decoded)
     attachments = {a.name: a.data if a.name.endswith(".cbor") else json.loads(a.data) for a in reader.iter_attachments()}
     metadata = {m.name: m.metadata for m in reader.iter_metadata()}["vrdp"]
 
@@ -31,6 +33,9 @@ for topic in ["/events", "/log"]:
 for frame, state in zip(result["frames"], states):
     want = [(o["object_id"], o["x"], o["y"], o["vx"], o["vy"]) for o in frame["objects"]]
     assert want == [(s.object_id, s.x, s.y, s.vx, s.vy) for s in state.states], frame["frame"]
+drawn = int(metadata["rollouts_kept"])
+for row in rollouts:
+    assert drawn > 1 and len(row.x) == len(row.y) == len(row.yaw) == drawn * len(row.object_ids), row.frame
 assert attachments.keys() == {"request.json", "model.json", "scene.json", "fit.cbor"}, attachments.keys()
 assert metadata["build"] and metadata["model"], metadata
 print(f"{path}: {len(states)} frames, {counts['/events']} events, {len(counts)} topics: whole")

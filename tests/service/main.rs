@@ -13,4 +13,5 @@ mod revise;
 mod security;
 mod setup;
 mod sharing;
+mod spans;
 mod traces;

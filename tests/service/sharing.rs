@@ -48,14 +48,21 @@ async fn a_full_queue_refuses_with_advice_and_recovers_when_the_caller_leaves() 
     assert!(refused.get_details_retry_info().unwrap().retry_delay.unwrap() > Duration::ZERO);
     assert_eq!(refused.metadata().get("grpc-retry-pushback-ms").unwrap(), "1000");
     drop(worker);
+    // The place is free as soon as the job has ended, which is soon, and not at once; a call may be refused as a whole.
     let mut left = loop {
-        let mut stream = service.models().fit_model(request.clone()).await.unwrap().into_inner();
-        match stream.message().await {
-            Ok(_) => break stream,
-            Err(status) => assert_eq!(status.code(), Code::ResourceExhausted, "{status:?}"),
-        }
+        let refused = match service.models().fit_model(request.clone()).await {
+            Err(status) => status,
+            Ok(response) => {
+                let mut stream = response.into_inner();
+                match stream.message().await {
+                    Ok(_) => break stream,
+                    Err(status) => status,
+                }
+            }
+        };
+        assert_eq!(refused.code(), Code::ResourceExhausted, "{refused:?}");
     };
-    // The place is free as soon as the abandoned fit has noticed.
+    // And here, as soon as the abandoned fit has noticed.
     assert!(left.message().await.is_ok());
     drop(left);
     while let Err(status) = service.fit(&small).await {
