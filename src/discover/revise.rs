@@ -67,6 +67,15 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
     models
 }
 
+/// Gives a model the beliefs of another of the same effects; where it stands is left as it is.
+fn believe_as(model: &mut Model, asked: &Model) {
+    for (active, own) in model.effects.iter_mut().zip(&asked.effects) {
+        for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+            (p.means, p.prior) = (q.means.clone(), q.prior);
+        }
+    }
+}
+
 /// Fits the models as a revision that adds `effect`. `free_motion` says whether the force lens leads.
 pub fn revise(
     lens: &Lens,
@@ -78,13 +87,7 @@ pub fn revise(
     let (free, seen) = fit_forces(lens, models);
     let (mut fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
-    for (fitted, asked) in fit_all.scenes.iter_mut().zip(models) {
-        for (active, own) in fitted.model.effects.iter_mut().zip(&asked.effects) {
-            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-                (p.means, p.prior) = (q.means.clone(), q.prior);
-            }
-        }
-    }
+    fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -171,13 +174,7 @@ fn fit_set_up(
             }
         }
     }
-    for (model, asked) in near.iter_mut().zip(models) {
-        for (active, own) in model.effects.iter_mut().zip(&asked.effects) {
-            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-                (p.means, p.prior) = (q.means.clone(), q.prior);
-            }
-        }
-    }
+    near.iter_mut().zip(models).for_each(|(model, asked)| believe_as(model, asked));
     let together = FitOptions { begin: Begin::Near, ..*options };
     let (mut joint, alone) = common(scenes, &near, alone, &together, stop)?;
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
@@ -236,11 +233,7 @@ fn common(
         })
         .collect();
     for (&k, mut fitted) in before.iter().zip(retried?) {
-        for (active, own) in fitted.scenes[0].model.effects.iter_mut().zip(&all[k].effects) {
-            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-                p.prior = q.prior;
-            }
-        }
+        believe_as(&mut fitted.scenes[0].model, &all[k]);
         if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
             all[k].clone_from(&fitted.scenes[0].model);
             alone[k] = fitted;

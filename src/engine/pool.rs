@@ -41,8 +41,7 @@ pub struct Pool {
 
 /// The place of a job among those that were admitted. Who keeps it until the result is stored too is admitted no faster
 /// than the disk can follow.
-#[derive(Debug)]
-pub struct Place(#[allow(dead_code, reason = "it is held, not read")] OwnedSemaphorePermit);
+pub type Place = OwnedSemaphorePermit;
 
 /// How busy the pool is.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -114,7 +113,7 @@ impl Pool {
         T: Send + 'static,
         F: FnOnce(Stop) -> Result<T, EngineError> + Send + 'static,
     {
-        let Ok(permit) = self.admission.clone().try_acquire_owned() else {
+        let Ok(place) = self.admission.clone().try_acquire_owned() else {
             metrics::counter!(figures::REFUSED).increment(1);
             return Err(EngineError::Overloaded { capacity: self.capacity });
         };
@@ -140,7 +139,7 @@ impl Pool {
             }));
             state.ends(began);
             // The caller may have gone.
-            let _ = reply.send((result, Place(permit)));
+            let _ = reply.send((result, place));
         });
         let answer = tokio::select! {
             biased;
@@ -214,12 +213,12 @@ mod tests {
         go.send(()).unwrap();
         let (done, place) = busy.await.unwrap().unwrap();
         assert!(done);
-        queued.await.unwrap().unwrap();
+        drop(queued.await.unwrap().unwrap());
         // What is done and not yet stored counts.
         assert_eq!(pool.admission.available_permits(), 1);
         drop(place);
         assert_eq!(pool.admission.available_permits(), 2);
-        pool.run(control(), |_| Ok(())).await.unwrap();
+        drop(pool.run(control(), |_| Ok(())).await.unwrap());
     }
 
     #[tokio::test]

@@ -118,16 +118,13 @@ fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
 
 /// Where the accelerations that a model lacks point, in words, if most of them agree.
 pub fn direction(lacks: &[Unexplained]) -> Option<&'static str> {
-    // Deviations by which a weighted mean differs from zero.
-    let sure = |part: &dyn Fn(&Unexplained) -> f64| {
-        let weights = lacks.iter().map(|u| 1.0 / (u.sd * u.sd).max(1e-12));
-        let (sum, whole) =
-            weights.zip(lacks).fold((0.0, 0.0), |(s, w), (weight, u)| (s + weight * part(u), w + weight));
-        sum / f64::max(whole, 1e-12).sqrt()
+    // Deviations by which it differs from zero.
+    let sure = |part: fn(&Unexplained) -> f64| {
+        let (mean, sd) = weighted_mean(lacks, part);
+        mean / sd
     };
-    let along = sure(&|u| u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9));
-    let left = sure(&|u| u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9));
-    let fixed = sure(&|u| u.acceleration.x).hypot(sure(&|u| u.acceleration.y));
+    let (along, left) = (sure(along), sure(left));
+    let fixed = sure(|u| u.acceleration.x).hypot(sure(|u| u.acceleration.y));
     let told = [
         (along, "along the motion"),
         (-along, "against the motion"),
@@ -137,6 +134,30 @@ pub fn direction(lacks: &[Unexplained]) -> Option<&'static str> {
     ];
     let (most, words) = told.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
     (most > AGREE).then_some(words)
+}
+
+/// What is missing along the velocity (m/s²).
+pub fn along(u: &Unexplained) -> f64 {
+    u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9)
+}
+
+/// What is missing to the left of the velocity (m/s²).
+pub fn left(u: &Unexplained) -> f64 {
+    u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9)
+}
+
+/// Mean of a part, each counting by how well it is known, and its deviation.
+pub fn weighted_mean<'u>(
+    lacks: impl IntoIterator<Item = &'u Unexplained>,
+    part: fn(&Unexplained) -> f64,
+) -> (f64, f64) {
+    let mut sums = (0.0, 0.0);
+    for u in lacks {
+        let weight = 1.0 / (u.sd * u.sd).max(1e-12);
+        sums = (sums.0 + weight * part(u), sums.1 + weight);
+    }
+    let whole = f64::max(sums.1, 1e-12);
+    (sums.0 / whole, 1.0 / whole.sqrt())
 }
 
 pub fn residuals(scene: &Scene, run: &Trace) -> Vec<Residual> {

@@ -186,15 +186,12 @@ fn rungs(report: &Report) -> Markup {
                 tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} @if several { td {} } td { "1" } }
             }
         } }
-        p class="quiet" {
-            "Held out: the last quarter of each video, predicted by a fit that has not seen it."
-            @if several { " Other videos: between contacts, each video by the numbers of the others." }
-        }
+        @if several { p class="quiet" { "Other videos: between contacts, each video by the numbers of the others." } }
     }
 }
 
 fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
-    let several = report.scenes.len() > 1;
+    let (several, first) = (report.scenes.len() > 1, farthest(report, views));
     html! {
         section aria-labelledby="see" {
             h2 id="see" { "See it" }
@@ -202,7 +199,7 @@ fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                  dashed after the video. Filled bodies are simulated, dashed outlines measured: where they part, the model is wrong." }
             @if several {
                 p class="scripted" { label { "Video " select class="choose" {
-                    @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) selected[farthest(report, views) == Some(k)] { (scene.name) } }
+                    @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) selected[first == Some(k)] { (scene.name) } }
                 } } }
             }
             @for (k, scene) in report.scenes.iter().enumerate() {

@@ -3,7 +3,7 @@
 
 use super::Report;
 use super::chart::{Axis, Chart, Picture, dots, line, number, px};
-use super::look::{NINETY_NINE, Residual, Stage, Views};
+use super::look::{NINETY_NINE, Residual, Stage, Views, along, left, weighted_mean};
 use super::table::View;
 use crate::discover::Unexplained;
 use crate::scene::Scene;
@@ -82,8 +82,8 @@ fn ladder(report: &Report) -> Picture {
     Picture {
         name: "ladder".into(),
         title: "Error of each revision of the model".into(),
-        caption: "Root mean square error of a coordinate. Strong: all frames; pale: the last quarter of each video, predicted by \
-                  a fit that has not seen it."
+        caption: "Root mean square error of a coordinate. Strong: all frames; pale: held out, the last quarter of each video, \
+                  predicted by a fit that has not seen it."
             .into(),
         size: [WIDTH, height],
         body,
@@ -296,12 +296,11 @@ fn causes(first: &Stage) -> Vec<Picture> {
         ("y", "y (m)", |u| u.position.y),
     ];
     let all = &first.unexplained;
-    let along = |u: &Unexplained| u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9);
-    let across = |u: &Unexplained| u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9);
-    type Part<'a> = (&'static str, &'a dyn Fn(&Unexplained) -> f64);
-    let parts: [Part; 2] = [("before", &along), ("after", &across)];
+    type Part = (&'static str, &'static str, fn(&Unexplained) -> f64);
+    const PARTS: [Part; 2] =
+        [("before", "along the motion", along), ("after", "to its left (right: negative)", left)];
     let one = |(name, label, cause): &Cause| {
-        let values = all.iter().flat_map(|u| [along(u), across(u)]);
+        let values = all.iter().flat_map(|u| [along(u), left(u)]);
         let chart = Chart {
             x: Axis::around(label, all.iter().map(cause), *name == "speed"),
             y: Axis::around("missing (m/s²)", values, true),
@@ -309,29 +308,23 @@ fn causes(first: &Stage) -> Vec<Picture> {
         let mut sorted: Vec<&Unexplained> = all.iter().collect();
         sorted.sort_by(|a, b| cause(a).total_cmp(&cause(b)));
         let group = sorted.len().div_ceil(GROUPS).max(1);
-        let means = |part: &dyn Fn(&Unexplained) -> f64| -> Vec<(f64, f64)> {
+        let means = |part: fn(&Unexplained) -> f64| -> Vec<(f64, f64)> {
             let mean = |of: &[&Unexplained]| {
-                // Each counts by how well it is known.
-                let weight = |u: &Unexplained| 1.0 / (u.sd * u.sd).max(1e-12);
-                let whole: f64 = of.iter().map(|u| weight(u)).sum();
-                let value: f64 = of.iter().map(|u| weight(u) * part(u)).sum::<f64>() / whole;
                 let place: f64 = of.iter().map(|u| cause(u)).sum::<f64>() / of.len() as f64;
-                chart.at(place, value)
+                chart.at(place, weighted_mean(of.iter().copied(), part).0)
             };
             sorted.chunks(group).map(mean).collect()
         };
-        let [left, top, right, _] = Chart::inside();
+        let [low, top, high, _] = Chart::inside();
         let (_, zero) = chart.at(chart.x.low, 0.0);
         let data = html! {
-            line class="axis" x1=(px(left)) x2=(px(right)) y1=(px(zero)) y2=(px(zero)) {}
-            @for (n, (class, part)) in parts.iter().enumerate() {
+            line class="axis" x1=(px(low)) x2=(px(high)) y1=(px(zero)) y2=(px(zero)) {}
+            @for (n, (class, name, part)) in PARTS.into_iter().enumerate() {
                 path class={ "dots pale " (class) } d=(dots(all.iter().map(|u| chart.at(cause(u), part(u))))) {}
                 path class=(class) d=(line(means(part).into_iter().map(Some))) {}
-                @let x = left + 8.0 + 0.5 * (right - left) * n as f64;
+                @let x = low + 8.0 + 0.5 * (high - low) * n as f64;
                 line class=(class) x1=(px(x)) x2=(px(x + 18.0)) y1=(px(top - 5.0)) y2=(px(top - 5.0)) {}
-                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) {
-                    @if n == 0 { "along the velocity" } @else { "to its left" }
-                }
+                text class="small" x=(px(x + 23.0)) y=(px(top - 1.0)) { (name) }
             }
         };
         let caption = format!(
