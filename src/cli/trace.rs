@@ -222,10 +222,10 @@ fn table(schema: &str) -> Option<(&'static [&'static str], Rows)> {
             let row = v1::TraceRollouts::decode(m.data.as_slice()).unwrap_or_default();
             let objects = row.object_ids.len();
             let places = row.x.iter().zip(&row.y).zip(&row.yaw).enumerate();
-            let one = |(at, ((x, y), yaw)): (usize, ((&f64, &f64), &f64))| {
+            let one = |(at, ((x, y), yaw)): (usize, ((&f32, &f32), &f32))| {
                 let (rollout, id) = (at.checked_div(objects)?, row.object_ids.get(at.checked_rem(objects)?)?);
                 let head = [rollout.to_string(), row.frame.to_string(), number(m.time), id.to_string()];
-                (!x.is_nan()).then(|| head.into_iter().chain([*x, *y, *yaw].map(number)).collect())
+                (!x.is_nan()).then(|| head.into_iter().chain([*x, *y, *yaw].map(|v| v.to_string())).collect())
             };
             places.filter_map(one).collect()
         }),

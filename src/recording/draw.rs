@@ -1,6 +1,5 @@
 //! What viewers draw of an object: its pose, shape and colour in Foxglove's schemas.
 
-use super::FRAME;
 use super::messages::foxglove as fox;
 use crate::num::Vec2;
 use crate::scene::Shape;
@@ -12,19 +11,20 @@ pub fn pose(position: Vec2, shape: &Shape, yaw: f64) -> fox::Pose {
     fox::Pose { position: Some(position), orientation: Some(orientation) }
 }
 
+/// The shape of an object in its own frame of reference, which the transforms move.
 pub fn entity(
-    id: u32,
+    frame: &str,
     shape: &Shape,
-    pose: fox::Pose,
     color: fox::Color,
     timestamp: Option<Timestamp>,
 ) -> fox::SceneEntity {
-    let (pose, color) = (Some(pose), Some(color));
+    let (pose, color) = (Some(fox::Pose::default()), Some(color));
     let size = |x: f64, y: f64| Some(fox::Vector3 { x, y, z: 2.0 * shape.centre_height() });
     let mut entity = fox::SceneEntity {
         timestamp,
-        frame_id: FRAME.into(),
-        id: format!("object_{id}"),
+        frame_id: frame.into(),
+        id: frame.into(),
+        frame_locked: true,
         ..Default::default()
     };
     match *shape {

@@ -7,12 +7,14 @@ use super::{FRAME, Recording, RecordingError};
 use crate::fit::{Estimate, Fit};
 use crate::num::Vec2;
 use crate::reason::{Imagined, LikelyEvent};
-use crate::scene::{Scene, Shape};
-use crate::world::{EventKind, Model, State, Trace};
+use crate::scene::Scene;
+use crate::world::{BodySpec, EventKind, Model, State, Trace};
 use std::collections::BTreeMap;
 
 /// Most states of drawn rollouts in one file: about 25 MB. The rollouts after them can be simulated again.
 pub const MAX_ROLLOUT_STATES: usize = 1_000_000;
+/// Shapes move with their frames of reference; so many frames later they are told again, for who comes late.
+const SHOWN_AGAIN: usize = 25;
 /// Media types of attachments.
 const JSON: &str = "application/json";
 const CBOR: &str = "application/cbor";
@@ -108,27 +110,33 @@ pub fn residuals(scene: &Scene, run: &Trace, topic: &Topic, to: &mut Draft) -> R
 fn simulated(scene: &Scene, imagined: &Imagined, to: &mut Draft) -> Result<(), RecordingError> {
     let (best, model) = (&imagined.best, &imagined.model);
     run(best, &imagined.sd, model, [&m::STATES, &m::POSES], to)?;
-    let shapes: Vec<Shape> = model.bodies.iter().map(|b| b.shape).collect();
-    let color_of = |id: &u32| scene.objects.iter().find(|o| o.id == *id).map(|o| color(&o.color));
-    let colors: Vec<fox::Color> =
-        best.ids.iter().map(|id| color_of(id).unwrap_or_else(|| color(""))).collect();
-    for (row, &time) in best.states.iter().zip(&best.times) {
+    let frames: Vec<String> = best.ids.iter().map(|id| format!("object_{id}")).collect();
+    let mut drawn: Option<Vec<bool>> = None;
+    for (frame, (row, &time)) in best.states.iter().zip(&best.times).enumerate() {
         let timestamp = timestamp(time)?;
-        let (mut transforms, mut entities) = (Vec::with_capacity(row.len()), Vec::with_capacity(row.len()));
-        for ((state, &id), (shape, color)) in row.iter().zip(&best.ids).zip(shapes.iter().zip(&colors)) {
+        let mut transforms = Vec::with_capacity(row.len());
+        for ((state, body), child) in row.iter().zip(&model.bodies).zip(&frames) {
             let Some(state) = state else { continue };
-            let pose = pose(state.position, shape, state.yaw);
+            let pose = pose(state.position, &body.shape, state.yaw);
             transforms.push(fox::FrameTransform {
                 timestamp,
                 parent_frame_id: FRAME.into(),
-                child_frame_id: format!("object_{id}"),
+                child_frame_id: child.clone(),
                 translation: pose.position,
                 rotation: pose.orientation,
             });
-            entities.push(entity(id, shape, pose, *color, timestamp));
         }
         to.push(&m::TRANSFORMS, time, &fox::FrameTransforms { transforms })?;
-        to.push(&m::SHAPES, time, &fox::SceneUpdate { entities })?;
+        let here: Vec<bool> = row.iter().map(Option::is_some).collect();
+        if frame % SHOWN_AGAIN == 0 || drawn.as_ref() != Some(&here) {
+            let color_of = |id: u32| scene.objects.iter().find(|o| o.id == id).map_or("", |o| &o.color);
+            let of = |((body, frame), _): ((&BodySpec, &String), _)| {
+                entity(frame, &body.shape, color(color_of(body.id)), timestamp)
+            };
+            let entities = model.bodies.iter().zip(&frames).zip(&here).filter(|(_, here)| **here).map(of);
+            to.push(&m::SHAPES, time, &fox::SceneUpdate { entities: entities.collect() })?;
+            drawn = Some(here);
+        }
     }
     Ok(())
 }
@@ -165,20 +173,20 @@ fn ensemble(imagined: &Imagined, kept: usize, to: &mut Draft) -> Result<(), Reco
     let (mean, sd) = mean(imagined);
     run(&mean, &sd, &imagined.model, [&m::MEAN, &m::MEAN_POSES], to)?;
     let rollouts = &imagined.ensemble[..kept];
+    let ids = &imagined.best.ids;
     for (frame, &time) in imagined.best.times.iter().enumerate() {
-        let bodies = 0..imagined.best.ids.len();
-        let state = |run: &Trace, body: usize| run.states.get(frame)?.get(body).copied().flatten();
-        let each = |value: fn(State) -> f64| {
-            let of = |run| bodies.clone().map(move |body| state(run, body).map_or(f64::NAN, value));
-            rollouts.iter().flat_map(of).collect()
-        };
-        let message = v1::TraceRollouts {
-            frame: frame as u32,
-            object_ids: imagined.best.ids.clone(),
-            x: each(|s| s.position.x),
-            y: each(|s| s.position.y),
-            yaw: each(|s| s.yaw),
-        };
+        let list = || Vec::with_capacity(kept * ids.len());
+        let (mut x, mut y, mut yaw) = (list(), list(), list());
+        for run in rollouts {
+            for body in 0..ids.len() {
+                let state = run.states.get(frame).and_then(|row| row.get(body).copied().flatten());
+                let of = |value: fn(State) -> f64| state.map_or(f32::NAN, |s| value(s) as f32);
+                x.push(of(|s| s.position.x));
+                y.push(of(|s| s.position.y));
+                yaw.push(of(|s| s.yaw));
+            }
+        }
+        let message = v1::TraceRollouts { frame: frame as u32, object_ids: ids.clone(), x, y, yaw };
         to.push(&m::ROLLOUTS, time, &message)?;
     }
     Ok(())

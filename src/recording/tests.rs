@@ -142,7 +142,8 @@ fn every_frame_and_event_is_in_the_file() {
         reading.events.iter().map(|e| (e.kind.as_str(), e.time, e.object_ids.clone())).collect();
     assert_eq!(events, [("collision", 0.5, vec![0, 3]), ("stop", 0.91, vec![6])]);
     let counts: Vec<_> = messages::SIMULATION.iter().map(|t| reading.counts[&*t.name]).collect();
-    assert_eq!(counts, [1, 20, 30, 30, 30, 30, 20, 2, 2]);
+    // Shapes at the frames 0 and 25, and where three come in.
+    assert_eq!(counts, [1, 20, 30, 5, 30, 30, 20, 2, 2]);
     for topic in ["/ensemble/mean", "/ensemble/mean/poses", "/ensemble/rollouts"] {
         assert_eq!(reading.counts[topic], 30, "{topic}");
     }

@@ -2,8 +2,9 @@
 
 use crate::harness::*;
 use proptest::prelude::*;
-use proptest::test_runner::{Config, TestRunner};
+use proptest::test_runner::{Config, TestCaseError, TestRunner};
 use prost::Message;
+use std::cell::Cell;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -23,9 +24,25 @@ pub fn count(long: usize, short: usize) -> usize {
     if is_long() { long } else { short }
 }
 
-fn runner(long: u32, short: u32) -> TestRunner {
-    let cases = if is_long() { long } else { short };
-    TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() })
+/// Holds a test to inputs of a kind, and prints how long the slowest took and the most memory that all of them needed.
+fn every<S: Strategy>(
+    inputs: &S,
+    [long, short]: [usize; 2],
+    test: impl Fn(S::Value) -> Result<(), TestCaseError>,
+) {
+    let cases = count(long, short) as u32;
+    let mut runner = TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() });
+    let slowest = Cell::new(Duration::ZERO);
+    let timed = |input| {
+        let began = Instant::now();
+        let passed = test(input);
+        slowest.set(slowest.get().max(began.elapsed()));
+        passed
+    };
+    runner.run(inputs, timed).unwrap();
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let most = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap_or("unknown").trim();
+    println!("{cases} inputs, the slowest {:.3?}; memory at most {most}", slowest.get());
 }
 
 /// Resident memory of a process (MiB).
@@ -176,7 +193,7 @@ pub async fn whole(channel: &Channel, told: &Told) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_was_acknowledged_survives_kill_9() {
-    let rounds = count(200, 3);
+    let rounds = count(1_000, 20);
     let folder = tempfile::tempdir().unwrap();
     let told = Arc::new(Mutex::new(Told::default()));
     let mut slowest = Duration::ZERO;
@@ -281,8 +298,7 @@ fn k_broken_fields_are_k_violations() {
     let folder = tempfile::tempdir().unwrap();
     let service = runtime.block_on(start(folder.path(), CAPACITY));
     let places = proptest::collection::btree_set((0..3usize, 0..20usize, any::<bool>()), 1..20);
-    let mut runner = runner(1000, 40);
-    let checked = runner.run(&places, |places| {
+    every(&places, [1000, 40], |places| {
         let mut broken = video("broken", 20);
         let mut expected = vec![];
         for (object, sample, in_x) in places {
@@ -299,7 +315,6 @@ fn k_broken_fields_are_k_violations() {
         prop_assert_eq!(told, expected);
         Ok(())
     });
-    checked.unwrap();
     runtime.block_on(service.stop());
 }
 
@@ -309,8 +324,7 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
     let good = good.encode_to_vec();
     let changes = proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..12);
     let cut = proptest::option::of(any::<prop::sample::Index>());
-    let mut runner = runner(100_000, 500);
-    let checked = runner.run(&(changes, cut), |(changes, cut)| {
+    every(&(changes, cut), [100_000, 500], |(changes, cut)| {
         let mut bytes = good.clone();
         for (index, byte) in changes {
             let at = index.index(bytes.len());
@@ -326,7 +340,6 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
         }
         Ok(())
     });
-    checked.unwrap();
 }
 
 #[test]
@@ -349,8 +362,7 @@ fn motions_of_any_kind_are_simulated_or_refused() {
     let runtime = tokio::runtime::Runtime::new().unwrap();
     let folder = tempfile::tempdir().unwrap();
     let service = runtime.block_on(start(folder.path(), CAPACITY));
-    let mut runner = runner(2_000, 20);
-    let checked = runner.run(&objects, |objects| {
+    every(&objects, [2_000, 20], |objects| {
         let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (usize, (_, Course))| {
             let samples = (from..from + frames).map(|frame| {
                 let t = f64::from(frame) / 25.0;
@@ -376,7 +388,6 @@ fn motions_of_any_kind_are_simulated_or_refused() {
         }
         Ok(())
     });
-    checked.unwrap();
     runtime.block_on(service.stop());
 }
 
@@ -399,8 +410,7 @@ fn questions_of_any_kind_are_answered_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let service = runtime.block_on(start(folder.path(), CAPACITY));
     let name = runtime.block_on(service.create(video("asked", 20))).unwrap();
-    let mut runner = runner(20_000, 200);
-    let checked = runner.run(&prop_oneof![text, program], |question| {
+    every(&prop_oneof![text, program], [20_000, 200], |question| {
         let request = v1::AskRequest {
             video: name.clone(),
             question: Some(question),
@@ -412,6 +422,5 @@ fn questions_of_any_kind_are_answered_or_refused() {
         }
         Ok(())
     });
-    checked.unwrap();
     runtime.block_on(service.stop());
 }
