@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, Posterior, SceneFit, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -224,11 +224,7 @@ fn common(
         .par_iter()
         .map(|&k| {
             let mut model = all[k].clone();
-            for active in &mut model.effects {
-                let shared: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
-                let fixed = active.parameters.iter_mut().zip(shared).filter(|(_, shared)| *shared);
-                fixed.for_each(|(p, _)| p.prior.sd = 0.0);
-            }
+            believe(&mut model, &found.posterior);
             fit_alone(&scenes[k], &model, &again, stop)
         })
         .collect();
@@ -249,6 +245,23 @@ fn common(
     let as_they_are = FitOptions { max_iterations: 0, ..*options };
     let Fit { scenes, posterior, .. } = fit(scenes, &all, &as_they_are, stop)?;
     Ok((Fit { scenes, posterior, ..found }, alone))
+}
+
+/// Makes a model believe its shared numbers as firmly as a fit of other scenes knows them.
+fn believe(model: &mut Model, known: &Posterior) {
+    for active in &mut model.effects {
+        let shares: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
+        let names: Vec<Vec<String>> =
+            active.parameters.iter().map(|p| p.labels.iter().map(|l| p.full_name(active, l)).collect()).collect();
+        for ((p, names), _) in active.parameters.iter_mut().zip(names).zip(shares).filter(|(_, s)| *s) {
+            let own = p.prior.sd;
+            let sd = |name: &String| {
+                known.estimates.iter().find(|e| e.name == *name).map_or(own, |e| e.sd.min(own))
+            };
+            p.prior.sd = names.iter().map(sd).fold(0.0, f64::max);
+            p.means.clone_from(&p.values);
+        }
+    }
 }
 
 /// Gives a model the shared numbers that another of its set-up has too.

@@ -58,6 +58,8 @@ pub(super) enum Change {
 /// Speeds below this are rest, once friction can hold the body (m/s, at the rim).
 pub(super) const REST_SPEED: f64 = 1e-7;
 
+/// Resistance to a ball's turning sets in over this turn rate (rad/s), so that it has no jump at none.
+const SLOW_TURN: f64 = 0.1;
 /// Speed below which a body that is pressed on and gets slower is at rest (m/s).
 pub(super) const SETTLING_SPEED: f64 = 1e-3;
 
@@ -198,6 +200,7 @@ impl<T: Scalar> Laws<T> {
             let factor = out.excess + 1.0;
             out.grip *= factor;
             out.rolling *= factor;
+            out.turning *= factor;
             out.pivot *= factor;
         }
         out
@@ -309,7 +312,11 @@ impl<T: Scalar> Laws<T> {
         }
         if w.grip.value() > 0.0 {
             let friction = -(self.slip(i, k).unit() * w.grip);
-            let roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
+            let mut roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
+            if w.turning.value() > 0.0 || T::DIFFERENTIATES {
+                let turn = (k.roll.norm_squared() + SLOW_TURN * SLOW_TURN).sqrt();
+                roll -= k.roll * (w.turning * self.inverse_inertia[i] / turn);
+            }
             Rates { velocity: (force + friction) * self.inverse_mass[i], spin, roll }
         } else {
             force -= k.velocity.unit() * w.rolling;
