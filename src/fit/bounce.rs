@@ -33,9 +33,11 @@ pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Ve
         });
         let Some((frame, body)) = left.filter(|_| squares > FOLLOWED * f64::from(count)) else { continue };
         let (id, until) = (part.model.bodies[body].id, part.scene.time_of(frame));
-        let contacts = rollout.events.iter().rev().filter(|e| {
-            e.kind == EventKind::Collision && e.time < until && e.objects.contains(&id)
-        });
+        let contacts = rollout
+            .events
+            .iter()
+            .rev()
+            .filter(|e| e.kind == EventKind::Collision && e.time < until && e.objects.contains(&id));
         let restitutions = contacts.filter_map(|e| part.restitution_of(e));
         let mut of_part: Vec<usize> = vec![];
         for k in restitutions {

@@ -137,9 +137,10 @@ const LOOK_AHEAD_TIME: f64 = 0.32;
 /// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
 /// likelihood, that makes it worth to do so again.
 const OTHER_ITERATIONS: usize = 40;
-const BOUNCE_ITERATIONS: usize = 15;
 const YAW_ROUNDS: usize = 2;
 const WORTH_A_ROUND: f64 = 5.0;
+/// Most iterations from another bounce.
+const BOUNCE_ITERATIONS: usize = 15;
 /// A fall of the cost that is not worth another step while the window still grows.
 const UNFINISHED: f64 = 0.01;
 /// A residual beyond this many deviations has left the noise.
@@ -272,12 +273,11 @@ fn of_any_bounce(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let mut best = found;
-    for point in bounce::others(problem, &best.point.clone(), window) {
+    for point in bounce::others(problem, &best.point, window) {
         if problem.is_exhausted() {
             break;
         }
-        let tried = minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?; if std::env::var("DBG").is_ok() { let names: Vec<_> = problem.free.iter().zip(point.iter().zip(&best.point)).filter(|(_, (a, b))| a != b).map(|(f, (a, b))| format!("{} {b:.3}->{a:.3}", f.name)).collect(); eprintln!("window {window} {names:?} {:.1} -> {:.1}", best.cost, tried.cost); }
-        best = better(best, tried);
+        best = better(best, minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?);
     }
     Ok(best)
 }

@@ -488,3 +488,33 @@ impl<T: Scalar> Run<'_, T> {
         self.contact_effects.iter().map(|effect| [values(effect, a, b), values(effect, b, a)]).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// A ball that lies dead at a wall is hit askew: along the line of the centres all of the speed comes back, though
+    /// the wall takes its part.
+    #[test]
+    fn a_blow_on_a_ball_held_by_a_wall_gives_back_its_whole_rebound() {
+        let (ball, e) = (Shape::Ball { radius: 0.2 }, 0.8);
+        let bodies = vec![
+            body(0, ball, vec2(-0.7, 0.0), vec2(-0.5, 0.0)),
+            body(1, ball, vec2(0.3, 1.25), vec2(-0.5, -0.5)),
+        ];
+        let walled =
+            model(bodies, &[("hidden_wall", &[1.0, -1.0, 0.0, 0.0]), ("restitution", &[e, 1.0, 1.0])]);
+        let run = trace(&walled, &seconds(60));
+        let hit = run.events.iter().find(|event| event.objects == [0, 1]).expect("they meet");
+        let frame = run.times.iter().position(|t| *t > hit.time).expect("before the end");
+        let along = |frame: usize| {
+            let velocity = |b: usize| run.states[frame][b].expect("there").velocity;
+            hit.normal.expect("a contact").dot(velocity(1) - velocity(0))
+        };
+        assert!(along(frame - 1) < -0.1 && run.states[frame][0].expect("there").velocity.x.abs() < 1e-6);
+        assert!((along(frame) + e * along(frame - 1)).abs() < 1e-6, "{} {}", along(frame - 1), along(frame));
+    }
+}

@@ -453,3 +453,28 @@ impl<T: Real> Kinematics<T> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// Slip closes at 7/2 (mu_slide - mu_roll) g, while the ball slows at mu_slide g.
+    #[test]
+    fn resistance_to_rolling_hinders_the_turn_of_a_ball_that_slides() {
+        let (slide, roll, speed) = (0.15, 0.03, 1.0);
+        let ball = body(0, Shape::Ball { radius: 0.2 }, vec2(0.0, 0.0), vec2(speed, 0.0));
+        let run = trace(&model(vec![ball], &[("ball_spin", &[slide, roll])]), &seconds(20));
+        let until = speed / (3.5 * (slide - roll) * 9.81);
+        let rolls = speed - slide * 9.81 * until;
+        let frame = (until / 0.04).ceil() as usize + 1;
+        let expected = rolls - roll * 9.81 * (run.times[frame] - until);
+        let found = run.states[frame][0].expect("there").velocity.x;
+        assert!(
+            (found - expected).abs() < 0.004 && (found / (5.0 / 7.0) - 1.0).abs() > 0.05,
+            "{found} {expected}"
+        );
+    }
+}

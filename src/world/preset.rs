@@ -146,10 +146,7 @@ pub static PRESETS: &[Preset] = &[
             ),
             with(
                 "restitution",
-                &[
-                    set("coefficient", 0.7, 0.3, Scope::Setup),
-                    set("deviation", 1.0, 0.6, Scope::ShapePair),
-                ],
+                &[set("coefficient", 0.7, 0.3, Scope::Setup), set("deviation", 1.0, 0.6, Scope::ShapePair)],
             ),
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
@@ -169,10 +166,7 @@ pub static PRESETS: &[Preset] = &[
             with("friction_offset", UNEVEN_FOOT),
             with(
                 "restitution",
-                &[
-                    set("coefficient", 0.7, 0.3, Scope::Setup),
-                    set("deviation", 1.0, 0.6, Scope::ShapePair),
-                ],
+                &[set("coefficient", 0.7, 0.3, Scope::Setup), set("deviation", 1.0, 0.6, Scope::ShapePair)],
             ),
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
