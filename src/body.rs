@@ -50,6 +50,8 @@ pub struct Wrench<T> {
     pub foot: T,
     /// Most resistance to rolling, as a force at a ball's centre (N).
     pub rolling: T,
+    /// Torque against the turn of a ball about the horizontal axes while its foot slides (N m).
+    pub turning: T,
     /// Rate at which velocities and spins decay (1/s), whatever holds the body.
     pub damping: T,
     /// Most friction torque about z on top of what `grip` does over the footprint (N m).
@@ -70,6 +72,7 @@ impl<T: Real> Wrench<T> {
             rock: zero,
             foot: zero,
             rolling: zero,
+            turning: zero,
             damping: zero,
             pivot: zero,
             excess: zero,

@@ -118,7 +118,8 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
                 }
             }
             // Engines scatter from pair to pair; a law must say more than that.
-            if active.name == "restitution" && p.name == "deviation" && p.prior.sd == 0.0 {
+            let scatters = p.scope == Scope::Pair && p.prior.sd > 0.0;
+            if active.name == "restitution" && p.name == "deviation" && !scatters {
                 own = Parameter::new(&p.name, Scope::Pair, Prior { mean: 1.0, sd: SCATTER }, &part.bodies);
             }
             let known = between && active.name != "ball_spin" && p.scope != Scope::Object;

@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, Posterior, SceneFit, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -214,41 +214,62 @@ fn common(
         }
         Ok(found)
     };
-    let before = lost(&alone);
-    if before.is_empty() || before.len() == scenes.len() {
+    let mut left = lost(&alone);
+    if left.is_empty() || left.len() == scenes.len() {
         return Ok((fit(scenes, near, options, stop)?, alone));
     }
-    let mut found = together(&mut all, &before)?;
+    let mut found = together(&mut all, &left)?;
     let again = FitOptions { begin: Begin::Tracks, ..*options };
-    let retried: Result<Vec<Fit>, FitError> = before
-        .par_iter()
-        .map(|&k| {
-            let mut model = all[k].clone();
-            for active in &mut model.effects {
-                let shared: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
-                let fixed = active.parameters.iter_mut().zip(shared).filter(|(_, shared)| *shared);
-                fixed.for_each(|(p, _)| p.prior.sd = 0.0);
+    // Each that is found again knows more of what the next one lacks: how a kind of pair rebounds.
+    while !left.is_empty() {
+        let retried: Result<Vec<Fit>, FitError> = left
+            .par_iter()
+            .map(|&k| {
+                let mut model = all[k].clone();
+                believe(&mut model, &found.posterior);
+                fit_alone(&scenes[k], &model, &again, stop)
+            })
+            .collect();
+        for (&k, mut fitted) in left.iter().zip(retried?) {
+            believe_as(&mut fitted.scenes[0].model, &all[k]);
+            if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
+                all[k].clone_from(&fitted.scenes[0].model);
+                alone[k] = fitted;
             }
-            fit_alone(&scenes[k], &model, &again, stop)
-        })
-        .collect();
-    for (&k, mut fitted) in before.iter().zip(retried?) {
-        believe_as(&mut fitted.scenes[0].model, &all[k]);
-        if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
-            all[k].clone_from(&fitted.scenes[0].model);
-            alone[k] = fitted;
         }
+        let after = lost(&alone);
+        if after.len() == left.len() {
+            break;
+        }
+        left = after;
+        found = together(&mut all, &left)?;
     }
-    let after = lost(&alone);
-    if after.len() < before.len() {
-        found = together(&mut all, &after)?;
-    }
-    if after.is_empty() {
+    if left.is_empty() {
         return Ok((found, alone));
+    }
+    // A lost one has no say in what they share.
+    for known in &found.scenes {
+        left.iter().for_each(|&k| take_shared(&mut all[k], &known.model));
     }
     let as_they_are = FitOptions { max_iterations: 0, ..*options };
     let Fit { scenes, posterior, .. } = fit(scenes, &all, &as_they_are, stop)?;
     Ok((Fit { scenes, posterior, ..found }, alone))
+}
+
+/// Makes a model believe its shared numbers as firmly as a fit of other scenes knows them.
+fn believe(model: &mut Model, known: &Posterior) {
+    for active in &mut model.effects {
+        let of = active.clone();
+        for p in active.parameters.iter_mut().filter(|p| of.shares(p)) {
+            let own = p.prior.sd;
+            let sd = |label: &String| {
+                let name = p.full_name(&of, label);
+                known.estimates.iter().find(|e| e.name == name).map_or(own, |e| e.sd.min(own))
+            };
+            p.prior.sd = p.labels.iter().map(sd).fold(0.0, f64::max);
+            p.means.clone_from(&p.values);
+        }
+    }
 }
 
 /// Gives a model the shared numbers that another of its set-up has too.

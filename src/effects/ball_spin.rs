@@ -3,14 +3,15 @@
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
 use crate::body::{Body, GRAVITY, Wrench};
 use crate::num::Real;
+use crate::scene::Shape;
 
 pub struct BallSpin;
 
 impl Effect for BallSpin {
     const SPEC: EffectSpec = EffectSpec {
         name: "ball_spin",
-        doc: "A spinning ball slides before it rolls: its foot slides under mu_slide m g against its slip; then a = -mu_roll g v/|v|.",
-        source: "Marlow, The Physics of Pocket Billiards (1995), ch. 2",
+        doc: "A spinning ball slides before it rolls: its foot slides under mu_slide m g against its slip; then a = -mu_roll g v/|v|; the same resistance hinders its turning while it slides.",
+        source: "Marlow, The Physics of Pocket Billiards (1995), ch. 2; rolling friction as a torque: Coumans, Bullet manual",
         hooks: &[Hook::Force],
         params: &[
             ParamSpec {
@@ -37,10 +38,12 @@ impl Effect for BallSpin {
     const AMPLITUDES: usize = 2;
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
-        if body.shape.is_ball() {
+        if let Shape::Ball { radius } = body.shape {
             let weight = body.mass * GRAVITY;
             out.grip += p[0] * weight;
             out.rolling += p[1] * weight;
+            // A torque M slows a ball that rolls by 5/7 M/(m r).
+            out.turning += p[1] * weight * (1.4 * radius);
         }
     }
 }

@@ -33,9 +33,10 @@ fn forces<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let shape =
             if step % 2 == 0 { Shape::Square { half_side: 0.2 } } else { Shape::Ball { radius: 0.2 } };
         (hooks.force)(p, T::constant(TIME), &Body { shape, ..body(&s) }, &mut w);
-        let Wrench { force, torque, grip, lever, skew, rock, foot, rolling, damping, pivot, excess } = w;
+        let Wrench { force, torque, grip, lever, skew, rock, foot, rolling, turning, damping, pivot, excess } =
+            w;
         all.extend([
-            force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, damping, pivot, excess,
+            force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, turning, damping, pivot, excess,
         ]);
     }
     all

@@ -1,6 +1,7 @@
 //! Fits a model to what was observed: start values, damped Gauss-Newton in trajectory space, posterior.
 
 mod anchor;
+mod bounce;
 mod linear;
 mod noise;
 mod paper;
@@ -138,6 +139,8 @@ const LOOK_AHEAD_TIME: f64 = 0.32;
 const OTHER_ITERATIONS: usize = 40;
 const YAW_ROUNDS: usize = 2;
 const WORTH_A_ROUND: f64 = 5.0;
+/// Most iterations from another bounce.
+const BOUNCE_ITERATIONS: usize = 15;
 /// A fall of the cost that is not worth another step while the window still grows.
 const UNFINISHED: f64 = 0.01;
 /// A residual beyond this many deviations has left the noise.
@@ -261,6 +264,24 @@ fn of_any_yaw(
     Ok(best)
 }
 
+/// The best fit of a window from this one, and from other bounces at the contact after which it leaves the tracks.
+fn of_any_bounce(
+    problem: &Problem,
+    found: Solution,
+    window: usize,
+    negligible: f64,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let mut best = found;
+    for point in bounce::others(problem, &best.point, window) {
+        if problem.is_exhausted() {
+            break;
+        }
+        best = better(best, minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?);
+    }
+    Ok(best)
+}
+
 /// The one of lower cost, with the iterations of both.
 fn better(known: Solution, tried: Solution) -> Solution {
     let iterations = known.iterations + tried.iterations;
@@ -307,7 +328,8 @@ fn grow(
     loop {
         let left = budget.saturating_sub(iterations).clamp(1, 30);
         let negligible = if window < frames { UNFINISHED } else { NEGLIGIBLE };
-        let solution = minimise(problem, &point, window, negligible, left, stop)?;
+        let followed = minimise(problem, &point, window, negligible, left, stop)?;
+        let solution = of_any_bounce(problem, followed, window, negligible, stop)?;
         iterations += solution.iterations;
         point = solution.point;
         losses.extend(&solution.losses);

@@ -360,3 +360,37 @@ fn the_side_that_was_hit_is_found_where_no_yaw_was_measured() {
     // From the first yaws alone the cubes are hit on another side, which leaves 1.09.
     assert!(found.scenes[0].reduced_chi_square < 0.95, "{}", found.scenes[0].reduced_chi_square);
 }
+
+#[test]
+fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively() {
+    let (mut scene, mut truth) = film("dead", 3, [1.0, 1.6, 0.7]);
+    let start = Preset::for_world(scene.world).model(&scene);
+    for p in truth.effects.iter_mut().filter(|e| e.name == "restitution").flat_map(|e| &mut e.parameters) {
+        p.values.iter_mut().filter(|_| p.name == "deviation").for_each(|v| *v = 0.0);
+    }
+    measure(&mut scene, &truth, 3);
+    let noise = estimate_noise(&scene);
+    let mut model = truth.clone();
+    for (active, usual) in model.effects.iter_mut().zip(&start.effects) {
+        active.parameters.clone_from(&usual.parameters);
+    }
+    let frames = scene.times.len();
+    let others = |model: &Model| {
+        let one = std::slice::from_ref(&scene);
+        let problem = Problem::new(one, vec![model.clone()], &[noise], &never);
+        let point = problem.start();
+        let changed = |other: Vec<f64>| {
+            let k = (0..point.len()).find(|&k| other[k] != point[k]).expect("one is another");
+            (problem.free[k].name.clone(), point[k], other[k])
+        };
+        bounce::others(&problem, &point, frames).into_iter().map(changed).collect::<Vec<_>>()
+    };
+    assert!(others(&truth).is_empty(), "what follows its tracks is left alone");
+    let found = others(&model);
+    assert!(
+        found.iter().any(|(name, from, to)| {
+            name.starts_with("restitution.deviation") && *from == 1.0 && *to == 0.0
+        }),
+        "{found:?}"
+    );
+}

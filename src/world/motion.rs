@@ -58,6 +58,8 @@ pub(super) enum Change {
 /// Speeds below this are rest, once friction can hold the body (m/s, at the rim).
 pub(super) const REST_SPEED: f64 = 1e-7;
 
+/// Resistance to a ball's turning sets in over this turn rate (rad/s), so that it has no jump at none.
+const SLOW_TURN: f64 = 0.1;
 /// Speed below which a body that is pressed on and gets slower is at rest (m/s).
 pub(super) const SETTLING_SPEED: f64 = 1e-3;
 
@@ -198,6 +200,7 @@ impl<T: Scalar> Laws<T> {
             let factor = out.excess + 1.0;
             out.grip *= factor;
             out.rolling *= factor;
+            out.turning *= factor;
             out.pivot *= factor;
         }
         out
@@ -309,7 +312,11 @@ impl<T: Scalar> Laws<T> {
         }
         if w.grip.value() > 0.0 {
             let friction = -(self.slip(i, k).unit() * w.grip);
-            let roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
+            let mut roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
+            if w.turning.value() > 0.0 || T::DIFFERENTIATES {
+                let turn = (k.roll.norm_squared() + SLOW_TURN * SLOW_TURN).sqrt();
+                roll -= k.roll * (w.turning * self.inverse_inertia[i] / turn);
+            }
             Rates { velocity: (force + friction) * self.inverse_mass[i], spin, roll }
         } else {
             force -= k.velocity.unit() * w.rolling;
@@ -444,5 +451,30 @@ impl<T: Real> Kinematics<T> {
             spin: self.spin.value(),
             roll: self.roll.value(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// Slip closes at 7/2 (mu_slide - mu_roll) g, while the ball slows at mu_slide g.
+    #[test]
+    fn resistance_to_rolling_hinders_the_turn_of_a_ball_that_slides() {
+        let (slide, roll, speed) = (0.15, 0.03, 1.0);
+        let ball = body(0, Shape::Ball { radius: 0.2 }, vec2(0.0, 0.0), vec2(speed, 0.0));
+        let run = trace(&model(vec![ball], &[("ball_spin", &[slide, roll])]), &seconds(20));
+        let until = speed / (3.5 * (slide - roll) * 9.81);
+        let rolls = speed - slide * 9.81 * until;
+        let frame = (until / 0.04).ceil() as usize + 1;
+        let expected = rolls - roll * 9.81 * (run.times[frame] - until);
+        let found = run.states[frame][0].expect("there").velocity.x;
+        assert!(
+            (found - expected).abs() < 0.004 && (found / (5.0 / 7.0) - 1.0).abs() > 0.05,
+            "{found} {expected}"
+        );
     }
 }

@@ -144,7 +144,10 @@ pub static PRESETS: &[Preset] = &[
                 "ball_spin",
                 &[set("mu_slide", 0.1, 0.1, Scope::Setup), set("mu_roll", 0.02, 0.03, Scope::Material)],
             ),
-            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+            with(
+                "restitution",
+                &[set("coefficient", 0.7, 0.3, Scope::Setup), set("deviation", 1.0, 0.6, Scope::ShapePair)],
+            ),
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
     },
@@ -161,7 +164,10 @@ pub static PRESETS: &[Preset] = &[
                 &[set("sliding", 0.03, 0.05, Scope::Material), set("rolling", 0.03, 0.05, Scope::Material)],
             ),
             with("friction_offset", UNEVEN_FOOT),
-            with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Setup)]),
+            with(
+                "restitution",
+                &[set("coefficient", 0.7, 0.3, Scope::Setup), set("deviation", 1.0, 0.6, Scope::ShapePair)],
+            ),
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
     },

@@ -521,7 +521,9 @@ impl<'m, T: Scalar> Run<'m, T> {
             Some(Change::StartRolling) | None => {}
             Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),
             // Another corner may have come to press meanwhile.
-            Some(Change::Continue) => self.pass_on(time.value(), &group, CUT_IN_SPEED),
+            Some(Change::Continue) => {
+                self.pass_on(time.value(), &group, CUT_IN_SPEED);
+            }
         }
         self.release(&group);
         self.part(&group);
