@@ -19,6 +19,8 @@ use tokio::sync::Semaphore;
 pub const SCHEMA_VERSION: u64 = 1;
 /// Most store calls that block a thread at a time: redb has one writer, so more would only wait.
 const MAX_BLOCKING: usize = 8;
+/// Memory for pages of the database; redb would take a GiB, and a container of 512 MiB would be killed for it.
+const CACHE_BYTES: usize = 64 << 20;
 
 type Table = TableDefinition<'static, &'static str, &'static [u8]>;
 const META: TableDefinition<&str, u64> = TableDefinition::new("meta");
@@ -74,6 +76,11 @@ struct OfVideo {
     video: String,
 }
 
+/// Opens the database, or makes it.
+fn database(path: &Path) -> Result<Database, DatabaseError> {
+    Database::builder().set_cache_size(CACHE_BYTES).create(path)
+}
+
 /// The database; after an error of its disk it takes no more work until it is opened anew.
 struct Db {
     path: PathBuf,
@@ -92,7 +99,7 @@ impl Db {
             let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
             if !open.as_ref().is_some_and(usable) {
                 *open = None;
-                *open = Some(Database::create(&self.path).map_err(failed)?);
+                *open = Some(database(&self.path).map_err(failed)?);
             }
         }
         result
@@ -156,7 +163,7 @@ impl Store {
         let traces = folder.join("traces");
         std::fs::create_dir_all(&traces).map_err(failed)?;
         let path = || folder.display().to_string();
-        let db = Database::create(folder.join("vrdp.redb")).map_err(|e| match e {
+        let db = database(&folder.join("vrdp.redb")).map_err(|e| match e {
             DatabaseError::DatabaseAlreadyOpen => StoreError::Locked { path: path() },
             other => failed(other),
         })?;
