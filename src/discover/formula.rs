@@ -125,7 +125,8 @@ impl Sparse {
         let turned = self.angle != 0.0 && self.directed();
         let side = |text: fn(&Term) -> &'static str| {
             let parts = self.terms.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
-            let name = |k: usize| if turned { along_own_axes(text(&TERMS[k])) } else { text(&TERMS[k]).into() };
+            let name =
+                |k: usize| if turned { along_own_axes(text(&TERMS[k])) } else { text(&TERMS[k]).into() };
             let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, name(*k))).collect();
             let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
             if self.force { format!("({sum})/m") } else { sum }
@@ -195,7 +196,8 @@ impl Search<'_> {
         let all: Vec<_> = TERMS.iter().map(|t| self.column(t, angle)).collect();
         let degrees = self.lens.degrees_of_freedom().max(1) as f64;
         let unexplained = self.unexplained()?;
-        let joined = |with: &[usize]| DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
+        let joined =
+            |with: &[usize]| DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
         let mut chosen: Vec<usize> = vec![];
         let mut best = (0.0, vec![]);
         while chosen.len() < most {
@@ -227,7 +229,9 @@ impl Search<'_> {
                 let angle = best.angle + side * step * 0.5f64.powi(halving);
                 let columns: Vec<_> = best.terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect();
                 let columns = DMatrix::from_columns(&columns);
-                let Some((cost, amplitudes)) = self.lens.joint(self.projector, self.start, &columns) else { continue };
+                let Some((cost, amplitudes)) = self.lens.joint(self.projector, self.start, &columns) else {
+                    continue;
+                };
                 if cost < best.cost {
                     let amplitudes = amplitudes.as_slice().to_vec();
                     let elsewhere = self.elsewhere(&columns, &amplitudes);

@@ -462,10 +462,13 @@ fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
     (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
 }
 
-/// Whether a law has its proof without the object on which it shows most: that one may have met something.
+/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
+/// of the library that lack theirs too.
 fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let price = priced(law, motion) - law.cost;
-    (law.elsewhere - price) / unit(law, motion) > FORMULA_PROOF
+    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
+    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
+    let proof = FORMULA_PROOF * unit(law, motion);
+    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
 }
 
 fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
