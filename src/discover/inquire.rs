@@ -480,7 +480,7 @@ fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
 }
 
 /// Whether a law found is a rhythm whose period the films are too short for.
-fn once(c: &Candidate, duration: f64) -> bool {
+pub(super) fn once(c: &Candidate, duration: f64) -> bool {
     let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
     frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
 }
