@@ -67,9 +67,8 @@ impl ContactCandidate {
         let strong = self.score > STRONG * PROOF && self.remains < super::MISFIT;
         let often = self.gained > 1 || strong;
         if self.object.is_some() {
-            // A mass takes up much of what engines do at that object's contacts: what one of them alone says may be of that one,
-            // as how a ball rolls through it.
-            return strong && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
+            // A mass takes up much of what engines do at that object's contacts.
+            return strong && self.values[0].abs() > CERTAIN * self.sd[0];
         }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
         let acts = self.values.first().is_some_and(|a| *a != 0.0);

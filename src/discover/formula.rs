@@ -125,8 +125,9 @@ impl Sparse {
         let turned = self.angle != 0.0 && self.directed();
         let side = |text: fn(&Term) -> &'static str| {
             let parts = self.terms.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
-            let name =
-                |k: usize| if turned { along_own_axes(text(&TERMS[k])) } else { text(&TERMS[k]).into() };
+            let name = |k: usize| {
+                if turned { along_own_axes(text(&TERMS[k]), self.angle) } else { text(&TERMS[k]).into() }
+            };
             let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, name(*k))).collect();
             let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
             if self.force { format!("({sum})/m") } else { sum }
@@ -138,23 +139,16 @@ impl Sparse {
             return format!("{amplitudes}ax = {ax}; ay = {ay}");
         }
         let (s, c) = self.angle.sin_cos();
-        let axes = ["", "v"].map(|of| {
-            format!("let {of}u = {c:.4}*{of}x + {s:.4}*{of}y; let {of}w = {c:.4}*{of}y - {s:.4}*{of}x; ")
-        });
-        let axes = axes.concat();
-        format!(
-            "{amplitudes}{axes}let au = {ax}; let aw = {ay}; ax = {c:.4}*au - {s:.4}*aw; ay = {s:.4}*au + {c:.4}*aw"
-        )
+        format!("{amplitudes}ax = {c:.4}*({ax}) - {s:.4}*({ay}); ay = {s:.4}*({ax}) + {c:.4}*({ay})")
     }
 }
 
-/// A term's text with x, y, vx, vy along the law's own axes, which are called u and w.
-fn along_own_axes(text: &str) -> String {
+/// A term's text with x, y, vx, vy along the law's own axes, which are turned by `angle` (rad).
+fn along_own_axes(text: &str, angle: f64) -> String {
+    let (s, c) = angle.sin_cos();
     let renamed = |word: &str| match word {
-        "x" => "u".to_string(),
-        "y" => "w".to_string(),
-        "vx" => "vu".to_string(),
-        "vy" => "vw".to_string(),
+        "x" | "vx" => format!("({c:.4}*{word} + {s:.4}*{})", word.replace('x', "y")),
+        "y" | "vy" => format!("({c:.4}*{word} - {s:.4}*{})", word.replace('y', "x")),
         other => other.to_string(),
     };
     let (mut out, mut word) = (String::new(), String::new());
