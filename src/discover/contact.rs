@@ -82,7 +82,24 @@ fn chi_squares(fit: &Fit) -> Vec<f64> {
     fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
 }
 
-/// Laws of contact and things that nobody saw, best first, and the chi-square of short films that nothing follows.
+fn sum(all: &[f64]) -> f64 {
+    all.iter().sum()
+}
+
+/// Puts the bodies, and what each scene has for itself, where another model of the same effects has them.
+fn stand_as(model: &mut Model, other: &Model) {
+    model.bodies.clone_from(&other.bodies);
+    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
+        for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
+            if !own.shares(q) {
+                p.values.clone_from(&q.values);
+            }
+        }
+    }
+}
+
+/// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows: each as if it
+/// were just followed, as how far chaos leads astray tells nothing.
 /// Empty where nothing touches anything.
 pub fn screen_contacts(
     films: &Contacts,
@@ -112,17 +129,26 @@ pub fn screen_contacts(
             _ => {}
         }
     }
+    let near = FitOptions { begin: Begin::Near, ..options };
+    let unfollowed: Vec<usize> =
+        (0..before.len()).filter(|&film| base.scenes[film].reduced_chi_square > FOLLOWED).collect();
     let fitted: Result<Vec<_>, FitError> = trials
         .par_iter()
         .map(|(entry, values, object)| {
-            let models = with_contact(&films.models, entry, values, *object, region);
-            let mut found = fit(&films.scenes, &models, &options, stop)?;
-            // A search that went astray begins anew where the models without the effect ended.
-            if chi_squares(&found).iter().sum::<f64>() > before.iter().sum::<f64>() + CHANCE {
+            // What the base follows goes on from there; the others begin anew, each alone: one that leads astray takes no
+            // other with it, and is not searched again with all of them.
+            let mut models = with_contact(&ended, entry, values, *object, region);
+            for &film in &unfollowed {
+                let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
+                let alone = fit(scene, &with_contact(begun, entry, values, *object, region), &options, stop)?;
+                stand_as(&mut models[film], &alone.scenes[0].model);
+            }
+            let mut found = fit(&films.scenes, &models, &near, stop)?;
+            // A search that went astray begins where the models without the effect ended.
+            if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
                 let models = with_contact(&ended, entry, values, *object, region);
-                let near = FitOptions { begin: Begin::Near, ..options };
                 let again = fit(&films.scenes, &models, &near, stop)?;
-                if chi_squares(&again).iter().sum::<f64>() < chi_squares(&found).iter().sum() {
+                if sum(&chi_squares(&again)) < sum(&chi_squares(&found)) {
                     found = again;
                 }
             }
@@ -161,7 +187,7 @@ struct Tried {
     fit: Fit,
 }
 
-/// See [`screen_contacts`]; `lost` is the chi-square of films that were left out before.
+/// See [`screen_contacts`]; `lost` is the cost of films that were left out before.
 fn judged(
     films: &Contacts,
     base: Fit,
@@ -178,7 +204,8 @@ fn judged(
     let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
     if followed.len() < films.scenes.len() {
         let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
-        let lost = lost + left_out.map(|film| before[film]).sum::<f64>();
+        let count = |film: usize| base.scenes[film].degrees_of_freedom as f64;
+        let lost = lost + left_out.map(|film| FOLLOWED * count(film)).sum::<f64>();
         if followed.is_empty() {
             return Ok((vec![], lost));
         }
@@ -267,6 +294,20 @@ pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool
     Ok(sum(stuck)? < sum(&films.models)?)
 }
 
+/// Whether most films in which two objects meet are followed by none of their own fits: what chaos needs is a third body, so
+/// that there the law of contact is another.
+pub fn meetings_lost(films: &Contacts, stop: Stop) -> Result<bool, FitError> {
+    let films = turned(films, stop)?;
+    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
+    let two: Vec<usize> = (0..films.scenes.len()).filter(|&k| films.scenes[k].objects.len() == 2).collect();
+    let lost = |&k: &usize| -> Result<bool, FitError> {
+        let alone = fit(&films.scenes[k..=k], &films.models[k..=k], &options, stop)?;
+        Ok(alone.scenes.iter().any(|s| s.reduced_chi_square > FOLLOWED))
+    };
+    let lost: Result<Vec<bool>, FitError> = two.par_iter().map(lost).collect();
+    Ok(2 * lost?.iter().filter(|l| **l).count() > two.len())
+}
+
 /// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
 /// the effect leads to: a search that escaped a bad minimum is no discovery.
 fn without(
@@ -281,7 +322,6 @@ fn without(
     models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != entry.spec.name));
     let near = FitOptions { begin: Begin::Near, ..*options };
     let again = chi_squares(&fit(&films.scenes, &models, &near, stop)?);
-    let sum = |all: &[f64]| all.iter().sum::<f64>();
     Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
 }
 

@@ -412,6 +412,15 @@ pub struct Projector {
     factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
 }
 
+impl Projector {
+    /// The residual with the columns at these amplitudes, the parameters of the base moved with them ([`Lens::joint`]).
+    pub fn moved(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> DVector<f64> {
+        let added = columns * DVector::from_column_slice(amplitudes);
+        let step = self.factor.solve(&(&self.gradient + self.jacobian.tr_mul(&added)));
+        &self.residual + added - &self.jacobian * step
+    }
+}
+
 fn damped_step(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,

@@ -1,15 +1,19 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
-use super::force::{Lens, Seen};
+use super::force::{Lens, Projector, Seen};
 use super::free::Free;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
+use std::f64::consts::FRAC_PI_2;
 
 /// Most terms of a formula.
 pub const MOST_TERMS: usize = 6;
 /// Most terms of a formula that contradicts a law of the library: a longer one could imitate any.
 pub const SIMPLE_TERMS: usize = 2;
+/// Directions of a law's own axes that are tried, and how often the distance between two of them is halved.
+const TURNS: usize = 9;
+const HALVINGS: i32 = 6;
 /// Fall of chi-square, in units of what remains, that a term must bring beyond its price.
 const PROOF: f64 = 20.0;
 
@@ -20,8 +24,15 @@ struct Term {
     value: fn(&Kinematics<f64>, f64) -> Vec2,
 }
 
+impl Term {
+    /// Whether it says something else along other axes: a law along one axis alone does.
+    fn directed(&self) -> bool {
+        self.x.is_empty() || self.y.is_empty()
+    }
+}
+
 /// Terms of position, velocity and spin up to second order, by axis where the law may have no symmetry.
-const TERMS: [Term; 20] = [
+const TERMS: [Term; 21] = [
     Term { x: "1", y: "", value: |_, _| vec2(1.0, 0.0) },
     Term { x: "", y: "1", value: |_, _| vec2(0.0, 1.0) },
     Term { x: "x", y: "", value: |k, _| vec2(k.position.x, 0.0) },
@@ -42,15 +53,19 @@ const TERMS: [Term; 20] = [
     Term { x: "x^2", y: "", value: |k, _| vec2(k.position.x.powi(2), 0.0) },
     Term { x: "", y: "y^2", value: |k, _| vec2(0.0, k.position.y.powi(2)) },
     Term { x: "t", y: "", value: |_, t| vec2(t, 0.0) },
+    Term { x: "", y: "t", value: |_, t| vec2(0.0, t) },
 ];
 
 /// A sparse law and what it leaves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResidualLaw {
     pub text: String,
-    pub terms: usize,
+    /// How many numbers it has: one a term, and the direction of its axes.
+    pub numbers: usize,
     /// Chi-square that remains, with the priors' share.
     pub cost: f64,
+    /// Fall of chi-square on all tracks but the one that gains most.
+    pub elsewhere: f64,
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
@@ -63,51 +78,175 @@ pub fn residual_law(
     most: usize,
 ) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, &seen.values)?;
-    // The same law for all masses, or a force: the data say which.
-    let laws = [false, true].map(|force| select(lens, models, &projector, seen.cost, force, most));
-    laws.into_iter().flatten().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    let degrees = lens.degrees_of_freedom().max(1) as f64;
+    let priced = |l: &Sparse| l.cost + l.numbers() as f64 * degrees.ln();
+    // The same law for all masses, or a force, along any axes: the data say which.
+    let turned = [false, true].map(|force| {
+        let search = Search { lens, models, projector: &projector, start: seen.cost, force };
+        let upright = search.select(0.0, most)?;
+        let step = FRAC_PI_2 / TURNS as f64;
+        let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
+        let best = others.chain([upright.clone()]).min_by(|a, b| priced(a).total_cmp(&priced(b)))?;
+        let best = search.turn(best, step);
+        Some(if priced(&best) < priced(&upright) { best } else { upright })
+    });
+    let best = turned.into_iter().flatten().min_by(|a, b| priced(a).total_cmp(&priced(b)))?;
+    Some(ResidualLaw {
+        text: best.text(),
+        numbers: best.numbers(),
+        cost: best.cost,
+        elsewhere: best.elsewhere,
+    })
 }
 
-/// Forward selection.
-fn select(
-    lens: &Lens,
-    models: &[Model],
-    projector: &super::force::Projector,
+/// A sum of terms along axes of its own.
+#[derive(Clone)]
+struct Sparse {
+    force: bool,
+    /// Of the first axis against x (rad).
+    angle: f64,
+    /// Indices of the terms, and their amplitudes.
+    terms: Vec<usize>,
+    amplitudes: Vec<f64>,
+    cost: f64,
+    elsewhere: f64,
+}
+
+impl Sparse {
+    fn directed(&self) -> bool {
+        self.terms.iter().any(|&k| TERMS[k].directed())
+    }
+
+    fn numbers(&self) -> usize {
+        self.terms.len() + usize::from(self.angle != 0.0 && self.directed())
+    }
+
+    fn text(&self) -> String {
+        let turned = self.angle != 0.0 && self.directed();
+        let side = |text: fn(&Term) -> &'static str| {
+            let parts = self.terms.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
+            let name = |k: usize| {
+                if turned { along_own_axes(text(&TERMS[k]), self.angle) } else { text(&TERMS[k]).into() }
+            };
+            let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, name(*k))).collect();
+            let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
+            if self.force { format!("({sum})/m") } else { sum }
+        };
+        let (ax, ay) = (side(|t| t.x), side(|t| t.y));
+        let amplitudes: String =
+            self.amplitudes.iter().enumerate().map(|(i, a)| format!("let c{} = {a:.4e}; ", i + 1)).collect();
+        if !turned {
+            return format!("{amplitudes}ax = {ax}; ay = {ay}");
+        }
+        let (s, c) = self.angle.sin_cos();
+        format!("{amplitudes}ax = {c:.4}*({ax}) - {s:.4}*({ay}); ay = {s:.4}*({ax}) + {c:.4}*({ay})")
+    }
+}
+
+/// A term's text with x, y, vx, vy along the law's own axes, which are turned by `angle` (rad).
+fn along_own_axes(text: &str, angle: f64) -> String {
+    let (s, c) = angle.sin_cos();
+    let renamed = |word: &str| match word {
+        "x" | "vx" => format!("({c:.4}*{word} + {s:.4}*{})", word.replace('x', "y")),
+        "y" | "vy" => format!("({c:.4}*{word} - {s:.4}*{})", word.replace('y', "x")),
+        other => other.to_string(),
+    };
+    let (mut out, mut word) = (String::new(), String::new());
+    for c in text.chars() {
+        if c.is_ascii_alphabetic() {
+            word.push(c);
+        } else {
+            out += &renamed(&word);
+            word.clear();
+            out.push(c);
+        }
+    }
+    out + &renamed(&word)
+}
+
+/// What the terms are fitted to.
+struct Search<'a> {
+    lens: &'a Lens<'a>,
+    models: &'a [Model],
+    projector: &'a Projector,
     start: f64,
     force: bool,
-    most: usize,
-) -> Option<ResidualLaw> {
-    let all: Vec<_> = TERMS.iter().map(|t| lens.column(models, force, t.value)).collect();
-    let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let unexplained = lens.joint(projector, start, &DMatrix::zeros(projector.residual.len(), 0))?.0;
-    let mut chosen: Vec<usize> = vec![];
-    let mut best = (0.0, vec![]);
-    while chosen.len() < most {
-        let tried = (0..TERMS.len()).filter(|k| !chosen.contains(k)).filter_map(|k| {
-            let with: Vec<usize> = chosen.iter().copied().chain([k]).collect();
-            let columns = DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
-            let (cost, amplitudes) = lens.joint(projector, start, &columns)?;
-            Some((unexplained - cost, amplitudes.as_slice().to_vec(), k))
-        });
-        let Some((gain, amplitudes, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        let remains = ((unexplained - gain) / degrees).max(1.0);
-        if (gain - best.0) / remains < PROOF + degrees.ln() {
-            break;
+}
+
+impl Search<'_> {
+    /// The column of a term along axes turned by `angle`.
+    fn column(&self, term: &Term, angle: f64) -> DVector<f64> {
+        let (s, c) = angle.sin_cos();
+        let into = |v: Vec2| vec2(c * v.x + s * v.y, c * v.y - s * v.x);
+        self.lens.column(self.models, self.force, |k, t| {
+            let own = Kinematics { position: into(k.position), velocity: into(k.velocity), ..*k };
+            let value = (term.value)(&own, t);
+            vec2(c * value.x - s * value.y, s * value.x + c * value.y)
+        })
+    }
+
+    /// Forward selection along axes turned by `angle`.
+    fn select(&self, angle: f64, most: usize) -> Option<Sparse> {
+        let all: Vec<_> = TERMS.iter().map(|t| self.column(t, angle)).collect();
+        let degrees = self.lens.degrees_of_freedom().max(1) as f64;
+        let unexplained = self.unexplained()?;
+        let joined =
+            |with: &[usize]| DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
+        let mut chosen: Vec<usize> = vec![];
+        let mut best = (0.0, vec![]);
+        while chosen.len() < most {
+            let tried = (0..TERMS.len()).filter(|k| !chosen.contains(k)).filter_map(|k| {
+                let with: Vec<usize> = chosen.iter().copied().chain([k]).collect();
+                let (cost, amplitudes) = self.lens.joint(self.projector, self.start, &joined(&with))?;
+                Some((unexplained - cost, amplitudes.as_slice().to_vec(), k))
+            });
+            let Some((gain, amplitudes, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            let remains = ((unexplained - gain) / degrees).max(1.0);
+            if (gain - best.0) / remains < PROOF + degrees.ln() {
+                break;
+            }
+            chosen.push(k);
+            best = (gain, amplitudes);
         }
-        chosen.push(k);
-        best = (gain, amplitudes);
+        if chosen.is_empty() {
+            return None;
+        }
+        let elsewhere = self.elsewhere(&joined(&chosen), &best.1);
+        let (force, cost) = (self.force, unexplained - best.0);
+        Some(Sparse { force, angle, terms: chosen, amplitudes: best.1, cost, elsewhere })
     }
-    if chosen.is_empty() {
-        return None;
+
+    /// The same terms along axes that are turned further, by less and less, while the cost falls.
+    fn turn(&self, mut best: Sparse, step: f64) -> Sparse {
+        for halving in 1..=HALVINGS {
+            for side in [-1.0, 1.0] {
+                let angle = best.angle + side * step * 0.5f64.powi(halving);
+                let columns: Vec<_> = best.terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect();
+                let columns = DMatrix::from_columns(&columns);
+                let Some((cost, amplitudes)) = self.lens.joint(self.projector, self.start, &columns) else {
+                    continue;
+                };
+                if cost < best.cost {
+                    let amplitudes = amplitudes.as_slice().to_vec();
+                    let elsewhere = self.elsewhere(&columns, &amplitudes);
+                    best = Sparse { angle, amplitudes, cost, elsewhere, ..best };
+                }
+            }
+        }
+        best
     }
-    let side = |text: fn(&Term) -> &'static str| {
-        let parts = chosen.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
-        let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, text(&TERMS[*k]))).collect();
-        let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
-        if force { format!("({sum})/m") } else { sum }
-    };
-    let amplitudes: String =
-        best.1.iter().enumerate().map(|(i, a)| format!("let c{} = {a:.4e}; ", i + 1)).collect();
-    let text = format!("{amplitudes}ax = {}; ay = {}", side(|t| t.x), side(|t| t.y));
-    Some(ResidualLaw { text, terms: chosen.len(), cost: unexplained - best.0 })
+
+    fn unexplained(&self) -> Option<f64> {
+        let none = DMatrix::zeros(self.projector.residual.len(), 0);
+        Some(self.lens.joint(self.projector, self.start, &none)?.0)
+    }
+
+    /// Fall of chi-square on all tracks but the one that gains most.
+    fn elsewhere(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> f64 {
+        let none = DMatrix::zeros(self.projector.residual.len(), 0);
+        let before = self.lens.by_track(&self.projector.moved(&none, &[]));
+        let after = self.lens.by_track(&self.projector.moved(columns, amplitudes));
+        let falls: Vec<f64> = before.iter().zip(&after).map(|(b, a)| b.0 - a.0).collect();
+        falls.iter().sum::<f64>() - falls.iter().copied().fold(0.0, f64::max)
+    }
 }

@@ -3,7 +3,7 @@
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, films_stick, screen_contacts, with_contact};
+use super::contact::{ContactCandidate, films_stick, meetings_lost, screen_contacts, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
@@ -12,7 +12,7 @@ use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::path::Jump;
 use super::proof;
 use super::revise::{Revision, pooled_noise, revise, trajectories};
-use super::screen::{region, sought, with_nuisance};
+use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, fewer, search, search_on};
 use crate::effects::formula::Formula;
 use crate::effects::{EffectEntry, Hook, Region, effect};
@@ -43,6 +43,8 @@ const LOST: f64 = 1000.0;
 
 /// A law outside the library must beat what the library found by this (chi-square in units of what remains).
 const FORMULA_PROOF: f64 = 40.0;
+/// The same of one that has fewer numbers than the two laws of the library that it stands against.
+const SIMPLER_PROOF: f64 = 10.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DiscoverOptions {
@@ -223,9 +225,11 @@ fn conclude(
     let (mut revisions, motion, proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
-    // One video may be lost to chaos alone; what is missing is missing in most.
+    // One video may be lost to chaos alone; what is missing is missing in most, and where no more than two objects meet.
     let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
-    let lost = proven.is_none() && 2 * off > last.fit.scenes.len();
+    let lost = proven.is_none()
+        && 2 * off > last.fit.scenes.len()
+        && meetings_lost(&contacts(lens, &motion.models), stop)?;
     if proven.is_none() && room && last.reduced_chi_square > FOLLOWED {
         let stuck = sticking(lens, &motion.models, last, &options.fit, stop)?;
         effects.extend(stuck.iter().map(|_| Found {
@@ -259,18 +263,22 @@ fn conclude(
     };
     // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
     let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
-    // A single law of the library must stand against as many generic terms as it has parameters.
+    // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
+    // that more than one object shows.
     let added: usize = motion.found.iter().map(|c| c.added).sum();
-    let terms = if doubtful { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    let compromise = (terms > 0).then(|| law_beside(&base, terms)).flatten();
-    let compromise = compromise.filter(|law| beats(law, &motion));
+    let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
+    let compromise = law_beside(&base, terms).filter(|law| beats(law, &motion));
+    let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
+    // A rhythm that nobody saw repeat is none.
+    let once = motion.found.iter().any(|c| once(c, region.duration));
     // Where trajectories are followed from the start, nothing is outside.
     let begun = revisions.first().map_or(f64::INFINITY, |r| r.reduced_chi_square);
     let followed = begun <= 1.0 + CLEAN && effects.is_empty();
-    let outside = !followed && (misfit || compromise.is_some() || (lost && effects.is_empty()));
+    let outside = !followed && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
     let formula = compromise
         .filter(|_| outside)
         .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
+        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten())
         .map(|l| l.text);
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
@@ -446,11 +454,35 @@ pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Mode
     models
 }
 
-/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's.
+/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's. Where two
+/// laws of the library would be needed, a simpler one need not be better by as much.
 fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let priced = law.cost + law.terms as f64 * motion.degrees_of_freedom.ln();
-    let unit = (law.cost / motion.degrees_of_freedom).max(1.0);
-    (motion.priced() - priced) / unit > FORMULA_PROOF
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    let proof = if motion.found.len() > 1 && law.numbers < added { SIMPLER_PROOF } else { FORMULA_PROOF };
+    (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
+}
+
+/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
+/// of the library that lack theirs too.
+fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
+    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
+    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
+    let proof = FORMULA_PROOF * unit(law, motion);
+    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
+}
+
+fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
+}
+
+fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    (law.cost / motion.degrees_of_freedom).max(1.0)
+}
+
+/// Whether a law found is a rhythm whose period the films are too short for.
+pub(super) fn once(c: &Candidate, duration: f64) -> bool {
+    let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
+    frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
 }
 
 fn not_identifiable(lens: &Lens) -> Discovery {

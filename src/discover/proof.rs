@@ -14,7 +14,7 @@ pub fn lost(scene: &SceneFit) -> bool {
 
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, the price of the added
 /// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene that
-/// neither follows says nothing; where that is so of all, the plain error decides.
+/// neither follows says nothing; where that is so of all, free motion decides, each video left out in turn.
 pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
     let (mut gain, mut count) = (0.0, 0.0);
@@ -26,7 +26,7 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     // A scene with numbers of its own has paid for none of them yet.
     let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
     let price = added as f64 + own(after) - own(before);
-    if count == 0.0 { after.rmse < before.rmse } else { gain > price * count.ln() }
+    if count == 0.0 { after.left_out_rmse < before.left_out_rmse } else { gain > price * count.ln() }
 }
 
 /// How many free numbers the scenes of a revision share.

@@ -1,6 +1,7 @@
 //! Discovery on simulated videos whose missing law is known, listed or not.
 
 use super::change::propose;
+use super::contact::meetings_lost;
 use super::*;
 use crate::body::GRAVITY;
 use crate::effects::effect;
@@ -32,6 +33,21 @@ fn launches() -> Vec<Vec<Launch>> {
 
 /// Films of the launches under the preset's base and one more law.
 fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Scene> {
+    film_under(launches, |model| {
+        if let Some((name, values)) = law {
+            let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &model.bodies);
+            for p in &mut active.parameters {
+                if let Some((_, value)) = values.iter().find(|v| v.0 == p.name) {
+                    p.values.iter_mut().for_each(|v| *v = *value);
+                }
+            }
+            model.effects.push(active);
+        }
+    })
+}
+
+/// The same under the base that `change` has changed.
+fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) -> Vec<Scene> {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut noise = |sd: f64| {
         let z: f64 = StandardNormal.sample(&mut random);
@@ -64,15 +80,7 @@ fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Sc
             body.start.state.velocity = vec2(*vx, *vy);
             body.start.state.spin = 0.5;
         }
-        if let Some((name, values)) = law {
-            let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &model.bodies);
-            for p in &mut active.parameters {
-                if let Some((_, value)) = values.iter().find(|v| v.0 == p.name) {
-                    p.values.iter_mut().for_each(|v| *v = *value);
-                }
-            }
-            model.effects.push(active);
-        }
+        change(&mut model);
         for (frame, row) in trace(&model, &scene.times).states.iter().enumerate() {
             for (track, state) in scene.tracks.iter_mut().zip(row) {
                 let s = state.expect("all are there from the start");
@@ -395,4 +403,93 @@ fn what_turns_brakes_less_unless_its_foot_is_a_point() {
         p.values.iter_mut().for_each(|v| *v = -1.0);
     }
     assert!((braking(&model) - full).abs() < 1e-9, "{}", braking(&model));
+}
+
+#[test]
+fn a_law_along_a_direction_is_told_along_it() {
+    let drag = "ax = -0.24*(0.8*vx + 0.6*vy)/m; ay = -0.18*(0.8*vx + 0.6*vy)/m";
+    let written = |text: &str, model: &mut Model| {
+        let formula = Formula::new(text, vec![]).expect(text);
+        let active = ActiveEffect::of_formula("drag", formula, &model.bodies).expect(text);
+        model.effects.push(active);
+    };
+    let scenes = film_under(&launches(), |model| written(drag, model));
+    let lens = Lens::new(&scenes);
+    let base = with_nuisance(&models(&scenes));
+    let (free, fitted) = fit_forces(&lens, &base);
+    let law = residual_law(&lens, &base, &free, &fitted, 1).expect("something is missing");
+    assert_eq!(law.numbers, 2, "{}", law.text);
+    // What it says is the drag, also as text: brakes along the direction, and nothing across it.
+    let mut bare = models(&scenes).remove(0);
+    bare.effects.clear();
+    written(&law.text, &mut bare);
+    let acceleration = |velocity: Vec2| {
+        let zero = vec2(0.0, 0.0);
+        let moving = Kinematics { position: zero, yaw: 0.0, velocity, spin: 0.0, roll: zero };
+        let instant = [Snapshot { time: 0.0, bodies: vec![(0, moving)] }];
+        accelerations(&bare, &bare.flatten(), &instant)[0][0].scaled(bare.bodies[0].mass)
+    };
+    let (along, across) = (acceleration(vec2(0.8, 0.6)), acceleration(vec2(-0.6, 0.8)));
+    assert!((along + vec2(0.24, 0.18)).norm() < 0.02 && across.norm() < 0.02, "{along:?} {across:?}");
+    // Other objects than the one that shows it most show it too.
+    assert!(law.elsewhere > 100.0 && law.elsewhere < fitted.cost - law.cost, "{}", law.elsewhere);
+}
+
+#[test]
+fn where_chaos_loses_all_trajectories_free_motion_decides() {
+    let scenes = film(&launches(), None);
+    let (base, lens) = (models(&scenes), Lens::new(&scenes));
+    let mut before = revise(&lens, &base, None, &DiscoverOptions::default().fit, &never).expect("it runs");
+    before.fit.scenes.iter_mut().for_each(|s| s.reduced_chi_square = 500.0);
+    let nearer =
+        Revision { left_out_rmse: 0.5 * before.left_out_rmse, rmse: 2.0 * before.rmse, ..before.clone() };
+    assert!(super::proof::borne_out(&before, &nearer, 1));
+    assert!(!super::proof::borne_out(&nearer, &before, 1));
+}
+
+/// Two videos in which two objects meet.
+fn meetings() -> Vec<Vec<Launch>> {
+    vec![
+        vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])],
+        vec![(DISC, 1.0, [0.1, -1.2], [0.0, 1.2]), (DISC, 1.0, [0.0, 0.3], [0.0, -0.2])],
+    ]
+}
+
+#[test]
+fn a_meeting_that_no_law_of_contact_follows_is_lost_and_costs_no_more_than_that() {
+    let scenes = film(&meetings(), None);
+    let lens = Lens::new(&scenes);
+    let mut films = contacts(&lens, &models(&scenes));
+    assert!(!films.scenes.is_empty());
+    assert!(!meetings_lost(&films, &never).expect("it runs"));
+    // After they met, both are carried the same way, faster and faster: no contact does that.
+    for scene in &mut films.scenes {
+        for sample in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
+            let late = sample.frame.saturating_sub(16) as f64;
+            sample.position += vec2(0.002, 0.003).scaled(late * late);
+        }
+    }
+    assert!(meetings_lost(&films, &never).expect("it runs"));
+    let sought = [effect("contact_friction").expect("it is there")];
+    let (laws, lost) = screen_contacts(&films, &region(&scenes), &sought, &never).expect("it runs");
+    let residuals: usize = films.scenes.iter().flat_map(|s| &s.tracks).map(|t| 3 * t.samples.len()).sum();
+    assert!(laws.is_empty() && lost > 0.0 && lost <= 4.0 * residuals as f64, "{lost} of {residuals}");
+}
+
+#[test]
+fn a_rhythm_must_be_seen_to_repeat() {
+    let entry = effect("time_periodic").expect("it is there");
+    let rhythm = |frequency: f64| Candidate {
+        entry,
+        values: vec![0.1, 0.0, frequency, 0.0],
+        sd: vec![0.01; 4],
+        added: 4,
+        gain: 100.0,
+        held_out: 100.0,
+        left_out: 0.0,
+        elsewhere: 50.0,
+        chi_square: 1000.0,
+        models: vec![],
+    };
+    assert!(inquire::once(&rhythm(0.18), 5.12) && !inquire::once(&rhythm(0.3), 5.12));
 }
