@@ -31,6 +31,8 @@ const EXPLAINED: f64 = 2.0;
 const MOSTLY: f64 = 0.9;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
+/// A film that the base fits this well needs no new beginning (reduced chi-square).
+const AT_NOISE: f64 = 1.5;
 /// The rival that has the same hook as no law of contact, but shows in contacts only.
 const HEAVIER: &str = "mass_change";
 /// Values of shapes agree within this many deviations.
@@ -98,6 +100,15 @@ fn stand_as(model: &mut Model, other: &Model) {
     }
 }
 
+/// Gives a model the shared numbers of another of the same film.
+fn agree(model: &mut Model, other: &Model) {
+    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
+        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {
+            p.values.clone_from(&q.values);
+        }
+    }
+}
+
 /// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows: each as if it
 /// were just followed, as how far chaos leads astray tells nothing.
 /// Empty where nothing touches anything.
@@ -131,11 +142,12 @@ pub fn screen_contacts(
     }
     let near = FitOptions { begin: Begin::Near, ..options };
     let unfollowed: Vec<usize> =
-        (0..before.len()).filter(|&film| base.scenes[film].reduced_chi_square > FOLLOWED).collect();
+        (0..before.len()).filter(|&film| base.scenes[film].reduced_chi_square > AT_NOISE).collect();
+    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
     let fitted: Result<Vec<_>, FitError> = trials
         .par_iter()
         .map(|(entry, values, object)| {
-            // What the base follows goes on from there; the others begin anew, each alone: one that leads astray takes no
+            // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no
             // other with it, and is not searched again with all of them.
             let mut models = with_contact(&ended, entry, values, *object, region);
             for &film in &unfollowed {
@@ -144,6 +156,25 @@ pub fn screen_contacts(
                 stand_as(&mut models[film], &alone.scenes[0].model);
             }
             let mut found = fit(&films.scenes, &models, &near, stop)?;
+            // What is still lost begins anew with what the others agree on.
+            let lost: Vec<usize> =
+                unfollowed.iter().copied().filter(|&k| off(&found, k) > AT_NOISE).collect();
+            if !lost.is_empty() && lost.len() < before.len() {
+                let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
+                for film in lost {
+                    let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
+                    let mut begun = with_contact(begun, entry, values, *object, region);
+                    agree(&mut begun[0], &models[film]);
+                    let alone = fit(scene, &begun, &options, stop)?;
+                    if off(&alone, 0) < off(&found, film) {
+                        models[film].clone_from(&alone.scenes[0].model);
+                    }
+                }
+                let again = fit(&films.scenes, &models, &near, stop)?;
+                if sum(&chi_squares(&again)) < sum(&chi_squares(&found)) {
+                    found = again;
+                }
+            }
             // A search that went astray begins where the models without the effect ended.
             if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
                 let models = with_contact(&ended, entry, values, *object, region);

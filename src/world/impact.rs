@@ -315,17 +315,6 @@ pub(super) fn resolve<T: Real>(
     normal
 }
 
-/// The impulse along the normal that parts the two faster by `speed` (m/s).
-pub(super) fn push<T: Real>(a: &mut Side<T>, b: &mut Side<T>, near: &Proximity<T>, speed: T) {
-    let point = (near.on_a + near.on_b).scaled(0.5);
-    let impulse = near.normal * (effective_mass(a, b, near) * speed);
-    for (side, sign) in [(a, -1.0), (b, 1.0)] {
-        let k = &mut side.kinematics;
-        k.velocity += impulse * (side.inverse_mass * sign);
-        k.spin += (point - k.position).cross(impulse) * (side.inverse_inertia * sign);
-    }
-}
-
 /// A ball against the edge of a wall, and the normal impulse (N s).
 ///
 /// The edge touches the ball `law.edge` radii above its centre, so the common normal leans by the arc sine of that and
