@@ -315,8 +315,8 @@ impl<T: Scalar> Laws<T> {
             let mut roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
             if w.turning.value() > 0.0 || T::DIFFERENTIATES {
                 // A ball that does not turn yet is hindered from what its foot's friction begins.
-                let turn = k.roll + roll.unit() * T::constant(SLOW_TURN);
-                let rate = (turn.norm_squared() + 0.01 * SLOW_TURN * SLOW_TURN).sqrt();
+                let turn = k.roll + roll.unit() * T::constant(2.0 * SLOW_TURN);
+                let rate = (turn.norm_squared() + SLOW_TURN * SLOW_TURN).sqrt();
                 roll -= turn * (w.turning * self.inverse_inertia[i] / rate);
             }
             Rates { velocity: (force + friction) * self.inverse_mass[i], spin, roll }
