@@ -287,14 +287,16 @@ where
     if let Some(error) = waiting.refused(AT_ONCE).await {
         return Err(status(error));
     }
-    let updates = stream::unfold(Some((waiting, done)), move |at| async move {
-        let (mut waiting, done) = at?;
+    let updates = stream::unfold(Some((waiting, done, false)), move |at| async move {
+        let (mut waiting, done, told) = at?;
         let update = match waiting.ready() {
             Some(outcome) => Update::Done(outcome),
             None => waiting.news(HEARTBEAT).await,
         };
         Some(match update {
-            Update::Progress(fraction) => (Ok(progress(fraction)), Some((waiting, done))),
+            Update::Progress(fraction) => (Ok(progress(fraction)), Some((waiting, done, true))),
+            // However fast it was, progress comes before the result.
+            Update::Done(Ok(_)) if !told => (Ok(progress(1.0)), Some((waiting, done, true))),
             Update::Done(Ok(found)) => {
                 let other = || Status::internal("the work has another result than was asked for");
                 (done(found).await.map_err(status).and_then(|made| made.ok_or_else(other)), None)
