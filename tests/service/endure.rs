@@ -193,7 +193,7 @@ pub async fn whole(channel: &Channel, told: &Told) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn what_was_acknowledged_survives_kill_9() {
-    let rounds = count(1_000, 20);
+    let rounds = count(200, 20);
     let folder = tempfile::tempdir().unwrap();
     let told = Arc::new(Mutex::new(Told::default()));
     let mut slowest = Duration::ZERO;
