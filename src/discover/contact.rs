@@ -4,6 +4,7 @@
 use super::film::Contacts;
 use super::force::unseen_turn;
 use super::path::Jump;
+use super::revise::{stand_as, take_shared};
 use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
@@ -88,25 +89,9 @@ fn sum(all: &[f64]) -> f64 {
     all.iter().sum()
 }
 
-/// Puts the bodies, and what each scene has for itself, where another model of the same effects has them.
-fn stand_as(model: &mut Model, other: &Model) {
-    model.bodies.clone_from(&other.bodies);
-    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
-        for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-            if !own.shares(q) {
-                p.values.clone_from(&q.values);
-            }
-        }
-    }
-}
-
-/// Gives a model the shared numbers of another of the same film.
-fn agree(model: &mut Model, other: &Model) {
-    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
-        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {
-            p.values.clone_from(&q.values);
-        }
-    }
+/// The fit of lower chi-square; the first of two equal ones.
+fn lower(known: Fit, tried: Fit) -> Fit {
+    if sum(&chi_squares(&tried)) < sum(&chi_squares(&known)) { tried } else { known }
 }
 
 /// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows: each as if it
@@ -164,24 +149,18 @@ pub fn screen_contacts(
                 for film in lost {
                     let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
                     let mut begun = with_contact(begun, entry, values, *object, region);
-                    agree(&mut begun[0], &models[film]);
+                    take_shared(&mut begun[0], &models[film]);
                     let alone = fit(scene, &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
                         models[film].clone_from(&alone.scenes[0].model);
                     }
                 }
-                let again = fit(&films.scenes, &models, &near, stop)?;
-                if sum(&chi_squares(&again)) < sum(&chi_squares(&found)) {
-                    found = again;
-                }
+                found = lower(found, fit(&films.scenes, &models, &near, stop)?);
             }
             // A search that went astray begins where the models without the effect ended.
             if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
                 let models = with_contact(&ended, entry, values, *object, region);
-                let again = fit(&films.scenes, &models, &near, stop)?;
-                if sum(&chi_squares(&again)) < sum(&chi_squares(&found)) {
-                    found = again;
-                }
+                found = lower(found, fit(&films.scenes, &models, &near, stop)?);
             }
             Ok(Tried { entry, start: values.clone(), object: *object, fit: found })
         })

@@ -163,16 +163,7 @@ fn fit_set_up(
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let mut near = pooled(models, &alone);
     for (model, fitted) in near.iter_mut().zip(&alone) {
-        let found = &fitted.scenes[0].model;
-        model.bodies.clone_from(&found.bodies);
-        for (active, own) in model.effects.iter_mut().zip(&found.effects) {
-            for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-                // Beliefs stay what they were; only the place where the search begins is new.
-                if !own.shares(q) {
-                    p.values.clone_from(&q.values);
-                }
-            }
-        }
+        stand_as(model, &fitted.scenes[0].model);
     }
     near.iter_mut().zip(models).for_each(|(model, asked)| believe_as(model, asked));
     let together = FitOptions { begin: Begin::Near, ..*options };
@@ -272,8 +263,18 @@ fn believe(model: &mut Model, known: &Posterior) {
     }
 }
 
+/// Puts the bodies, and what each scene has for itself, where another model of the same effects has them; beliefs stay.
+pub fn stand_as(model: &mut Model, other: &Model) {
+    model.bodies.clone_from(&other.bodies);
+    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
+        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| !own.shares(q)) {
+            p.values.clone_from(&q.values);
+        }
+    }
+}
+
 /// Gives a model the shared numbers that another of its set-up has too.
-fn take_shared(model: &mut Model, other: &Model) {
+pub fn take_shared(model: &mut Model, other: &Model) {
     for (active, own) in model.effects.iter_mut().zip(&other.effects) {
         for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {
             for (label, value) in p.labels.iter().zip(&mut p.values) {
