@@ -9,8 +9,7 @@ use crate::world::{BODY_VALUES, Event, EventKind};
 const FOLLOWED: f64 = 1.25;
 /// Contacts before the simulation leaves a track that are looked at, the last first: what follows one may hide another.
 const CONTACTS: usize = 2;
-/// Restitutions that a contact may have, by effect and parameter, in the order in which they are tried; that of a wall goes by the wall's
-/// own name.
+/// Restitutions that a contact may have, by effect and parameter, that of its own first; that of a wall goes by the wall's own name.
 const OF_OBJECTS: [(&str, &str); 2] = [("restitution", "deviation"), ("restitution", "coefficient")];
 const OF_CUSHIONS: (&str, &str) = ("cushion", "restitution");
 /// A restitution below this share of the usual one counts as dead.
@@ -19,7 +18,7 @@ const LIVELY: f64 = 0.5;
 /// Points of the search at which a contact rebounds that does not at this one, or the other way round: of contacts before
 /// the first track that a simulation leaves within the window.
 pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Vec<f64>> {
-    let mut found: Vec<usize> = vec![];
+    let mut found: Vec<Rebound> = vec![];
     for part in &problem.parts {
         let rollout = part.rollout(&problem.free, point, window);
         let (mut squares, mut count) = (0.0, 0);
@@ -38,46 +37,74 @@ pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Ve
             .iter()
             .rev()
             .filter(|e| e.kind == EventKind::Collision && e.time < until && e.objects.contains(&id));
-        let restitutions = contacts.filter_map(|e| part.restitution_of(e));
-        let mut of_part: Vec<usize> = vec![];
-        for k in restitutions {
-            if !of_part.contains(&k) && of_part.len() < CONTACTS {
-                of_part.push(k);
+        let mut of_part: Vec<Rebound> = vec![];
+        for rebound in contacts.filter_map(|e| part.rebound(e)) {
+            if of_part.len() < CONTACTS && of_part.iter().all(|r| r.own != rebound.own) {
+                of_part.push(rebound);
             }
         }
-        found.extend(of_part.iter().filter(|k| !found.contains(k)).copied().collect::<Vec<_>>());
+        of_part.retain(|rebound| found.iter().all(|r| r.own != rebound.own));
+        found.extend(of_part);
     }
-    let other = |k: usize| {
+    found.iter().map(|rebound| rebound.other(problem, point)).collect()
+}
+
+/// Free parameters on which the rebound at a contact depends; their product does the work.
+struct Rebound {
+    /// What is the contact's own, or nearly so.
+    own: usize,
+    /// What it shares with others.
+    common: Option<usize>,
+    /// What is the own of all the contacts that share it.
+    owns: Vec<usize>,
+}
+
+impl Rebound {
+    /// The point at which this contact is dead where it was lively, or the other way round.
+    fn other(&self, problem: &Problem, point: &[f64]) -> Vec<f64> {
+        let usual = |k: usize| problem.free[k].mean;
+        let dead = |k: usize| point[k] <= LIVELY * usual(k);
         let mut other = point.to_vec();
-        let usual = problem.free[k].mean;
-        other[k] = if point[k] > LIVELY * usual { problem.free[k].min } else { usual };
+        let common = self.common.filter(|k| dead(*k));
+        let lively = common.is_some() || dead(self.own);
+        if let Some(common) = common {
+            // It keeps all dead: it rises, and the others stay as they are.
+            other[common] = usual(common);
+            self.owns.iter().for_each(|k| other[*k] *= point[common] / usual(common));
+        }
+        other[self.own] = if lively { usual(self.own) } else { problem.free[self.own].min };
         other
-    };
-    found.into_iter().map(other).collect()
+    }
 }
 
 impl Part<'_> {
-    /// The free parameter that says how much the objects of this contact rebound.
-    fn restitution_of(&self, contact: &Event) -> Option<usize> {
+    /// What says how much the objects of this contact rebound, as far as it is free.
+    fn rebound(&self, contact: &Event) -> Option<Rebound> {
         let body = |id: &u32| self.model.bodies.iter().find(|b| b.id == *id);
         let a = contact.objects.first().and_then(body)?;
         let b = contact.objects.get(1).map_or(Some(a), body)?;
+        let free = |slot: usize| self.slots.iter().find(|s| s.0 == slot).map(|s| s.1);
         let sought = match contact.wall.as_deref() {
             None => OF_OBJECTS.to_vec(),
             Some(wall) => vec![(wall, "restitution"), OF_CUSHIONS],
         };
-        sought.iter().find_map(|&(effect, name)| {
+        // The parameter of this contact, and those of all.
+        let found = |&(effect, name): &(&str, &str)| -> Option<(usize, Vec<usize>)> {
             let mut first = BODY_VALUES.len() * self.model.bodies.len();
             for active in &self.model.effects {
                 for p in &active.parameters {
                     if active.name == effect && p.name == name {
-                        let slot = first + p.index(a, b)?;
-                        return self.slots.iter().find(|s| s.0 == slot).map(|s| s.1);
+                        let all = (first..first + p.values.len()).filter_map(free).collect();
+                        return Some((free(first + p.index(a, b)?)?, all));
                     }
                     first += p.values.len();
                 }
             }
             None
-        })
+        };
+        let mut known = sought.iter().filter_map(found);
+        let (own, owns) = known.next()?;
+        let common = known.next().map(|(k, _)| k).filter(|_| contact.wall.is_none());
+        Some(Rebound { own, common, owns })
     }
 }

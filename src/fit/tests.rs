@@ -396,3 +396,24 @@ fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively()
         "{found:?}"
     );
 }
+
+#[test]
+fn where_nothing_rebounds_one_contact_alone_is_made_lively() {
+    let (scene, truth) = film("lively", 3, [1.0, 1.6, 0.7]);
+    let mut model = truth.clone();
+    let restitution = model.effects.iter_mut().filter(|e| e.name == "restitution");
+    for p in restitution.flat_map(|e| &mut e.parameters).filter(|p| p.name == "coefficient") {
+        p.values.fill(0.0);
+    }
+    let problem = Problem::new(std::slice::from_ref(&scene), vec![model], &[estimate_noise(&scene)], &never);
+    let others = bounce::others(&problem, &problem.start(), scene.times.len());
+    assert!(!others.is_empty());
+    for other in others {
+        let rebound = |name: &str| -> Vec<f64> {
+            let named = (0..other.len()).filter(|&k| problem.free[k].name.starts_with(name));
+            named.map(|k| other[k]).filter(|v| *v > 0.0).collect()
+        };
+        let [common, owns] = ["restitution.coefficient", "restitution.deviation"].map(rebound);
+        assert!(common.len() == 1 && owns.len() == 1, "{common:?} {owns:?}");
+    }
+}
