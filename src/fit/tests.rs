@@ -1,9 +1,10 @@
 //! The fit on simulated videos whose truth is known, and what it refuses.
 
 use super::*;
+use crate::effects::effect;
 use crate::num::{never, vec2};
 use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
-use crate::world::{Preset, trace};
+use crate::world::{ActiveEffect, Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -131,6 +132,27 @@ fn true_value(model: &Model, name: &str) -> Option<f64> {
         }
     }
     None
+}
+
+#[test]
+fn the_distance_at_which_outlines_touch_is_found() {
+    let (mut scene, mut model) = film("late", 3, [1.0; 3]);
+    let margin = effect("contact_distance").expect("it is in the table");
+    let mut late = ActiveEffect::new(&margin.spec, &model.bodies);
+    late.parameters[0].values.fill(-0.01);
+    model.effects.push(late);
+    measure(&mut scene, &model, 3);
+    let mut start = Preset::for_world(scene.world).model(&scene);
+    let without = fit(std::slice::from_ref(&scene), &[start.clone()], &FitOptions::default(), &never);
+    let mut unsure = ActiveEffect::new(&margin.spec, &start.bodies);
+    unsure.parameters[0].prior.sd = 0.01;
+    start.effects.push(unsure);
+    let with = fit(&[scene], &[start], &FitOptions::default(), &never).expect("it can be fitted");
+    let found = with.posterior.estimates.iter().find(|e| e.name == "contact_distance.distance[0-1]");
+    let found = found.expect("it is free");
+    assert!(found.identified && (found.value + 0.01).abs() < 3.0 * found.sd, "{} {}", found.value, found.sd);
+    let cost = |fit: &Fit| *fit.losses.last().expect("it searched");
+    assert!(cost(&with) < cost(&without.expect("it can be fitted")) - 2.0);
 }
 
 #[test]
