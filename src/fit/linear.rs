@@ -99,7 +99,7 @@ impl Part<'_> {
     }
 
     /// Bodies that met, directly or through others, share a component: the smallest index among them.
-    fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
+    pub fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
         let mut component: Vec<usize> = (0..self.model.bodies.len()).collect();
         if self.model.has_pair_forces() {
             return vec![0; component.len()];
@@ -163,7 +163,7 @@ impl Part<'_> {
 pub(super) struct Linear {
     pub residuals: Vec<f64>,
     /// Body of each row.
-    bodies: Vec<usize>,
+    pub bodies: Vec<usize>,
     /// Rows x width.
     jacobian: Vec<f64>,
     width: usize,

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::effects::effect;
-use crate::num::{never, vec2};
+use crate::num::{Vec2, never, vec2};
 use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
 use crate::world::{ActiveEffect, Preset, trace};
 use rand_chacha::ChaCha8Rng;
@@ -236,7 +236,7 @@ fn what_cannot_be_fitted_says_why() {
 
 /// A film of two balls on a table with cushions: the first is struck with the given spins (as shares of rolling, and
 /// as a speed of the surface), meets the second and goes on to a cushion.
-fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
+fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
     let radius = 0.0286;
     let ball = |id| Object {
         id,
@@ -264,7 +264,7 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     cue.state.roll = velocity.perp().scaled(follow / radius);
     cue.state.spin = side / radius;
     cue.rolling = false;
-    truth.bodies[1].start.state.position = vec2(0.85, 1.18);
+    truth.bodies[1].start.state.position = other;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = move || -> f64 {
         let z: f64 = StandardNormal.sample(&mut random);
@@ -279,10 +279,25 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     (scene, truth)
 }
 
+/// Where a ball is that the cue ball hits.
+const IN_THE_WAY: Vec2 = Vec2 { x: 0.85, y: 1.18 };
+
+#[test]
+fn draws_of_what_meets_nothing_spread_as_far_as_it_is_unknown() {
+    let (scene, _) = shot(7, 1.0, 0.0, vec2(1.3, 0.15));
+    let fit = fitted(&[scene]);
+    let sd = fit.posterior.estimates.iter().find(|e| e.name == "objects[4].x").expect("it is free").sd;
+    let best = fit.scenes[0].model.bodies[1].start.state.position.x;
+    let draws = fit.draw(0, DRAWS, 0);
+    let square = |m: &Model| (m.bodies[1].start.state.position.x - best).powi(2);
+    let spread = (draws.iter().map(square).sum::<f64>() / draws.len() as f64).sqrt();
+    assert!((0.7..1.4).contains(&(spread / sd)), "{spread} {sd}");
+}
+
 #[test]
 fn follow_draw_and_side_are_found_from_positions_alone() {
     for (follow, side) in [(1.0, 0.0), (-0.8, 0.0), (0.3, 1.2), (0.6, -1.5)] {
-        let (scene, truth) = shot(7, follow, side);
+        let (scene, truth) = shot(7, follow, side, IN_THE_WAY);
         let fit = fitted(&[scene]);
         let found = &fit.scenes[0];
         assert!(found.adequate, "{follow} {side}: {}", found.reduced_chi_square);
