@@ -9,7 +9,7 @@ use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::DMatrix;
 
 /// Effects that are never sought: what an engine does beside physics, and other readings of friction.
-const NEVER_SOUGHT: [&str; 3] = ["friction_offset", "gliding_friction", "damping"];
+const NEVER_SOUGHT: [&str; 4] = ["friction_offset", "gliding_friction", "damping", "contact_distance"];
 /// Effects that another one already stands for.
 const COVERED: [(&str, &[&str]); 1] =
     [("gliding_friction", &["sliding_friction", "rolling_resistance", "ball_spin"])];

@@ -3,6 +3,7 @@
 mod attractor_inverse_square;
 mod attractor_spring;
 mod ball_spin;
+mod contact_distance;
 mod contact_friction;
 mod coriolis;
 mod cushion;
@@ -42,6 +43,7 @@ mod vortex;
 mod wrong_scale;
 mod wrong_size;
 
+pub use contact_distance::MOST_MARGIN;
 pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
@@ -60,6 +62,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<quadratic_drag::QuadraticDrag>(),
     EffectEntry::of::<restitution::Restitution>(),
     EffectEntry::of::<contact_friction::ContactFriction>(),
+    EffectEntry::of::<contact_distance::ContactDistance>(),
     EffectEntry::of::<cushion::Cushion>(),
     EffectEntry::of::<spin_friction::SpinFriction>(),
     EffectEntry::of::<tilt::Tilt>(),
@@ -124,6 +127,11 @@ pub trait Effect {
     /// Shapes the law of a contact. `pa` and `pb` hold the parameters as they apply to either body.
     fn contact<T: Real>(_pa: &[T], _pb: &[T], _contact: &Contact<T>, _out: &mut ContactLaw<T>) {}
 
+    /// Gap between the outlines of two bodies at which they touch (m), at most [`MOST_MARGIN`].
+    fn margin<T: Real>(_p: &[T]) -> T {
+        T::zero()
+    }
+
     /// What nobody saw and bodies run into.
     fn bodies<T: Real>(_p: &[T]) -> Option<Obstacle<T>> {
         None
@@ -160,6 +168,7 @@ pub enum Hook {
     Force,
     Pair,
     Contact,
+    Margin,
     Bodies,
     Matter,
     Observe,
@@ -222,6 +231,8 @@ pub type ForceFn<T> = fn(&[T], T, &Body<T>, &mut Wrench<T>);
 pub type PairFn<T> = fn(&[T], &Body<T>, &Body<T>) -> Vec2<T>;
 /// See [`Effect::contact`].
 pub type ContactFn<T> = fn(&[T], &[T], &Contact<T>, &mut ContactLaw<T>);
+/// See [`Effect::margin`].
+pub type MarginFn<T> = fn(&[T]) -> T;
 /// See [`Effect::bodies`].
 pub type BodiesFn<T> = fn(&[T]) -> Option<Obstacle<T>>;
 /// See [`Effect::matter`].
@@ -236,6 +247,7 @@ pub struct Hooks<T> {
     pub force: ForceFn<T>,
     pub pair: PairFn<T>,
     pub contact: ContactFn<T>,
+    pub margin: MarginFn<T>,
     pub bodies: BodiesFn<T>,
     pub matter: MatterFn<T>,
     pub observe: ObserveFn<T>,
@@ -248,6 +260,7 @@ impl<T: Real> Hooks<T> {
             force: E::force::<T>,
             pair: E::pair::<T>,
             contact: E::contact::<T>,
+            margin: E::margin::<T>,
             bodies: E::bodies::<T>,
             matter: E::matter::<T>,
             observe: E::observe::<T>,

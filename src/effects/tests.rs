@@ -105,6 +105,7 @@ fn output<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<(Hook, V
         (Hook::Force, forces(entry, p, s)),
         (Hook::Pair, pair(entry, p, s)),
         (Hook::Contact, contact(entry, p, s)),
+        (Hook::Margin, vec![(T::hooks(entry).margin)(p)]),
         (Hook::Bodies, bodies(entry, p)),
         (Hook::Matter, matter(entry, p)),
         (Hook::Observe, view(entry, p, s)),

@@ -17,7 +17,7 @@ impl Part<'_> {
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
         let components = self.components(&rollout);
-        let lanes = self.lanes(&rollout, &components);
+        let lanes = self.lanes(free, &rollout, &components);
         // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
@@ -99,7 +99,7 @@ impl Part<'_> {
     }
 
     /// Bodies that met, directly or through others, share a component: the smallest index among them.
-    fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
+    pub fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
         let mut component: Vec<usize> = (0..self.model.bodies.len()).collect();
         if self.model.has_pair_forces() {
             return vec![0; component.len()];
@@ -122,19 +122,20 @@ impl Part<'_> {
 
     /// A lane for each slot that can matter; lanes are shared by slots of components that never meet, so that
     /// one pass carries several of them (column compression: Curtis, Powell and Reid, 1974).
-    fn lanes(&self, rollout: &Rollout<f64>, components: &[usize]) -> Vec<Lane> {
+    fn lanes(&self, free: &[Free], rollout: &Rollout<f64>, components: &[usize]) -> Vec<Lane> {
         let owners = self.model.owners();
         let meetings = self.meetings(rollout);
         let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
-        let component = |slot: usize| match owners[slot] {
+        let component = |s: usize| match owners[self.slots[s].0] {
+            _ if free[self.slots[s].1].held => None,
             Owner::Body(a) => Some(Some(components[a])),
             Owner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
             Owner::Shared => Some(None),
         };
         let mut lanes = vec![];
         let mut shared = 0;
-        for (s, &(slot, _)) in self.slots.iter().enumerate() {
-            if component(slot) == Some(None) {
+        for s in 0..self.slots.len() {
+            if component(s) == Some(None) {
                 lanes.push(Lane { slot: s, component: None, number: shared });
                 shared += 1;
             }
@@ -149,7 +150,7 @@ impl Part<'_> {
         order.sort_by_key(|&s| body(self.slots[s].0));
         let mut own = vec![shared; components.len()];
         for s in order {
-            if let Some(Some(c)) = component(self.slots[s].0) {
+            if let Some(Some(c)) = component(s) {
                 lanes.push(Lane { slot: s, component: Some(c), number: own[c] });
                 own[c] += 1;
             }
@@ -162,7 +163,7 @@ impl Part<'_> {
 pub(super) struct Linear {
     pub residuals: Vec<f64>,
     /// Body of each row.
-    bodies: Vec<usize>,
+    pub bodies: Vec<usize>,
     /// Rows x width.
     jacobian: Vec<f64>,
     width: usize,

@@ -158,11 +158,21 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
             start::from_tracks(scene, model, noise);
         }
     }
-    let problem = Problem::new(scenes, models, &noises, stop);
+    let mut problem = Problem::new(scenes, models, &noises, stop);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
     let best = match options.method {
-        Method::GaussNewton => gauss_newton(&problem, frames, options, stop)?,
-        Method::Paper => paper::minimise(&problem, frames, options.max_iterations, stop)?,
+        Method::GaussNewton => {
+            let found = gauss_newton(&problem, frames, options, stop)?;
+            if problem.release() {
+                refined(&problem, found, frames, options.max_iterations, stop)?
+            } else {
+                found
+            }
+        }
+        Method::Paper => {
+            problem.release();
+            paper::minimise(&problem, frames, options.max_iterations, stop)?
+        }
     };
     for part in &problem.parts {
         if part.rollout(&problem.free, &best.point, frames).ending == Ending::FormulaUndefined {
@@ -190,9 +200,10 @@ fn gauss_newton(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let budget = options.max_iterations;
+    let enough = problem.negligible();
     let turned = matches!(options.begin, Begin::Turned | Begin::Near);
     let mut best = match turned {
-        true => minimise(problem, &problem.start(), frames, NEGLIGIBLE, budget, stop)?,
+        true => minimise(problem, &problem.start(), frames, enough, budget, stop)?,
         false => of_any_yaw(problem, &problem.start(), frames, budget, stop)?,
     };
     let done =
@@ -214,7 +225,7 @@ fn gauss_newton(
                 return Ok(best);
             }
             let tried = if whole {
-                minimise(problem, &other, frames, NEGLIGIBLE, budget, stop)?
+                minimise(problem, &other, frames, enough, budget, stop)?
             } else {
                 grow(problem, other.clone(), frames, budget, stop)?
             };
@@ -222,6 +233,20 @@ fn gauss_newton(
         }
     }
     Ok(best)
+}
+
+/// The fit from `found` on, where more parameters are free.
+fn refined(
+    problem: &Problem,
+    found: Solution,
+    frames: usize,
+    budget: usize,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let refined = minimise(problem, &found.point, frames, NEGLIGIBLE, budget, stop)?;
+    let iterations = found.iterations + refined.iterations;
+    let losses = [&found.losses[..], &refined.losses].concat();
+    Ok(Solution { iterations, losses, ..refined })
 }
 
 /// The best fit from `start`, and from other yaws of bodies whose yaw was not measured, one body after the other. A wrong
@@ -235,11 +260,11 @@ fn of_any_yaw(
 ) -> Result<Solution, FitError> {
     let unseen = start::unseen_yaws(problem);
     if unseen.is_empty() {
-        return minimise(problem, start, frames, NEGLIGIBLE, budget, stop);
+        return minimise(problem, start, frames, problem.negligible(), budget, stop);
     }
     // None is worth being followed to its very end before it is the best.
     let few = budget.min(OTHER_ITERATIONS);
-    let mut best = minimise(problem, start, frames, NEGLIGIBLE, few, stop)?;
+    let mut best = minimise(problem, start, frames, problem.negligible(), few, stop)?;
     for _ in 0..YAW_ROUNDS {
         let before = best.cost;
         for &(k, others) in &unseen {
@@ -250,7 +275,7 @@ fn of_any_yaw(
                 }
                 let mut point = from.clone();
                 point[k] += other as f64 * start::YAW_STEP;
-                best = better(best, minimise(problem, &point, frames, NEGLIGIBLE, few, stop)?);
+                best = better(best, minimise(problem, &point, frames, problem.negligible(), few, stop)?);
             }
         }
         if before - best.cost < WORTH_A_ROUND {
@@ -258,7 +283,7 @@ fn of_any_yaw(
         }
     }
     if best.outcome == Outcome::IterationLimit {
-        let further = minimise(problem, &best.point, frames, NEGLIGIBLE, budget, stop)?;
+        let further = minimise(problem, &best.point, frames, problem.negligible(), budget, stop)?;
         best = better(best, further);
     }
     Ok(best)
@@ -327,7 +352,7 @@ fn grow(
     let (mut iterations, mut losses) = (0, vec![]);
     loop {
         let left = budget.saturating_sub(iterations).clamp(1, 30);
-        let negligible = if window < frames { UNFINISHED } else { NEGLIGIBLE };
+        let negligible = if window < frames { UNFINISHED } else { problem.negligible() };
         let followed = minimise(problem, &point, window, negligible, left, stop)?;
         let solution = of_any_bounce(problem, followed, window, negligible, stop)?;
         iterations += solution.iterations;

@@ -1,9 +1,9 @@
 //! What the data say about the parameters: mean, covariance, what is identified, and draws.
 
 use super::linear::Linear;
-use super::problem::{Free, Part, Problem, Window};
+use super::problem::{Free, Part, Problem, Window, rho};
 use super::{Fit, SceneFit};
-use crate::world::{BODY_VALUES, MASS, Model};
+use crate::world::{BODY_VALUES, Ending, MASS, Model};
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 pub const DRAWS: usize = 32;
 /// A draw that fits this many deviations worse than a draw from the true posterior would is pulled in.
 const TOLERATED: f64 = 3.0;
+/// A block that is linear costs as much as its draw says, but for round-off.
+const ROUNDED: f64 = 1.001;
 /// How far a draw is pulled in at once, and how often.
 const SHRINK: f64 = 0.5;
 const SHRINKS: usize = 6;
@@ -142,7 +144,8 @@ impl Posterior {
 
 /// Draws from the Gaussian around `point`, bent to the data: through contacts the cost is not the parabola that
 /// Laplace's approximation takes it for, so a draw whose residuals are not those of the linear model is led
-/// back by Gauss-Newton steps with the derivatives at `point`, and pulled in where that is not enough.
+/// back by Gauss-Newton steps with the derivatives at `point`, and pulled in where that is not enough. What is independent
+/// of it stays as it was drawn.
 fn draws(
     problem: &Problem,
     point: &[f64],
@@ -153,43 +156,162 @@ fn draws(
 ) -> Vec<Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
-    let worst = 0.5 * (n as f64 + TOLERATED * (2.0 * n as f64).sqrt());
+    let blocks = Blocks::new(problem, factor);
     let residuals: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals.clone()).collect();
-    let cost = problem.cost_of(point, &residuals, shares);
-    let moved = |from: &[f64], step: &DVector<f64>| -> Vec<f64> {
-        let bounded = |(k, f): (usize, &Free)| (from[k] + step[k]).clamp(f.min, f.max);
+    let best = blocks.costs(problem, point, &residuals, parts, shares);
+    let moved = |from: &[f64], step: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        let bounded = |(k, f): (usize, &Free)| (from[k] + step(k)).clamp(f.min, f.max);
         problem.free.iter().enumerate().map(bounded).collect()
     };
     let draw = |_| {
         let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
+        let worst = blocks.worst(&z);
         let shift: DVector<f64> = factor * z;
-        let mut share = 1.0;
+        let mut share = vec![1.0; best.len()];
+        let mut bad = vec![true; best.len()];
         for _ in 0..SHRINKS {
             if (problem.stop)(0.0).is_err() {
                 break;
             }
-            let step = &shift * share;
+            let step = DVector::from_iterator(n, (0..n).map(|k| shift[k] * share[blocks.of[k]]));
             let mut wanted = None;
-            let mut drawn = moved(point, &step);
+            let mut drawn = moved(point, &|k| step[k]);
+            bad.fill(true);
             for _ in 0..CORRECTIONS {
-                let Some(found) = problem.residuals(&drawn, window) else { break };
-                if problem.cost_of(&drawn, &found, shares) - cost <= worst {
+                let Some(found) = Found::at(problem, &drawn, window) else { break };
+                let costs = blocks.costs(problem, &drawn, &found.residuals, parts, shares);
+                // Not a number is too much, too.
+                let much = |block: usize| !(costs[block] - best[block] <= worst[block]);
+                (0..bad.len()).for_each(|block| bad[block] = much(block));
+                blocks.pass_on(&found.components, &mut bad);
+                if !bad.contains(&true) {
                     return drawn;
                 }
                 let predicted = || parts.iter().map(|p| p.predicted(step.as_slice())).collect();
                 let wanted: &Vec<Vec<f64>> = wanted.get_or_insert_with(predicted);
                 let mut gradient = DVector::zeros(n);
-                for (((part, found), wanted), share) in parts.iter().zip(&found).zip(wanted).zip(shares) {
+                for (((part, found), wanted), share) in
+                    parts.iter().zip(&found.residuals).zip(wanted).zip(shares)
+                {
                     let off: Vec<f64> = found.iter().zip(wanted).map(|(f, w)| share * (f - w)).collect();
                     part.pull_back(&off, &mut gradient);
                 }
-                drawn = moved(&drawn, &-(factor * factor.tr_mul(&gradient)));
+                let back = factor * factor.tr_mul(&gradient);
+                drawn = moved(&drawn, &|k| if bad[blocks.of[k]] { -back[k] } else { 0.0 });
             }
-            share *= SHRINK;
+            share.iter_mut().zip(&bad).filter(|(_, bad)| **bad).for_each(|(share, _)| *share *= SHRINK);
         }
-        point.to_vec()
+        moved(point, &|k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
     };
     (0..DRAWS).map(draw).collect()
+}
+
+/// What a draw does: residuals of each part, and which bodies met ([`Part::components`]).
+struct Found {
+    residuals: Vec<Vec<f64>>,
+    components: Vec<Vec<usize>>,
+}
+
+impl Found {
+    fn at(problem: &Problem, point: &[f64], window: Window) -> Option<Found> {
+        let (mut all, mut components) = (vec![], vec![]);
+        for part in &problem.parts {
+            let rollout = part.rollout(&problem.free, point, window);
+            let mut residuals = vec![];
+            part.each_residual(&rollout, window, |_, r, _| residuals.push(r));
+            components.push(part.components(&rollout));
+            all.push(residuals);
+            if rollout.ending != Ending::Completed {
+                return None;
+            }
+        }
+        Some(Found { residuals: all, components })
+    }
+}
+
+/// Parameters in blocks that are independent of each other, and the bodies whose tracks tell of them.
+struct Blocks {
+    /// The block of each parameter.
+    of: Vec<usize>,
+    /// The block of each body, part by part.
+    bodies: Vec<Vec<usize>>,
+    /// How many parameters each block has.
+    sizes: Vec<usize>,
+}
+
+impl Blocks {
+    /// `factor` L has the parameters' covariance L L^T.
+    fn new(problem: &Problem, factor: &DMatrix<f64>) -> Blocks {
+        let n = problem.free.len();
+        let mut of: Vec<usize> = (0..n).collect();
+        for (a, b) in (0..n).flat_map(|a| (0..a).map(move |b| (a, b))) {
+            if factor[(a, b)] != 0.0 && of[a] != of[b] {
+                let (low, high) = (of[a].min(of[b]), of[a].max(of[b]));
+                of.iter_mut().filter(|block| **block == high).for_each(|block| *block = low);
+            }
+        }
+        // All that moves a body is in one block with its place.
+        let place = |part: &Part, body: usize| {
+            let slot = part.slots.iter().find(|s| s.0 == body * BODY_VALUES.len());
+            slot.map_or(0, |&(_, k)| of[k])
+        };
+        let bodies = |part: &Part| (0..part.model.bodies.len()).map(|body| place(part, body)).collect();
+        let bodies = problem.parts.iter().map(bodies).collect();
+        let mut sizes = vec![0; n];
+        of.iter().for_each(|&block| sizes[block] += 1);
+        Blocks { of, bodies, sizes }
+    }
+
+    /// The cost of each block, each part counted by its share.
+    fn costs(
+        &self,
+        problem: &Problem,
+        point: &[f64],
+        residuals: &[Vec<f64>],
+        parts: &[Linear],
+        shares: &[f64],
+    ) -> Vec<f64> {
+        let mut costs = vec![0.0; self.sizes.len()];
+        for ((f, x), &block) in problem.free.iter().zip(point).zip(&self.of) {
+            costs[block] += 0.5 * ((x - f.mean) / f.sd).powi(2);
+        }
+        for (((residuals, linear), bodies), share) in
+            residuals.iter().zip(parts).zip(&self.bodies).zip(shares)
+        {
+            for (&r, &body) in residuals.iter().zip(&linear.bodies) {
+                costs[bodies[body]] += share * rho(r);
+            }
+        }
+        costs
+    }
+
+    /// Bodies that meet answer for each other: one may be pushed from its track though nothing of its own is wrong. So may what no
+    /// track tells of at the best point answer for any of them.
+    fn pass_on(&self, components: &[Vec<usize>], bad: &mut [bool]) {
+        for (components, bodies) in components.iter().zip(&self.bodies) {
+            for component in 0..components.len() {
+                let of_component = || components.iter().zip(bodies).filter(|(c, _)| **c == component);
+                if of_component().any(|(_, &block)| bad[block]) {
+                    of_component().for_each(|(_, &block)| bad[block] = true);
+                }
+            }
+        }
+        if bad.contains(&true) {
+            let told = |block: usize| self.bodies.iter().flatten().any(|&of_body| of_body == block);
+            (0..bad.len()).for_each(|block| bad[block] |= !told(block));
+        }
+    }
+
+    /// How much more each block of a draw `z` of unit normal numbers may cost.
+    fn worst(&self, z: &DVector<f64>) -> Vec<f64> {
+        let mut squares = vec![0.0; self.sizes.len()];
+        z.iter().zip(&self.of).for_each(|(z, &block)| squares[block] += z * z);
+        let worst = |(&size, squares): (&usize, f64)| {
+            let size = size as f64;
+            0.5 * f64::max(size + TOLERATED * (2.0 * size).sqrt(), ROUNDED * squares)
+        };
+        self.sizes.iter().zip(squares).map(worst).collect()
+    }
 }
 
 /// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.

@@ -2,6 +2,8 @@
 
 use super::linear::Linear;
 use super::noise::{Noise, Whitener};
+use super::solve::{NEAR, NEGLIGIBLE};
+use crate::effects::{Hook, effect};
 use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
@@ -34,6 +36,8 @@ pub(super) struct Free {
     /// Prior mean and deviation, in search space; an infinite deviation is no prior.
     pub mean: f64,
     pub sd: f64,
+    /// Whether it stays where it is for now.
+    pub held: bool,
 }
 
 /// One scene's part: its measurements and where each free parameter enters its model.
@@ -112,6 +116,7 @@ impl<'a> Problem<'a> {
                             max: f64::INFINITY,
                             mean: if value == 5 { 0.0 } else { start[value] },
                             sd: if spun && SPINS.contains(&value) { spin_sd } else { wide[value] },
+                            held: false,
                         });
                     }
                 }
@@ -126,11 +131,14 @@ impl<'a> Problem<'a> {
                         max: (1e3f64).ln(),
                         mean: 0.0,
                         sd: model.mass_sd,
+                        held: false,
                     });
                 }
             }
             let mut at = width * model.bodies.len();
             for active in &model.effects {
+                // Where outlines touch tells little before it is known which do: until then it only opens wrong ways.
+                let of_details = effect(&active.name).is_some_and(|e| e.uses(Hook::Margin));
                 for (k, parameter) in active.parameters.iter().enumerate() {
                     let bounds = active.bounds(k);
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
@@ -153,6 +161,7 @@ impl<'a> Problem<'a> {
                                     max: bounds.map_or(f64::INFINITY, |b| b.2),
                                     mean: *mean,
                                     sd: parameter.prior.sd,
+                                    held: of_details,
                                 });
                             }
                         }
@@ -178,6 +187,16 @@ impl<'a> Problem<'a> {
         };
         let parts = self.parts.iter().zip(scenes).map(part).collect();
         Problem { stop: self.stop, parts, free: self.free.clone() }
+    }
+
+    /// Frees what was held for now; whether there is any such.
+    pub fn release(&mut self) -> bool {
+        self.free.iter_mut().fold(false, |any, f| std::mem::take(&mut f.held) || any)
+    }
+
+    /// A fall of the cost that is not worth another step; while something is held, the search goes on anyway.
+    pub fn negligible(&self) -> f64 {
+        if self.free.iter().any(|f| f.held) { NEAR } else { NEGLIGIBLE }
     }
 
     /// Where the search starts: the values of the models.

@@ -11,7 +11,7 @@ const TOLERANCE: f64 = 1e-6;
 pub(super) const NEGLIGIBLE: f64 = 0.001;
 /// A step that is not damped and has a smaller fall stays well within the deviations of the posterior: the derivatives at
 /// its start serve at its end.
-const NEAR: f64 = 0.1;
+pub(super) const NEAR: f64 = 0.1;
 /// Damping (share of the Hessian's diagonal): at the start, and beyond which no step helps.
 const FIRST_DAMPING: f64 = 1e-4;
 const MOST_DAMPING: f64 = 1e10;
@@ -139,7 +139,7 @@ fn step(
     let mut held = vec![false; n];
     for (k, f) in problem.free.iter().enumerate() {
         let outward = (point[k] <= f.min && gradient[k] > 0.0) || (point[k] >= f.max && gradient[k] < 0.0);
-        held[k] = outward;
+        held[k] = outward || f.held;
     }
     for _ in 0..4 {
         let mut system = hessian.clone();

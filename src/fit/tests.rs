@@ -1,9 +1,10 @@
 //! The fit on simulated videos whose truth is known, and what it refuses.
 
 use super::*;
-use crate::num::{never, vec2};
+use crate::effects::effect;
+use crate::num::{Vec2, never, vec2};
 use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
-use crate::world::{Preset, trace};
+use crate::world::{ActiveEffect, Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -134,6 +135,27 @@ fn true_value(model: &Model, name: &str) -> Option<f64> {
 }
 
 #[test]
+fn the_distance_at_which_outlines_touch_is_found() {
+    let (mut scene, mut model) = film("late", 3, [1.0; 3]);
+    let margin = effect("contact_distance").expect("it is in the table");
+    let mut late = ActiveEffect::new(&margin.spec, &model.bodies);
+    late.parameters[0].values.fill(-0.01);
+    model.effects.push(late);
+    measure(&mut scene, &model, 3);
+    let mut start = Preset::for_world(scene.world).model(&scene);
+    let without = fit(std::slice::from_ref(&scene), &[start.clone()], &FitOptions::default(), &never);
+    let mut unsure = ActiveEffect::new(&margin.spec, &start.bodies);
+    unsure.parameters[0].prior.sd = 0.01;
+    start.effects.push(unsure);
+    let with = fit(&[scene], &[start], &FitOptions::default(), &never).expect("it can be fitted");
+    let found = with.posterior.estimates.iter().find(|e| e.name == "contact_distance.distance[0-1]");
+    let found = found.expect("it is free");
+    assert!(found.identified && (found.value + 0.01).abs() < 3.0 * found.sd, "{} {}", found.value, found.sd);
+    let cost = |fit: &Fit| *fit.losses.last().expect("it searched");
+    assert!(cost(&with) < cost(&without.expect("it can be fitted")) - 2.0);
+}
+
+#[test]
 fn mass_ratios_of_objects_that_met_are_known_and_others_are_not() {
     let (scene, truth) = film("a", 3, [1.0, 1.6, 0.7]);
     let fit = fitted(&[scene]);
@@ -214,7 +236,7 @@ fn what_cannot_be_fitted_says_why() {
 
 /// A film of two balls on a table with cushions: the first is struck with the given spins (as shares of rolling, and
 /// as a speed of the surface), meets the second and goes on to a cushion.
-fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
+fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
     let radius = 0.0286;
     let ball = |id| Object {
         id,
@@ -242,7 +264,7 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     cue.state.roll = velocity.perp().scaled(follow / radius);
     cue.state.spin = side / radius;
     cue.rolling = false;
-    truth.bodies[1].start.state.position = vec2(0.85, 1.18);
+    truth.bodies[1].start.state.position = other;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = move || -> f64 {
         let z: f64 = StandardNormal.sample(&mut random);
@@ -257,10 +279,25 @@ fn shot(seed: u64, follow: f64, side: f64) -> (Scene, Model) {
     (scene, truth)
 }
 
+/// Where a ball is that the cue ball hits.
+const IN_THE_WAY: Vec2 = Vec2 { x: 0.85, y: 1.18 };
+
+#[test]
+fn draws_of_what_meets_nothing_spread_as_far_as_it_is_unknown() {
+    let (scene, _) = shot(7, 1.0, 0.0, vec2(1.3, 0.15));
+    let fit = fitted(&[scene]);
+    let sd = fit.posterior.estimates.iter().find(|e| e.name == "objects[4].x").expect("it is free").sd;
+    let best = fit.scenes[0].model.bodies[1].start.state.position.x;
+    let draws = fit.draw(0, DRAWS, 0);
+    let square = |m: &Model| (m.bodies[1].start.state.position.x - best).powi(2);
+    let spread = (draws.iter().map(square).sum::<f64>() / draws.len() as f64).sqrt();
+    assert!((0.7..1.4).contains(&(spread / sd)), "{spread} {sd}");
+}
+
 #[test]
 fn follow_draw_and_side_are_found_from_positions_alone() {
     for (follow, side) in [(1.0, 0.0), (-0.8, 0.0), (0.3, 1.2), (0.6, -1.5)] {
-        let (scene, truth) = shot(7, follow, side);
+        let (scene, truth) = shot(7, follow, side, IN_THE_WAY);
         let fit = fitted(&[scene]);
         let found = &fit.scenes[0];
         assert!(found.adequate, "{follow} {side}: {}", found.reduced_chi_square);

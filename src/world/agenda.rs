@@ -150,7 +150,7 @@ impl<T: Scalar> Run<'_, T> {
         if from >= to {
             return None;
         }
-        time_of_impact(&body.path, &other, from, to)
+        time_of_impact(&body.path, &other, self.margin(a, b).value(), from, to)
     }
 
     /// Whether the two are in contact, so that they cannot run into each other.

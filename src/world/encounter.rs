@@ -5,7 +5,7 @@ use super::impact::{APPROACH, Side, against_edge, effective_mass, facing, point_
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::rigid::cling;
-use super::simulate::{Blow, ContactEffect, Few, Moving, Run};
+use super::simulate::{Blow, ContactEffect, Few, Margin, Moving, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
 use crate::effects::Scalar;
@@ -107,8 +107,22 @@ impl<T: Scalar> Run<'_, T> {
         (self.grown(near, (a, &self.bodies[a].from), (b, &self.kinematics(b))), rate)
     }
 
-    /// With the derivatives by the sizes of the outlines.
-    pub(super) fn grown(&self, near: Proximity<T>, a: Placed<T>, b: Placed<T>) -> Proximity<T> {
+    /// Gap between the outlines of two bodies at which they touch (m).
+    pub(super) fn margin(&self, a: usize, b: usize) -> T {
+        if self.margin_effects.is_empty() || b >= self.bodies.len() {
+            return T::zero();
+        }
+        let (one, other) = (&self.model.bodies[a], &self.model.bodies[b]);
+        let of = |effect: &Margin<T>| {
+            (effect.hook)(&effect.active.values_for(effect.first, self.flat, one, other))
+        };
+        let sum = || self.margin_effects.iter().fold(T::zero(), |sum, effect| sum + of(effect));
+        *self.margins.borrow_mut().entry((a, b)).or_insert_with(sum)
+    }
+
+    /// With the margin of the two, and with the derivatives by the sizes of the outlines.
+    pub(super) fn grown(&self, mut near: Proximity<T>, a: Placed<T>, b: Placed<T>) -> Proximity<T> {
+        near.gap -= self.margin(a.0, b.0);
         let growth = |i: usize| match i.checked_sub(self.bodies.len()) {
             Some(wall) => self.walls[wall].growth,
             None => self.laws.growth.get(i).copied().unwrap_or_default(),

@@ -3,6 +3,7 @@
 use super::geometry::{Feature, Pose, Proximity, proximity};
 use super::motion::Kinematics;
 use crate::body::ContactLaw;
+use crate::effects::MOST_MARGIN;
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 
@@ -51,7 +52,7 @@ impl Path {
             turn_rate = from.spin.abs().max(to.spin.abs()).max((1.5 * mean).abs());
         }
         let bulge = acceleration * h * h / 8.0;
-        let reach = shape.bounding_radius() + bulge + 1e-9;
+        let reach = shape.bounding_radius() + bulge + 0.5 * MOST_MARGIN + 1e-9;
         let (a, b) = (from.position, to.position);
         let low = Vec2 { x: a.x.min(b.x) - reach, y: a.y.min(b.y) - reach };
         let high = Vec2 { x: a.x.max(b.x) + reach, y: a.y.max(b.y) + reach };
@@ -105,12 +106,12 @@ pub(super) fn point_velocity<T: Real>(k: &Kinematics<T>, point: Vec2<T>) -> Vec2
     k.velocity + (point - k.position).perp() * k.spin
 }
 
-/// First time in `from..to` at which the two touch and approach, by conservative advancement: from a gap
+/// First time in `from..to` at which the two touch, `margin` (m) apart, and approach, by conservative advancement: from a gap
 /// g that opens at rate r and whose second derivative is at least -B, none can happen before
 /// `g + r s - B s^2 / 2` vanishes. The distance of convex outlines is convex in translation, so B is the
 /// relative acceleration, seen in the turning frame of the box that carries the face.
-pub(super) fn time_of_impact(a: &Path, b: &Path, from: f64, to: f64) -> Option<f64> {
-    let radii = a.shape.bounding_radius() + b.shape.bounding_radius();
+pub(super) fn time_of_impact(a: &Path, b: &Path, margin: f64, from: f64, to: f64) -> Option<f64> {
+    let radii = a.shape.bounding_radius() + b.shape.bounding_radius() + margin;
     let bound = a.acceleration + b.acceleration;
     let mut time = from;
     for advance in 0.. {
@@ -120,14 +121,15 @@ pub(super) fn time_of_impact(a: &Path, b: &Path, from: f64, to: f64) -> Option<f
         let opening = if distance > 0.0 { delta.dot(kb.velocity - ka.velocity) / distance } else { 0.0 };
         let mut step = safe_step(distance - radii, opening, bound);
         if distance - radii <= TOUCH {
-            let (near, rate) = facing(&ka, &a.shape, &kb, &b.shape);
+            let (mut near, rate) = facing(&ka, &a.shape, &kb, &b.shape);
+            near.gap -= margin;
             if near.gap <= TOUCH && rate < -APPROACH {
                 return Some(time);
             }
             let speed = (kb.velocity - ka.velocity).norm() + bound * (to - time);
             step = match near.feature {
-                Feature::FaceOfB => face_step(b, &kb, a, &ka, -near.normal, speed),
-                Feature::FaceOfA => face_step(a, &ka, b, &kb, near.normal, speed),
+                Feature::FaceOfB => face_step(b, &kb, a, &ka, -near.normal, margin, speed),
+                Feature::FaceOfA => face_step(a, &ka, b, &kb, near.normal, margin, speed),
                 Feature::Points if a.shape.is_round() => {
                     safe_step(near.gap, rate, turning_bound(b, a, distance, speed))
                 }
@@ -168,6 +170,7 @@ fn face_step(
     guest: &Path,
     kg: &Kinematics<f64>,
     normal: Vec2,
+    margin: f64,
     speed: f64,
 ) -> f64 {
     let delta = kg.position - kh.position;
@@ -186,7 +189,11 @@ fn face_step(
     let step = |arm: Vec2, radius: f64| {
         let d = delta + arm;
         let velocity = kg.velocity + arm.perp().scaled(kg.spin) - kh.velocity;
-        safe_step(normal.dot(d) - half - radius, normal.dot(velocity) + kh.spin * normal.perp().dot(d), bound)
+        safe_step(
+            normal.dot(d) - half - radius - margin,
+            normal.dot(velocity) + kh.spin * normal.perp().dot(d),
+            bound,
+        )
     };
     match guest.shape.half_extents() {
         None => step(Vec2::zero(), guest.shape.bounding_radius()),

@@ -106,6 +106,7 @@ pub static PRESETS: &[Preset] = &[
                 &[set("coefficient", 0.3, 0.2, Scope::Setup), set("deviation", 1.0, 0.6, Scope::Pair)],
             ),
             with("contact_friction", &[set("mu", 0.04, 0.02, Scope::Pair)]),
+            with("contact_distance", &[set("distance", 0.0, 0.002, Scope::Pair)]),
         ],
     },
     Preset {

@@ -288,7 +288,8 @@ impl<T: Scalar> Run<'_, T> {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let ka = k[place(t.a)?].value();
             let kb = place(t.b).map_or_else(|| self.kinematics(t.b).value(), |y| k[y].value());
-            Some(facing(&ka, self.shape(t.a), &kb, self.shape(t.b)).0.gap)
+            let gap = facing(&ka, self.shape(t.a), &kb, self.shape(t.b)).0.gap;
+            Some(gap - self.margin(t.a, t.b).value())
         };
         self.touching.iter().filter_map(gap).fold(f64::INFINITY, f64::min)
     }

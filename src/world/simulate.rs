@@ -12,10 +12,11 @@ use super::pressing::Touching;
 use super::rigid::Bond;
 use super::trace::{Ending, Event, EventKind, State, Trace};
 use crate::body::Wrench;
-use crate::effects::{ContactFn, Hook, Scalar};
+use crate::effects::{ContactFn, Hook, MarginFn, Scalar};
 use crate::num::Vec2;
 use crate::scene::Shape;
 use smallvec::SmallVec;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 /// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
@@ -124,6 +125,12 @@ pub(super) struct ContactEffect<'m, T> {
     pub first: usize,
 }
 
+pub(super) struct Margin<'m, T> {
+    pub hook: MarginFn<T>,
+    pub active: &'m ActiveEffect,
+    pub first: usize,
+}
+
 /// A soft contact's blow that is due.
 #[derive(Clone, Copy)]
 pub(super) struct Blow<T> {
@@ -139,6 +146,9 @@ pub(super) struct Run<'m, T: Scalar> {
     pub contact_effects: Vec<ContactEffect<'m, T>>,
     /// Of bodies that have met, what the contact effects' parameters are: one entry an effect, either way round.
     pub met: BTreeMap<(usize, usize), Vec<[Vec<T>; 2]>>,
+    pub margin_effects: Vec<Margin<'m, T>>,
+    /// What they give for pairs that came near each other.
+    pub margins: RefCell<BTreeMap<(usize, usize), T>>,
     pub bodies: Vec<Moving<T>>,
     pub walls: Vec<Static<T>>,
     pub touching: Vec<Touching<T>>,
@@ -169,6 +179,12 @@ impl<'m, T: Scalar> Run<'m, T> {
             active,
             first,
         });
+        let margin_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Margin));
+        let margin_effects = margin_effects.map(|(active, entry, first)| Margin {
+            hook: T::hooks(entry).margin,
+            active,
+            first,
+        });
         let bodies = model.bodies.iter().enumerate().map(|(i, b)| {
             let mut from = Kinematics::starting(&flat[i * BODY_VALUES.len()..]);
             if b.start.rolling {
@@ -196,6 +212,8 @@ impl<'m, T: Scalar> Run<'m, T> {
             laws,
             contact_effects: contact_effects.collect(),
             met: BTreeMap::new(),
+            margin_effects: margin_effects.collect(),
+            margins: RefCell::default(),
             bodies,
             walls: Static::all(model, flat),
             touching: vec![],
