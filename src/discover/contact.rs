@@ -566,3 +566,28 @@ fn unseen_objects(films: &Contacts) -> Vec<Vec<f64>> {
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn two_of_each_law_are_tried_with_all_films() {
+        let begun = |name: &str, object: u32, fall: f64| Begun {
+            entry: effect(name).expect("it is there"),
+            values: vec![],
+            object: Some(object),
+            models: vec![],
+            fall,
+        };
+        let all = vec![
+            begun(HEAVIER, 1, 5.0),
+            begun(HEAVIER, 2, -3.0),
+            begun(HEAVIER, 3, 9.0),
+            begun("contact_friction", 4, -50.0),
+        ];
+        let stay: Vec<Option<u32>> = finalists(all).iter().map(|b| b.object).collect();
+        assert_eq!(stay, [Some(1), Some(3), Some(4)]);
+    }
+}
