@@ -5,7 +5,6 @@ use super::noise::{Noise, Whitener};
 use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
-use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
@@ -221,9 +220,7 @@ impl<'a> Problem<'a> {
             part.each_residual(&rollout, window, |_, r, _| residuals.push(r));
             (rollout.ending == Ending::Completed).then_some(residuals)
         };
-        // All are simulated whatever becomes of one: what they cost does not depend on the threads.
-        let each: Vec<Option<Vec<f64>>> = self.parts.par_iter().map(of).collect();
-        each.into_iter().collect()
+        self.parts.iter().map(of).collect()
     }
 
     fn prior_cost(&self, point: &[f64]) -> f64 {
@@ -273,7 +270,7 @@ impl<'a> Problem<'a> {
 
     /// Residuals of each part and how they change with the parameters.
     pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
-        self.parts.par_iter().map(|part| part.linearised(&self.free, point, window, self.stop)).collect()
+        self.parts.iter().map(|part| part.linearised(&self.free, point, window, self.stop)).collect()
     }
 
     /// The model of part `index` at this point.
