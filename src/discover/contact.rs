@@ -4,7 +4,7 @@
 use super::film::Contacts;
 use super::force::unseen_turn;
 use super::path::Jump;
-use super::revise::{stand_as, take_shared};
+use super::revise::{each_alone, fit_alone, gathered, stand_as, take_shared};
 use super::screen::{CERTAIN, with_effect};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
@@ -38,8 +38,14 @@ const AT_NOISE: f64 = 1.5;
 const HEAVIER: &str = "mass_change";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
-/// Iterations of one fit of short films.
+/// Places, or objects, that one law is tried at with all short films.
+const FINALISTS: usize = 2;
+/// Iterations of the fit of one short film, and of all together from there: a law that is there shows early.
 const ITERATIONS: usize = 40;
+const COMMON_ITERATIONS: usize = 15;
+/// Iterations of all laws together with all films, and how many of the laws are followed further.
+const FIRST_ITERATIONS: usize = 5;
+const FOLLOWED_UP: usize = 3;
 /// Prior deviations of a wall's restitution and angle.
 const RESTITUTION_SD: f64 = 0.3;
 
@@ -70,8 +76,8 @@ impl ContactCandidate {
         let strong = self.score > STRONG * PROOF && self.remains < super::MISFIT;
         let often = self.gained > 1 || strong;
         if self.object.is_some() {
-            // A mass takes up much of what engines do at that object's contacts.
-            return strong && self.values[0].abs() > CERTAIN * self.sd[0];
+            // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them.
+            return strong && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
         }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
         let acts = self.values.first().is_some_and(|a| *a != 0.0);
@@ -106,9 +112,21 @@ pub fn screen_contacts(
     if films.scenes.is_empty() {
         return Ok((vec![], 0.0));
     }
-    let films = &turned(films, stop)?;
+    let films = turned(films, stop)?;
     let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
-    let base = fit(&films.scenes, &films.models, &options, stop)?;
+    let near = FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..options };
+    // Each alone first: together they would wait for the slowest.
+    let mut alone = each_alone(&films.scenes, &films.models, &options, stop)?;
+    let heaps: Vec<bool> = films.scenes.iter().zip(&alone).map(|(s, a)| heap(s, a)).collect();
+    let films = &films.only(|film| !heaps[film]);
+    let left_out = alone.iter().zip(&heaps).filter(|(_, heap)| **heap).flat_map(|(a, _)| &a.scenes);
+    let lost = left_out.map(|s| s.reduced_chi_square.min(FOLLOWED) * s.degrees_of_freedom as f64).sum();
+    if films.scenes.is_empty() {
+        return Ok((vec![], lost));
+    }
+    let mut at = heaps.iter();
+    alone.retain(|_| at.next() == Some(&false));
+    let base = fit(&films.scenes, &gathered(&films.models, &alone), &near, stop)?;
     let before = chi_squares(&base);
     let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
@@ -125,30 +143,71 @@ pub fn screen_contacts(
             _ => {}
         }
     }
-    let near = FitOptions { begin: Begin::Near, ..options };
     let unfollowed: Vec<usize> =
         (0..before.len()).filter(|&film| base.scenes[film].reduced_chi_square > AT_NOISE).collect();
     let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
-    let fitted: Result<Vec<_>, FitError> = trials
-        .par_iter()
+    // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no other with
+    // it, and is not searched again with all of them.
+    let begun: Result<Vec<Begun>, FitError> = trials
+        .into_par_iter()
         .map(|(entry, values, object)| {
-            // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no
-            // other with it, and is not searched again with all of them.
-            let mut models = with_contact(&ended, entry, values, *object, region);
-            for &film in &unfollowed {
-                let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
-                let alone = fit(scene, &with_contact(begun, entry, values, *object, region), &options, stop)?;
+            let mut models = with_contact(&ended, entry, &values, object, region);
+            let mut fall = 0.0;
+            for film in 0..models.len() {
+                let anew = unfollowed.contains(&film);
+                // What befalls one object shows where it is.
+                if !object.map_or(anew, |id| models[film].body_index(id).is_some()) {
+                    continue;
+                }
+                let asked = match anew {
+                    true => {
+                        with_contact(&films.models[film..=film], entry, &values, object, region).remove(0)
+                    }
+                    false => models[film].clone(),
+                };
+                let alone =
+                    fit_alone(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
+                fall += before[film] - sum(&chi_squares(&alone));
                 stand_as(&mut models[film], &alone.scenes[0].model);
             }
-            let mut found = fit(&films.scenes, &models, &near, stop)?;
+            Ok(Begun { entry, values, object, models, fall })
+        })
+        .collect();
+    let few = FitOptions { max_iterations: FIRST_ITERATIONS, ..near };
+    let first: Result<Vec<Tried>, FitError> = finalists(begun?)
+        .into_par_iter()
+        .map(|Begun { entry, values, object, models, .. }| {
+            let mut found = fit(&films.scenes, &models, &few, stop)?;
+            // A search that went astray begins where the models without the effect ended.
+            if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
+                let models = with_contact(&ended, entry, &values, object, region);
+                found = lower(found, fit(&films.scenes, &models, &few, stop)?);
+            }
+            Ok(Tried { entry, start: values, object, fit: found })
+        })
+        .collect();
+    let first = first?;
+    let cost = |t: &Tried| sum(&chi_squares(&t.fit));
+    let costs: Vec<f64> = first.iter().map(cost).collect();
+    let fitted: Result<Vec<_>, FitError> = first
+        .into_par_iter()
+        .map(|tried| {
+            // A law that little speaks for after a few steps is not the one.
+            if costs.iter().filter(|c| **c < cost(&tried)).count() >= FOLLOWED_UP {
+                return Ok(tried);
+            }
+            let Tried { entry, start: values, object, fit: begun } = tried;
+            let models: Vec<Model> = begun.scenes.iter().map(|s| s.model.clone()).collect();
+            let mut found = lower(begun, fit(&films.scenes, &models, &near, stop)?);
             // What is still lost begins anew with what the others agree on.
             let lost: Vec<usize> =
                 unfollowed.iter().copied().filter(|&k| off(&found, k) > AT_NOISE).collect();
-            if !lost.is_empty() && lost.len() < before.len() {
+            let gains = sum(&chi_squares(&found)) < sum(&before) - CHANCE;
+            if (gains || entry.uses(Hook::Bodies)) && !lost.is_empty() && lost.len() < before.len() {
                 let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
                 for film in lost {
                     let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
-                    let mut begun = with_contact(begun, entry, values, *object, region);
+                    let mut begun = with_contact(begun, entry, &values, object, region);
                     take_shared(&mut begun[0], &models[film]);
                     let alone = fit(scene, &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
@@ -157,15 +216,21 @@ pub fn screen_contacts(
                 }
                 found = lower(found, fit(&films.scenes, &models, &near, stop)?);
             }
-            // A search that went astray begins where the models without the effect ended.
-            if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
-                let models = with_contact(&ended, entry, values, *object, region);
-                found = lower(found, fit(&films.scenes, &models, &near, stop)?);
-            }
-            Ok(Tried { entry, start: values.clone(), object: *object, fit: found })
+            Ok(Tried { entry, start: values, object, fit: found })
         })
         .collect();
-    judged(films, base, fitted?, 0.0, &options, stop)
+    judged(films, base, fitted?, lost, &options, stop)
+}
+
+/// Whether a film shows many objects pressing on each other and is not followed: what happened first decides all the rest
+/// there, so that it tells little of any law, and takes longest.
+fn heap(scene: &Scene, alone: &Fit) -> bool {
+    let followed = |most: f64| alone.scenes.iter().all(|s| s.reduced_chi_square < most);
+    match scene.objects.len() {
+        0..=2 => false,
+        3 => !followed(FOLLOWED),
+        _ => !followed(AT_NOISE),
+    }
 }
 
 /// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.
@@ -187,6 +252,25 @@ fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
     };
     let models: Result<Vec<Model>, FitError> = films.scenes.par_iter().zip(&films.models).map(one).collect();
     Ok(Contacts { scenes: films.scenes.clone(), models: models?, jumps: films.jumps.clone() })
+}
+
+/// One law of contact, or an unseen thing, before all short films are fitted with it.
+struct Begun {
+    entry: &'static EffectEntry,
+    values: Vec<f64>,
+    object: Option<u32>,
+    models: Vec<Model>,
+    /// Fall of chi-square of the films that were fitted with it, each alone.
+    fall: f64,
+}
+
+/// Of places and objects that one law may befall, those that promise most; in the order given.
+fn finalists(begun: Vec<Begun>) -> Vec<Begun> {
+    let better = |b: &Begun| {
+        begun.iter().filter(|o| o.entry.spec.name == b.entry.spec.name && o.fall > b.fall).count()
+    };
+    let stays: Vec<bool> = begun.iter().map(|b| better(b) < FINALISTS).collect();
+    begun.into_iter().zip(stays).filter(|(_, stays)| *stays).map(|(b, _)| b).collect()
 }
 
 /// One law of contact, or an unseen thing, fitted to the short films.
@@ -219,11 +303,7 @@ fn judged(
         if followed.is_empty() {
             return Ok((vec![], lost));
         }
-        let rest = Contacts {
-            scenes: followed.iter().map(|&f| films.scenes[f].clone()).collect(),
-            models: followed.iter().map(|&f| films.models[f].clone()).collect(),
-            jumps: films.jumps.clone(),
-        };
+        let rest = films.only(|film| followed.contains(&film));
         // The others go on from where they are, without what pulled at them.
         let near = FitOptions { begin: Begin::Near, ..*options };
         let further = |old: &Fit| {
@@ -298,10 +378,12 @@ pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool
         return Ok(true);
     }
     let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
-    let sum = |models: &[Model]| -> Result<f64, FitError> {
-        Ok(chi_squares(&fit(&films.scenes, models, &options, stop)?).iter().sum())
+    // Each film by itself: what it shares with the others says nothing here.
+    let cost = |models: &[Model]| -> Result<f64, FitError> {
+        let alone = each_alone(&films.scenes, models, &options, stop)?;
+        Ok(alone.iter().map(|a| sum(&chi_squares(a))).sum())
     };
-    Ok(sum(stuck)? < sum(&films.models)?)
+    Ok(cost(stuck)? < cost(&films.models)?)
 }
 
 /// Whether most films in which two objects meet are followed by none of their own fits: what chaos needs is a third body, so
@@ -483,4 +565,29 @@ fn unseen_objects(films: &Contacts) -> Vec<Vec<f64>> {
         }
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn two_of_each_law_are_tried_with_all_films() {
+        let begun = |name: &str, object: u32, fall: f64| Begun {
+            entry: effect(name).expect("it is there"),
+            values: vec![],
+            object: Some(object),
+            models: vec![],
+            fall,
+        };
+        let all = vec![
+            begun(HEAVIER, 1, 5.0),
+            begun(HEAVIER, 2, -3.0),
+            begun(HEAVIER, 3, 9.0),
+            begun("contact_friction", 4, -50.0),
+        ];
+        let stay: Vec<Option<u32>> = finalists(all).iter().map(|b| b.object).collect();
+        assert_eq!(stay, [Some(1), Some(3), Some(4)]);
+    }
 }

@@ -9,7 +9,8 @@ use crate::world::{Model, Parameter, Prior};
 /// Frames before and after a contact that a short film shows.
 const BEFORE: usize = 14;
 const AFTER: usize = 16;
-/// Longest time that objects may be near each other in one short film (frames): they may have stopped there.
+/// Longest time from the first contact to the last in one short film (frames): objects may have stopped there, or lie in a
+/// heap.
 const LONGEST: usize = 40;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
 const SCATTER: f64 = 0.15;
@@ -20,6 +21,18 @@ pub struct Contacts {
     pub models: Vec<Model>,
     /// Whether a jump without a partner is in it.
     pub jumps: Vec<(usize, Jump)>,
+}
+
+impl Contacts {
+    /// Some of the films, chosen by their index.
+    pub fn only(&self, keep: impl Fn(usize) -> bool) -> Contacts {
+        let kept: Vec<usize> = (0..self.scenes.len()).filter(|&film| keep(film)).collect();
+        Contacts {
+            scenes: kept.iter().map(|&film| self.scenes[film].clone()).collect(),
+            models: kept.iter().map(|&film| self.models[film].clone()).collect(),
+            jumps: self.jumps.clone(),
+        }
+    }
 }
 
 /// Cuts the short films; forces between contacts stay as the models have them.
@@ -50,27 +63,9 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
                 all.jumps.push((index, *jump));
             }
         }
-        for span in &mut spans {
-            span.1 = span.1.min(span.0 + LONGEST);
-        }
         spans.sort();
-        let mut merged: Vec<(usize, usize, Vec<usize>)> = vec![];
-        for span in spans {
-            let joins = merged.iter_mut().find(|m| {
-                span.0 <= m.1 + BEFORE && m.0 <= span.1 + BEFORE && span.2.iter().any(|b| m.2.contains(b))
-            });
-            match joins {
-                Some(m) => {
-                    (m.0, m.1) = (m.0.min(span.0), m.1.max(span.1));
-                    m.2.extend(&span.2);
-                    m.2.sort_unstable();
-                    m.2.dedup();
-                }
-                None => merged.push(span),
-            }
-        }
-        for (first, last, bodies) in merged {
-            let window = first.saturating_sub(BEFORE)..(last + AFTER).min(scene.times.len());
+        for Span { first, objects: bodies, end, .. } in merged(&spans) {
+            let window = first.saturating_sub(BEFORE)..end.min(scene.times.len());
             let film = short_film(scene, &bodies, window.start, window.end);
             let own: Vec<Path> = bodies.iter().map(|&b| paths[b].clone()).collect();
             let model = part(&models[index], &bodies);
@@ -82,6 +77,46 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
         }
     }
     all
+}
+
+/// Frames in which objects are near each other.
+#[derive(Debug, Clone, PartialEq)]
+struct Span {
+    first: usize,
+    last: usize,
+    objects: Vec<usize>,
+    /// End of what a film may show of it.
+    end: usize,
+}
+
+/// Spans that overlap and share an object as one, cut where it would be long: in a heap one contact leads to the next until
+/// the film ends. What begins after the cut is a span of its own, and where it begins this one's film ends.
+fn merged(spans: &[(usize, usize, Vec<usize>)]) -> Vec<Span> {
+    let mut merged: Vec<Span> = vec![];
+    for (first, last, objects) in spans {
+        let mut joined = false;
+        for m in &mut merged {
+            let longest = m.first + LONGEST;
+            if joined || *first > m.last + BEFORE || !objects.iter().any(|o| m.objects.contains(o)) {
+                continue;
+            }
+            if *first > longest {
+                m.end = m.end.min(*first);
+                continue;
+            }
+            m.last = m.last.max(*last).min(longest);
+            m.end = m.last + AFTER;
+            m.objects.extend(objects);
+            m.objects.sort_unstable();
+            m.objects.dedup();
+            joined = true;
+        }
+        if !joined {
+            let last = (*last).min(first + LONGEST);
+            merged.push(Span { first: *first, last, objects: objects.clone(), end: last + AFTER });
+        }
+    }
+    merged
 }
 
 fn short_film(scene: &Scene, bodies: &[usize], first: usize, end: usize) -> Scene {
@@ -130,4 +165,28 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
         }
     }
     part
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heap_is_no_longer_than_a_short_film() {
+        let contact = |first: usize, a: usize, b: usize| (first, first + 3, vec![a, b]);
+        let all = merged(&[contact(10, 0, 1), contact(20, 1, 2), contact(60, 4, 5)]);
+        assert_eq!(all.len(), 2);
+        assert_eq!((all[0].first, all[0].last, all[0].end), (10, 23, 23 + AFTER));
+        assert_eq!(all[0].objects, [0, 1, 2]);
+        // One contact every ten frames: the film ends before what it does not show begins.
+        let heap: Vec<_> = (0..10).map(|k| contact(10 * k, k, k + 1)).collect();
+        for (before, after) in
+            merged(&heap).windows(2).map(|w| (w[0].clone(), w[1].clone())).collect::<Vec<_>>()
+        {
+            assert!(
+                before.last <= before.first + LONGEST && before.end <= after.first,
+                "{before:?} {after:?}"
+            );
+        }
+    }
 }

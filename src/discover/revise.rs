@@ -21,8 +21,14 @@ const WELL: f64 = 1.5;
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
+/// Most iterations of the fit of all scenes together, which begins where each of them ended.
+const COMMON_ITERATIONS: usize = 30;
+/// The same where each of them is lost.
+const LOST_ITERATIONS: usize = 5;
 /// Samples that a track needs before the held-out frames.
 const FEWEST: usize = 5;
+/// Samples that tell how an object begins as well as all of its track does.
+const TELLING: usize = 10;
 
 /// A model of all scenes with what it is worth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -85,7 +91,13 @@ pub fn revise(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let (mut fit_all, apart) = fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)?;
+    // The first frames before the whole film: what follows them knows where to begin.
+    let shown: Vec<Scene> = lens.scenes.iter().map(first_frames).collect();
+    let begun = fit_shown(&shown, models, effect, options, stop)?;
+    let parts = errors(lens.scenes, &shown, &begun);
+    let begun: Vec<Option<&Model>> = shown.iter().zip(&begun.scenes).map(|(s, f)| follows(s, f)).collect();
+    let (mut fit_all, apart) =
+        fit_set_up(lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
     fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
@@ -98,7 +110,6 @@ pub fn revise(
     }
     let left_out = lens.left_out(models, &free, &seen.values);
     let sigma = pooled_noise(lens);
-    let parts = held_out(lens.scenes, models, effect, options, stop)?;
     let whole = parts.iter().fold(HeldOut::default(), |a, b| HeldOut {
         squares: a.squares + b.squares,
         count: a.count + b.count,
@@ -123,7 +134,8 @@ pub fn trajectories(
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
-    fit_set_up(lens.scenes, &led(models, effect, &free, &seen), options, stop)
+    let anew = vec![None; models.len()];
+    fit_set_up(lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
 }
 
 /// Root mean square of the scenes' noise (m).
@@ -137,14 +149,20 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
     if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
 }
 
-/// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it.
+/// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it. A scene begins
+/// where the model that has `begun` it stands, if there is one.
 fn fit_set_up(
     scenes: &[Scene],
     models: &[Model],
+    begun: &[Option<&Model>],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
-    let alone = each_alone(scenes, models, options, stop)?;
+    let alone: Result<Vec<Fit>, FitError> = (scenes, models, begun)
+        .into_par_iter()
+        .map(|(scene, model, begun)| fit_on(scene, model, *begun, options, stop))
+        .collect();
+    let alone = alone?;
     // Again with what the others say, where some of them are right: a scene whose contacts were misread sees them right.
     let right = alone.iter().flat_map(|a| &a.scenes).any(|s| s.reduced_chi_square < WELL);
     let led: Vec<Model> = pooled(models, &alone);
@@ -161,13 +179,8 @@ fn fit_set_up(
         _ => a,
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
-    let mut near = pooled(models, &alone);
-    for (model, fitted) in near.iter_mut().zip(&alone) {
-        stand_as(model, &fitted.scenes[0].model);
-    }
-    near.iter_mut().zip(models).for_each(|(model, asked)| believe_as(model, asked));
-    let together = FitOptions { begin: Begin::Near, ..*options };
-    let (mut joint, alone) = common(scenes, &near, alone, &together, stop)?;
+    let near = gathered(models, &alone);
+    let (mut joint, alone) = common(scenes, &near, alone, begun, options, stop)?;
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
     for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
@@ -187,18 +200,21 @@ fn common(
     scenes: &[Scene],
     near: &[Model],
     mut alone: Vec<Fit>,
+    begun: &[Option<&Model>],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Fit, Vec<Fit>), FitError> {
     let lost = |alone: &[Fit]| -> Vec<usize> {
         (0..scenes.len()).filter(|&k| alone[k].scenes.iter().any(proof::lost)).collect()
     };
+    let most = options.max_iterations.min(COMMON_ITERATIONS);
+    let as_near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
     let mut all = near.to_vec();
     let together = |all: &mut [Model], lost: &[usize]| -> Result<Fit, FitError> {
         let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
-        let found = fit(&some, &models, options, stop)?;
+        let found = fit(&some, &models, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
             all.iter_mut().for_each(|model| take_shared(model, &fitted.model));
             all[k].clone_from(&fitted.model);
@@ -206,11 +222,15 @@ fn common(
         Ok(found)
     };
     let mut left = lost(&alone);
-    if left.is_empty() || left.len() == scenes.len() {
-        return Ok((fit(scenes, near, options, stop)?, alone));
+    if left.is_empty() {
+        return Ok((fit(scenes, near, &as_near, stop)?, alone));
+    }
+    if left.len() == scenes.len() {
+        // None of them follows this model, whatever its numbers.
+        let most = most.min(LOST_ITERATIONS);
+        return Ok((fit(scenes, near, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
     }
     let mut found = together(&mut all, &left)?;
-    let again = FitOptions { begin: Begin::Tracks, ..*options };
     // Each that is found again knows more of what the next one lacks: how a kind of pair rebounds.
     while !left.is_empty() {
         let retried: Result<Vec<Fit>, FitError> = left
@@ -218,7 +238,7 @@ fn common(
             .map(|&k| {
                 let mut model = all[k].clone();
                 believe(&mut model, &found.posterior);
-                fit_alone(&scenes[k], &model, &again, stop)
+                fit_on(&scenes[k], &model, begun[k], options, stop)
             })
             .collect();
         for (&k, mut fitted) in left.iter().zip(retried?) {
@@ -242,7 +262,7 @@ fn common(
     for known in &found.scenes {
         left.iter().for_each(|&k| take_shared(&mut all[k], &known.model));
     }
-    let as_they_are = FitOptions { max_iterations: 0, ..*options };
+    let as_they_are = FitOptions { max_iterations: 0, ..as_near };
     let Fit { scenes, posterior, .. } = fit(scenes, &all, &as_they_are, stop)?;
     Ok((Fit { scenes, posterior, ..found }, alone))
 }
@@ -286,7 +306,7 @@ pub fn take_shared(model: &mut Model, other: &Model) {
     }
 }
 
-fn each_alone(
+pub fn each_alone(
     scenes: &[Scene],
     models: &[Model],
     options: &FitOptions,
@@ -295,8 +315,33 @@ fn each_alone(
     scenes.par_iter().zip(models).map(|(scene, model)| fit_alone(scene, model, options, stop)).collect()
 }
 
-fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+/// Fits one scene, from where another model of it stands if there is one.
+fn fit_on(
+    scene: &Scene,
+    model: &Model,
+    begun: Option<&Model>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    let Some(begun) = begun else { return fit_alone(scene, model, options, stop) };
+    let mut model = model.clone();
+    stand_as(&mut model, begun);
+    take_shared(&mut model, begun);
+    fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)
+}
+
+pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
     fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
+}
+
+/// The models where each scene's own fit has put them, with the shared numbers that these agree on.
+pub fn gathered(models: &[Model], alone: &[Fit]) -> Vec<Model> {
+    let mut near = pooled(models, alone);
+    for ((model, asked), fitted) in near.iter_mut().zip(models).zip(alone) {
+        stand_as(model, &fitted.scenes[0].model);
+        believe_as(model, asked);
+    }
+    near
 }
 
 /// The models with shared parameters as the scenes together see them, believed as firmly as they are known.
@@ -369,9 +414,28 @@ pub fn held_out(
     stop: Stop,
 ) -> Result<Vec<HeldOut>, FitError> {
     let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
-    let lens = Lens::new(&shown);
-    let (free, seen) = fit_forces(&lens, models);
-    let (fitted, _) = fit_set_up(&shown, &led(models, effect, &free, &seen), options, stop)?;
+    let fitted = fit_shown(&shown, models, effect, options, stop)?;
+    Ok(errors(scenes, &shown, &fitted))
+}
+
+fn fit_shown(
+    shown: &[Scene],
+    models: &[Model],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    Ok(trajectories(&Lens::new(shown), models, effect, options, stop)?.0)
+}
+
+/// The model of the first frames, where it follows them and they tell where all objects begin.
+fn follows<'f>(shown: &Scene, fitted: &'f SceneFit) -> Option<&'f Model> {
+    let told = shown.tracks.iter().all(|t| t.samples.len() >= TELLING);
+    (told && !proof::lost(fitted)).then_some(&fitted.model)
+}
+
+/// Error of each scene on the frames that were not shown.
+fn errors(scenes: &[Scene], shown: &[Scene], fitted: &Fit) -> Vec<HeldOut> {
     let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
         let rollout = trace(&fitted.model, &scene.times);
         let mut sum = HeldOut::default();
@@ -388,7 +452,7 @@ pub fn held_out(
         }
         sum
     };
-    Ok(scenes.iter().zip(&shown).zip(&fitted.scenes).map(one).collect())
+    scenes.iter().zip(shown).zip(&fitted.scenes).map(one).collect()
 }
 
 fn first_frames(scene: &Scene) -> Scene {

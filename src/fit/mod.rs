@@ -134,6 +134,8 @@ const ADEQUATE: f64 = 1.5;
 /// happens between objects does not hurry where a camera does.
 const LOOK_AHEAD: usize = 8;
 const LOOK_AHEAD_TIME: f64 = 0.32;
+/// Steps of the window after which what is lost is given up: all the rest is fitted at once.
+const MOST_BEHIND: usize = 3;
 /// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
 /// likelihood, that makes it worth to do so again.
 const OTHER_ITERATIONS: usize = 40;
@@ -362,7 +364,10 @@ fn grow(
             return Ok(Solution { point, iterations, losses, ..solution });
         }
         let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
-        window = (lost.unwrap_or(frames) + ahead).max(window + ahead).min(frames);
+        let lost = lost.unwrap_or(frames);
+        // What is left that far behind no window takes in any more.
+        let behind = lost + MOST_BEHIND * ahead < window;
+        window = if behind { frames } else { (lost + ahead).max(window + ahead).min(frames) };
     }
 }
 

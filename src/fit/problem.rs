@@ -19,8 +19,9 @@ pub(super) const LIMITS: Limits = Limits { events: 3_000 };
 const OF_FEET: [&str; 1] = ["friction_offset"];
 
 /// Steps of all simulations of one search, for each video: some twenty times what a video of ten colliding objects takes.
-/// What needs more is ended where it stands: nothing searches for ever.
+/// What needs more is ended where it stands: nothing searches for ever. A short one has its share, by the frame.
 const WORK: u64 = 400_000;
+const WORK_BY_FRAME: u64 = 3_200;
 
 /// One free parameter of the fit, in the space in which it is searched.
 #[derive(Debug, Clone)]
@@ -213,7 +214,8 @@ impl<'a> Problem<'a> {
     /// Whether the search has worked as much as it may.
     pub fn is_exhausted(&self) -> bool {
         let done: u64 = self.parts.iter().map(|p| p.work.load(Ordering::Relaxed)).sum();
-        done > WORK * self.parts.len() as u64
+        let most = |p: &Part| WORK.min(WORK_BY_FRAME * p.scene.times.len() as u64);
+        done > self.parts.iter().map(most).sum()
     }
 
     /// Half the sum of squared residuals, priors included.

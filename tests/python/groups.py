@@ -1,0 +1,330 @@
+"""Writes groups of videos with one hidden effect, simulated by MuJoCo and pymunk: `pip install mujoco pymunk numpy`.
+
+    groups.py DIR [--engine mujoco|pymunk] [--kinds a,b|library|outside|control] [--strength 1.0] [--seeds 1,2]
+    groups.py --check        what the simulations do at contacts and on the table, without any hidden effect
+
+A group is four videos of 128 frames of 4 to 6 discs, balls and cubes, 5 mm noise; the layout is that of the benchmark's
+`effects` worlds. The engines do what happens at contacts. The table under the objects is the same in both: Coulomb
+friction at the points of each foot, balls that slide until they roll, or an air table; nothing else is hidden.
+"""
+import argparse, itertools, json, math, pathlib
+import numpy as np
+
+FPS, FRAMES, NOISE, NOISE_YAW, G, SIZE = 25, 128, 0.005, 0.01, 9.81, 0.2
+DENSITY = {"sphere": (0.42, 1.05), "cylinder": (0.6, 1.5), "cube": (0.78, 1.95)}  # kg of rubber, metal
+MOMENT = {"sphere": 0.4, "cylinder": 0.5, "cube": 2 / 3}  # over m SIZE^2
+SLIDE_MU = 0.15  # of a ball that does not roll
+SLOW = {"sphere": 0.004, "cylinder": 0.001, "cube": 0.001}  # slip below which friction is viscous (m/s)
+
+
+def perp(v):
+    return np.stack([-v[..., 1], v[..., 0]], -1)
+
+
+def pairs_force(x, strength, eps):
+    d = x[None] - x[:, None]
+    return strength * (d / ((d ** 2).sum(-1, keepdims=True) + eps ** 2) ** 1.5).sum(1)
+
+
+def laws(rng, s):
+    """By kind: parameters, and the force on all bodies as f(x, v, w, m, t) where it is one."""
+    way = lambda size: size * np.array([math.cos(a := rng.uniform(0, 2 * math.pi)), math.sin(a)])
+    near = rng.uniform(-0.8, 0.8, 2)
+    u = s * rng.uniform(0.8, 1.25)
+    wind, lean, swing = way(0.085 * u), way(0.085 * u), way(0.12 * u)
+    f, phase, axis = rng.uniform(0.35, 0.8), rng.uniform(0, 6.28), way(1.0)
+    spring = rng.random() < 0.5
+    pull = lambda d: 0.08 * u * d if spring else 0.12 * u * d / ((d ** 2).sum(-1, keepdims=True) + 0.09) ** 1.5
+    col = lambda a: a[:, None]
+    speed = lambda v: np.linalg.norm(v, axis=1)
+    turned = lambda v: np.outer(v @ axis, axis)
+    source = {"form": "spring", "k": 0.08 * u} if spring else {"form": "inverse_square", "S": 0.12 * u, "eps": 0.3}
+    pairs = {"S": 0.116 * u, "eps": 0.3}
+    forces = {  # F(x, v, w, m, t)
+        "linear_drag": ({"c": 0.2 * u}, lambda x, v, w, m, t: -0.2 * u * v),
+        "quadratic_drag": ({"c": 0.28 * u}, lambda x, v, w, m, t: -0.28 * u * col(speed(v)) * v),
+        "uniform_force": ({"F": [*wind]}, lambda x, v, w, m, t: wind + 0 * v),
+        "tilt": ({"a": [*lean]}, lambda x, v, w, m, t: col(m) * lean),
+        "attractor": ({"center": [*near], **source}, lambda x, v, w, m, t: pull(near - x)),
+        "vortex": ({"center": [*near], "c": 0.2 * u, "Omega": 0.6}, lambda x, v, w, m, t: -0.2 * u * (v - 0.6 * perp(x - near))),
+        "coriolis": ({"Omega": 0.083 * u}, lambda x, v, w, m, t: -2 * 0.083 * u * col(m) * perp(v)),
+        "lateral": ({"b": 0.15 * u}, lambda x, v, w, m, t: 0.15 * u * perp(v)),
+        "magnus": ({"S": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(w) * perp(v)),
+        "pair_attraction": (pairs, lambda x, v, w, m, t: pairs_force(x, 0.116 * u, 0.3)),
+        "pair_repulsion": (pairs, lambda x, v, w, m, t: pairs_force(x, -0.116 * u, 0.3)),
+        "time_periodic": ({"a": 0.12 * u, "f": f, "phi": phase}, lambda x, v, w, m, t: np.outer(m, swing) * math.cos(2 * math.pi * f * t + phase)),
+        # No library lists these.
+        "cubic_drag": ({"c": 0.3 * u}, lambda x, v, w, m, t: -0.3 * u * col(speed(v) ** 2) * v),
+        "saddle": ({"k": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(m) * (2 * turned(x) - x)),
+        "growing_wind": ({"b": 0.04 * u}, lambda x, v, w, m, t: 0.04 * u * t * np.outer(m, axis)),
+        "anisotropic_drag": ({"c": 0.25 * u}, lambda x, v, w, m, t: -0.25 * u * turned(v)),
+    }
+    normal = way(1.0)
+    others = {
+        "friction_patch": {"center": [*near], "radius": rng.uniform(0.7, 1.1), "k": 1 + 2.5 * u},
+        "hidden_wall": {"point": [*(-1.1 * normal)], "normal": [*normal], "restitution": rng.uniform(0.5, 0.9)},
+        "hidden_object": {"center": [*near], "radius": rng.uniform(0.2, 0.35), "restitution": rng.uniform(0.5, 0.9)},
+        "contact_friction": {"mu": 0.3 * u},
+        "mass_change": {"object_id": 0, "factor": 1 + u},
+        "speed_dependent_restitution": {"v0": 1.3 / u},
+        "sticky_contact": {},
+        "soft_contact": {"duration": 0.1 * u},
+        "none": {},
+    }
+    return forces | {k: (p, None) for k, p in others.items()}
+
+
+OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "anisotropic_drag"]
+ONLY = {"mujoco": ["soft_contact"], "pymunk": ["speed_dependent_restitution", "sticky_contact"]}
+
+
+class MuJoCo:
+    """Bodies in the plane; a contact is a spring and damper of the wanted duration and restitution."""
+    def __init__(self, bodies, world, kind, params):
+        import mujoco
+        self.mj, self.dt = mujoco, 0.0005
+
+        def solref(e, duration=0.008):
+            z = -math.log(e) / math.hypot(math.pi, math.log(e))
+            omega = math.pi / duration / math.sqrt(1 - z * z)
+            return f"{-omega ** 2} {-2 * z * omega}"
+
+        mu = params.get("mu", 0)
+        hard = solref(world["restitution"], params.get("duration", 0.008))
+        geom = f'solref="{hard}" solimp="0.99 0.99 0.001" condim="{3 if mu else 1}" friction="{mu} 0 0"'
+        wall = f'solref="{solref(params.get("restitution", 1))}" solimp="0.99 0.99 0.001" priority="1" condim="1"'
+        xml = '<mujoco><option gravity="0 0 0" timestep="0.0005" cone="elliptic"/><worldbody>'
+        if kind == "hidden_wall":
+            (px, py), (nx, ny) = params["point"], params["normal"]
+            xml += f'<geom type="plane" pos="{px} {py} 0" zaxis="{nx} {ny} 0" size="9 9 1" {wall}/>'
+        if kind == "hidden_object":
+            x, y = params["center"]
+            xml += f'<geom type="sphere" pos="{x} {y} 0" size="{params["radius"]}" {wall}/>'
+        for b in bodies:
+            i = b["inertia"]
+            box = b["shape"] == "cube"
+            size = f"{SIZE} {SIZE} {SIZE}" if box else f"{SIZE}"
+            xml += (f'<body><inertial pos="0 0 0" mass="{b["mass"]}" diaginertia="{i} {i} {i}"/><joint type="slide" axis="1 0 0"/>'
+                    f'<joint type="slide" axis="0 1 0"/><joint axis="0 0 1"/><geom type="{"box" if box else "sphere"}" size="{size}" {geom}/></body>')
+        self.model = mujoco.MjModel.from_xml_string(xml + "</worldbody></mujoco>")
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[:] = np.concatenate([[*b["x"], b["yaw"]] for b in bodies])
+        self.data.qvel[:] = np.concatenate([[*b["v"], b["w"]] for b in bodies])
+
+    def state(self):
+        q, v = self.data.qpos.reshape(-1, 3), self.data.qvel.reshape(-1, 3)
+        return q[:, :2].copy(), q[:, 2].copy(), v[:, :2].copy(), v[:, 2].copy()
+
+    def step(self, force, torque):
+        self.data.qfrc_applied[:] = np.concatenate([force, torque[:, None]], 1).ravel()
+        self.mj.mj_step(self.model, self.data)
+
+
+class Pymunk:
+    """Bodies in the plane; contacts are impulses."""
+    def __init__(self, bodies, world, kind, params):
+        import pymunk
+        self.dt, self.space = 0.001, pymunk.Space()
+        self.space.iterations, self.space.collision_slop = 30, 0.0005
+        root, joined = math.sqrt(world["restitution"]), set()
+        self.bodies, still, hidden = [], self.space.static_body, None
+        for b in bodies:
+            body = pymunk.Body(b["mass"], b["inertia"])
+            body.position, body.angle, body.velocity, body.angular_velocity = (*b["x"],), b["yaw"], (*b["v"],), b["w"]
+            shape = pymunk.Poly.create_box(body, (2 * SIZE, 2 * SIZE)) if b["shape"] == "cube" else pymunk.Circle(body, SIZE)
+            shape.elasticity, shape.friction = root, math.sqrt(params.get("mu", 0))
+            self.space.add(body, shape)
+            self.bodies.append(body)
+        if kind == "hidden_wall":
+            p, n = np.array(params["point"]), np.array(params["normal"])
+            hidden = pymunk.Segment(still, tuple(p - 0.5 * n + 9 * perp(n)), tuple(p - 0.5 * n - 9 * perp(n)), 0.5)
+        if kind == "hidden_object":
+            hidden = pymunk.Circle(still, params["radius"], tuple(params["center"]))
+        if hidden:
+            hidden.elasticity = params["restitution"] / root
+            self.space.add(hidden)
+
+        def fade(arbiter, space, data):
+            a, b = (s.body for s in arbiter.shapes)
+            if arbiter.is_first_contact:
+                approach = abs((b.velocity - a.velocity).dot(arbiter.normal))
+                arbiter.restitution = world["restitution"] * math.exp(-approach / params["v0"])
+
+        def stick(arbiter, space, data):
+            a, b = (s.body for s in arbiter.shapes)
+            if (a, b) not in joined and arbiter.contact_point_set.points:
+                joined.add((a, b))
+                at = arbiter.contact_point_set.points[0].point_a
+                joints = pymunk.PivotJoint(a, b, at), pymunk.GearJoint(a, b, b.angle - a.angle, 1)
+                space.add_post_step_callback(lambda s, k: s.add(*joints), (a, b))
+
+        hooks = {"speed_dependent_restitution": {"pre_solve": fade}, "sticky_contact": {"post_solve": stick}}
+        self.space.on_collision(**hooks.get(kind, {}))
+
+    def state(self):
+        rows = np.array([(*b.position, b.angle, *b.velocity, b.angular_velocity) for b in self.bodies])
+        return rows[:, :2], rows[:, 2], rows[:, 3:5], rows[:, 5]
+
+    def step(self, force, torque):
+        for body, f, t in zip(self.bodies, force, torque):
+            body.force, body.torque = (*f,), t
+        self.space.step(self.dt)
+
+
+ENGINES = {"mujoco": MuJoCo, "pymunk": Pymunk}
+CORNERS = SIZE * np.array(list(itertools.product([1, -1], [1, -1])))
+RIM = SIZE * np.array([(r * math.cos(a), r * math.sin(a)) for r in (0.35, 0.65, 0.92) for a in np.arange(8) * math.pi / 4])
+RIM_SHARE = np.repeat(np.array([0.25, 0.42, 0.84]), 8) / (8 * 1.51)
+
+
+def table_friction(bodies, x, yaw, v, w, roll, mu, dt):
+    """Force and torque of the table on each body; moves the balls' roll."""
+    force, torque = np.zeros_like(x), np.zeros(len(bodies))
+    for k, b in enumerate(bodies):
+        weight, slow = b["mass"] * G, SLOW[b["shape"]]
+        if b["shape"] == "sphere":
+            slip = v[k] + SIZE * perp(roll[k]) if b["rolls"] else v[k]
+            grip = SLIDE_MU if b["rolls"] else mu[k]
+            force[k] = -grip * weight * slip / np.hypot(np.linalg.norm(slip), slow)
+            if b["rolls"]:
+                # The slip is v + SIZE perp(roll); resistance to rolling is a couple.
+                turn = 2.5 / (b["mass"] * SIZE) * perp(-force[k])
+                roll[k] += dt * (turn - 3.5 * mu[k] * G / SIZE * roll[k] / np.hypot(np.linalg.norm(roll[k]), 0.02))
+            continue
+        c, s = math.cos(yaw[k]), math.sin(yaw[k])
+        points, share = (CORNERS, 0.25) if b["shape"] == "cube" else (RIM, RIM_SHARE[:, None])
+        arm = points @ np.array([[c, s], [-s, c]])
+        slip = v[k] + w[k] * perp(arm)
+        pull = -mu[k] * weight * share * slip / np.sqrt((slip ** 2).sum(1, keepdims=True) + slow ** 2)
+        force[k], torque[k] = pull.sum(0), (arm[:, 0] * pull[:, 1] - arm[:, 1] * pull[:, 0]).sum()
+    return force, torque
+
+
+def simulate(engine, bodies, world, kind, law, frames=FRAMES, seen=None):
+    params, push = law
+    heavy = [dict(b) for b in bodies]
+    if kind == "mass_change":
+        heavy[0]["mass"] *= params["factor"]
+        heavy[0]["inertia"] *= params["factor"]
+    run, rows = ENGINES[engine](heavy, world, kind, params), []
+    mass = np.array([b["mass"] for b in heavy])
+    plain = np.array([world["mu"][b["material"]] for b in bodies])
+    roll = np.array([perp(b["v"]) / SIZE if b["rolls"] else np.zeros(2) for b in bodies])
+    steps = round(1 / FPS / run.dt)
+    for k in range((frames - 1) * steps + 1):
+        x, yaw, v, w = run.state()
+        if k % steps == 0:
+            rows.append(np.column_stack([x, yaw, v, w]))
+        mu = plain
+        if kind == "friction_patch":
+            inside = np.linalg.norm(x - np.array(params["center"]), axis=1) < params["radius"]
+            mu = np.where(inside, params["k"] * plain, plain)
+        force, torque = table_friction(heavy, x, yaw, v, w, roll, mu, run.dt)
+        if push:
+            force = force + push(x, v, w, mass, k * run.dt)
+        run.step(force, torque)
+        if seen:
+            seen(x, v, w, heavy)
+    return np.array(rows)
+
+
+def throw(rng, rolls, avoid):
+    """Bodies around the middle, apart from each other and from what is hidden, thrown inwards."""
+    bodies, looks = [], [(s, m) for s in DENSITY for m in ("rubber", "metal")]
+    for shape, material in (looks[i] for i in rng.permutation(6)[: rng.integers(4, 7)]):
+        while True:
+            x = rng.uniform(-1.9, 1.9, 2)
+            if np.linalg.norm(x) > 0.5 and all(np.linalg.norm(x - b["x"]) > 0.65 for b in bodies) and avoid(x) > 0.35:
+                break
+        aim = rng.uniform(-0.7, 0.7, 2) - x
+        mass = DENSITY[shape][material == "metal"]
+        bodies.append({"x": x, "yaw": rng.uniform(-0.7, 0.7), "v": rng.uniform(0.4, 1.5) * aim / np.linalg.norm(aim),
+                       "w": 0.0 if shape == "sphere" and rolls else rng.uniform(-2, 2), "rolls": shape == "sphere" and rolls,
+                       "shape": shape, "material": material, "mass": mass, "inertia": MOMENT[shape] * mass * SIZE ** 2})
+    return bodies
+
+
+def write(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content))
+
+
+def group(folder, engine, kind, strength, seed):
+    number = [seed, list(ENGINES).index(engine), sum(map(ord, kind))]
+    rng = np.random.default_rng(number)
+    law = laws(rng, strength)[kind]
+    params, air = law[0], rng.random() < 0.25
+    world = {"mu": {"rubber": 0.002 if air else rng.uniform(0.03, 0.045), "metal": 0.001 if air else rng.uniform(0.009, 0.02)},
+             "restitution": rng.uniform(0.6, 0.9), "sphere_motion": "roll" if rng.random() < 0.5 else "glide"}
+
+    def avoid(x):
+        if kind == "hidden_wall":
+            return (x - np.array(params["point"])) @ np.array(params["normal"])
+        return np.linalg.norm(x - np.array(params["center"])) - params["radius"] if kind == "hidden_object" else 9.0
+
+    hidden = [] if kind == "none" else [{"kind": kind, "params": params}]
+    for index in range(4):
+        bodies = throw(rng, world["sphere_motion"] == "roll", avoid)
+        true = simulate(engine, bodies, world, kind, law)
+        noisy = true[..., :3] + rng.normal(size=true[..., :3].shape) * [NOISE, NOISE, NOISE_YAW]
+        noisy[..., 2] = (noisy[..., 2] + math.pi) % (2 * math.pi) - math.pi
+        looks = ("material", "shape", "mass")
+        objects = [{"object_id": k, "color": "gray", "size": SIZE, **{w: b[w] for w in looks}} for k, b in enumerate(bodies)]
+        see = lambda k, p: {"object_id": k, "location": [*p[:2].round(5), SIZE], "orientation": [0, 0, round(p[2], 5)], "inside_camera_view": True}
+        film = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row)]} for f, row in enumerate(noisy)]
+        name = f"scene_{index:02}"
+        write(folder / name / "observed.json", {"scene_index": index, "video_filename": f"{name}.mp4", "fps": FPS, "world": "table",
+                                                "object_property": objects, "motion_trajectory": film, "noise_sigma": NOISE})
+        write(folder / name / "truth.json", {"seed": number, "engine": engine, "fps": FPS, "hidden_effects": hidden, "n_observed": FRAMES,
+                                             "noise_sigma": NOISE, "objects": objects, "trajectory": true.round(6).tolist()})
+    write(folder / "group.json", {"group": folder.name, "engine": engine, "effect": kind, "strength": strength, "outside": kind in OUTSIDE,
+                                  "hidden_effects": hidden, "environment": world})
+
+
+def check():
+    def one(shape, x, v, rolls=False):
+        return {"x": np.array([x, 0.0]), "yaw": 0.0, "v": np.array([v, 0.0]), "w": 0.0, "rolls": rolls, "shape": shape,
+                "material": "metal", "mass": 1.0, "inertia": MOMENT[shape] * SIZE ** 2}
+
+    def energy(x, v, w, bodies):
+        return sum(0.5 * b["mass"] * v[k] @ v[k] + 0.5 * b["inertia"] * w[k] ** 2 for k, b in enumerate(bodies))
+
+    for engine in ENGINES:
+        world, plain, grown = {"mu": {"rubber": 0.0, "metal": 0.0}, "restitution": 0.8}, ({}, None), 0.0
+        for seed in range(6):
+            levels = []
+            thrown = throw(np.random.default_rng(seed), False, lambda x: 9.0)
+            simulate(engine, thrown, world, "none", plain, 64, lambda *state: levels.append(energy(*state)))
+            # A spring gives back what it took: what is left at the end must be less.
+            grown = max(grown, (levels[-1] if engine == "mujoco" else max(np.diff(levels) + levels[0])) / levels[0] - 1)
+        print(f"{engine}: energy grows by {max(grown, 0):.1e} of the whole at most")
+        for a, b in itertools.combinations_with_replacement(DENSITY, 2):
+            hit = lambda v: simulate(engine, [one(a, 0.0, 0.0), one(b, -0.6, v)], world, "none", plain, 40)[-1][:, 3] @ [1, -1] / v
+            print(f"  {a} and {b}: restitution {hit(0.3):.3f} at 0.3 m/s, {hit(1.2):.3f} at 1.2 m/s, 0.8 asked for")
+        world["mu"]["metal"] = 0.02
+        for shape, rolls in [*itertools.product(DENSITY, [False]), ("sphere", True)]:
+            v = simulate(engine, [one(shape, 0.0, 0.6, rolls)], world, "none", plain, 76)[:, 0, 3]
+            print(f"  {shape}, rolls: {rolls}: brakes at {(v[0] - v[25]) / G:.5f} g, then {(v[25] - v[50]) / G:.5f} g; 0.02 asked for")
+
+
+def main():
+    words = argparse.ArgumentParser()
+    words.add_argument("folder", nargs="?", type=pathlib.Path)
+    for name, default in {"engine": "mujoco,pymunk", "kinds": "library", "strength": "1.0", "seeds": "1"}.items():
+        words.add_argument(f"--{name}", default=default)
+    words.add_argument("--check", action="store_true")
+    asked = words.parse_args()
+    if asked.check or not asked.folder:
+        return check()
+    everything = list(laws(np.random.default_rng(0), 1.0))
+    sets = {"outside": OUTSIDE, "control": ["none"], "library": [k for k in everything if k not in OUTSIDE + ["none"]]}
+    for engine, seed in itertools.product(asked.engine.split(","), map(int, asked.seeds.split(","))):
+        alien = [k for e, only in ONLY.items() if e != engine for k in only]
+        for kind in (k for k in sets.get(asked.kinds, asked.kinds.split(",")) if k not in alien):
+            name = f"{engine}_{kind}_{asked.strength}_{seed}"
+            group(asked.folder / name, engine, kind, float(asked.strength), seed)
+            print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main()
