@@ -19,6 +19,7 @@ mod search;
 #[cfg(test)]
 mod tests;
 mod unexplained;
+mod unseen;
 
 pub use change::{
     Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,

@@ -181,8 +181,8 @@ fn draws(
                 let Some(found) = Found::at(problem, &drawn, window) else { break };
                 let costs = blocks.costs(problem, &drawn, &found.residuals, parts, shares);
                 // Not a number is too much, too.
-                let much = |block: usize| !(costs[block] - best[block] <= worst[block]);
-                (0..bad.len()).for_each(|block| bad[block] = much(block));
+                let little = |block: usize| costs[block] - best[block] <= worst[block];
+                (0..bad.len()).for_each(|block| bad[block] = !little(block));
                 blocks.pass_on(&found.components, &mut bad);
                 if !bad.contains(&true) {
                     return drawn;

@@ -192,7 +192,9 @@ impl<'a> Problem<'a> {
 
     /// Frees what was held for now; whether there is any such.
     pub fn release(&mut self) -> bool {
-        self.free.iter_mut().fold(false, |any, f| std::mem::take(&mut f.held) || any)
+        let any = self.free.iter().any(|f| f.held);
+        self.free.iter_mut().for_each(|f| f.held = false);
+        any
     }
 
     /// A fall of the cost that is not worth another step; while something is held, the search goes on anyway.

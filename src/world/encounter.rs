@@ -5,10 +5,10 @@ use super::impact::{APPROACH, Side, against_edge, effective_mass, facing, point_
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::rigid::cling;
-use super::simulate::{Blow, ContactEffect, Few, Margin, Moving, Run};
+use super::simulate::{AtContact, Blow, Few, Moving, Run};
 use super::trace::{Event, EventKind};
 use crate::body::{Contact, ContactLaw};
-use crate::effects::Scalar;
+use crate::effects::{ContactFn, MarginFn, Scalar};
 use crate::scene::Shape;
 use std::borrow::Cow;
 
@@ -113,7 +113,7 @@ impl<T: Scalar> Run<'_, T> {
             return T::zero();
         }
         let (one, other) = (&self.model.bodies[a], &self.model.bodies[b]);
-        let of = |effect: &Margin<T>| {
+        let of = |effect: &AtContact<MarginFn<T>>| {
             (effect.hook)(&effect.active.values_for(effect.first, self.flat, one, other))
         };
         let sum = || self.margin_effects.iter().fold(T::zero(), |sum, effect| sum + of(effect));
@@ -461,10 +461,38 @@ impl<T: Scalar> Run<'_, T> {
     /// Parameters of each contact effect as they apply to body `a` when it touches `b`, and the other way round.
     fn contact_values(&self, a: usize, b: usize) -> Vec<[Vec<T>; 2]> {
         let body = |k: usize| self.model.bodies.get(k);
-        let values = |effect: &ContactEffect<T>, i: usize, j: usize| {
+        let values = |effect: &AtContact<ContactFn<T>>, i: usize, j: usize| {
             let (Some(this), other) = (body(i).or(body(j)), body(j).or(body(i))) else { return vec![] };
             effect.active.values_for(effect.first, self.flat, this, other.unwrap_or(this))
         };
         self.contact_effects.iter().map(|effect| [values(effect, a, b), values(effect, b, a)]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    #[test]
+    fn outlines_touch_at_their_distance() {
+        for (distance, spheres) in [(0.0, true), (0.01, true), (-0.015, true), (0.01, false), (-0.015, false)]
+        {
+            let shape = if spheres { Shape::Ball { radius: 0.2 } } else { Shape::Square { half_side: 0.2 } };
+            let bodies = vec![
+                body(0, shape, vec2(0.0, 0.0), vec2(1.0, 0.0)),
+                body(1, shape, vec2(1.0, 0.05), vec2(0.0, 0.0)),
+            ];
+            let t = trace(&model(bodies, &[("contact_distance", &[distance])]), &seconds(50));
+            let reach = if spheres { (0.4 + distance).powi(2) - 0.0025 } else { (0.4 + distance).powi(2) };
+            assert_eq!(t.events.len(), 1, "{distance}");
+            assert!(
+                (t.events[0].time - (1.0 - reach.sqrt())).abs() < 1e-9,
+                "{distance} {}",
+                t.events[0].time
+            );
+        }
     }
 }

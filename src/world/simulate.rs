@@ -119,14 +119,9 @@ pub(super) struct Moving<T> {
     pub next: usize,
 }
 
-pub(super) struct ContactEffect<'m, T> {
-    pub hook: ContactFn<T>,
-    pub active: &'m ActiveEffect,
-    pub first: usize,
-}
-
-pub(super) struct Margin<'m, T> {
-    pub hook: MarginFn<T>,
+/// What an effect does at a contact, and where its parameters begin.
+pub(super) struct AtContact<'m, F> {
+    pub hook: F,
     pub active: &'m ActiveEffect,
     pub first: usize,
 }
@@ -143,10 +138,10 @@ pub(super) struct Run<'m, T: Scalar> {
     pub model: &'m Model,
     pub flat: &'m [T],
     pub laws: Laws<T>,
-    pub contact_effects: Vec<ContactEffect<'m, T>>,
+    pub contact_effects: Vec<AtContact<'m, ContactFn<T>>>,
     /// Of bodies that have met, what the contact effects' parameters are: one entry an effect, either way round.
     pub met: BTreeMap<(usize, usize), Vec<[Vec<T>; 2]>>,
-    pub margin_effects: Vec<Margin<'m, T>>,
+    pub margin_effects: Vec<AtContact<'m, MarginFn<T>>>,
     /// What they give for pairs that came near each other.
     pub margins: RefCell<BTreeMap<(usize, usize), T>>,
     pub bodies: Vec<Moving<T>>,
@@ -174,13 +169,13 @@ impl<'m, T: Scalar> Run<'m, T> {
     fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &Limits) -> Self {
         let laws = Laws::new(model, flat);
         let contact_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Contact));
-        let contact_effects = contact_effects.map(|(active, entry, first)| ContactEffect {
+        let contact_effects = contact_effects.map(|(active, entry, first)| AtContact {
             hook: T::hooks(entry).contact,
             active,
             first,
         });
         let margin_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Margin));
-        let margin_effects = margin_effects.map(|(active, entry, first)| Margin {
+        let margin_effects = margin_effects.map(|(active, entry, first)| AtContact {
             hook: T::hooks(entry).margin,
             active,
             first,

@@ -520,21 +520,6 @@ fn derivatives_hold_with_each_effect_present() {
 }
 
 #[test]
-fn outlines_touch_at_their_distance() {
-    for (distance, spheres) in [(0.0, true), (0.01, true), (-0.015, true), (0.01, false), (-0.015, false)] {
-        let shape = if spheres { Shape::Ball { radius: 0.2 } } else { Shape::Square { half_side: 0.2 } };
-        let bodies = vec![
-            body(0, shape, vec2(0.0, 0.0), vec2(1.0, 0.0)),
-            body(1, shape, vec2(1.0, 0.05), vec2(0.0, 0.0)),
-        ];
-        let t = trace(&model(bodies, &[("contact_distance", &[distance])]), &seconds(50));
-        let reach = if spheres { (0.4 + distance).powi(2) - 0.0025 } else { (0.4 + distance).powi(2) };
-        assert_eq!(t.events.len(), 1, "{distance}");
-        assert!((t.events[0].time - (1.0 - reach.sqrt())).abs() < 1e-9, "{distance} {}", t.events[0].time);
-    }
-}
-
-#[test]
 fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
     let disc = || vec![body(0, shape(0), vec2(0.0, 0.0), vec2(1.5, 0.4))];
     let own = |name: &str, default| FormulaParameter {
