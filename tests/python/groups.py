@@ -318,9 +318,12 @@ def main():
         return check()
     everything = list(laws(np.random.default_rng(0), 1.0))
     sets = {"outside": OUTSIDE, "control": ["none"], "library": [k for k in everything if k not in OUTSIDE + ["none"]]}
+    kinds = [kind for word in asked.kinds.split(",") for kind in sets.get(word, [word])]
+    if unknown := [kind for kind in kinds if kind not in everything]:
+        words.error(f"unknown kinds {unknown}; known: {', '.join([*sets, *everything])}")
     for engine, seed in itertools.product(asked.engine.split(","), map(int, asked.seeds.split(","))):
         alien = [k for e, only in ONLY.items() if e != engine for k in only]
-        for kind in (k for k in sets.get(asked.kinds, asked.kinds.split(",")) if k not in alien):
+        for kind in (k for k in kinds if k not in alien):
             name = f"{engine}_{kind}_{asked.strength}_{seed}"
             group(asked.folder / name, engine, kind, float(asked.strength), seed)
             print(name, flush=True)
