@@ -153,12 +153,18 @@ class Pymunk:
         def stick(arbiter, space, data):
             a, b = (s.body for s in arbiter.shapes)
             if (a, b) not in joined and arbiter.contact_point_set.points:
-                joined.add((a, b))
+                joined.update([(a, b), (b, a)])
+                # What is glued does not roll.
+                for body in (a, b):
+                    bodies[self.bodies.index(body)]["glued"] = True
                 at = arbiter.contact_point_set.points[0].point_a
                 joints = pymunk.PivotJoint(a, b, at), pymunk.GearJoint(a, b, b.angle - a.angle, 1)
                 space.add_post_step_callback(lambda s, k: s.add(*joints), (a, b))
 
-        hooks = {"speed_dependent_restitution": {"pre_solve": fade}, "sticky_contact": {"post_solve": stick}}
+        def as_one(arbiter, space, data):
+            arbiter.process_collision = tuple(s.body for s in arbiter.shapes) not in joined
+
+        hooks = {"speed_dependent_restitution": {"pre_solve": fade}, "sticky_contact": {"pre_solve": as_one, "post_solve": stick}}
         self.space.on_collision(**hooks.get(kind, {}))
 
     def state(self):
@@ -183,10 +189,10 @@ def table_friction(bodies, x, yaw, v, w, roll, mu, dt):
     for k, b in enumerate(bodies):
         weight, slow = b["mass"] * G, SLOW[b["shape"]]
         if b["shape"] == "sphere":
-            slip = v[k] + SIZE * perp(roll[k]) if b["rolls"] else v[k]
+            slip = v[k] + SIZE * perp(roll[k]) if b["rolls"] and "glued" not in b else v[k]
             grip = SLIDE_MU if b["rolls"] else mu[k]
             force[k] = -grip * weight * slip / np.hypot(np.linalg.norm(slip), slow)
-            if b["rolls"]:
+            if b["rolls"] and "glued" not in b:
                 # The slip is v + SIZE perp(roll); resistance to rolling is a couple.
                 turn = 2.5 / (b["mass"] * SIZE) * perp(-force[k])
                 roll[k] += dt * (turn - 3.5 * mu[k] * G / SIZE * roll[k] / np.hypot(np.linalg.norm(roll[k]), 0.02))
