@@ -10,7 +10,7 @@ use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Base, region, screen, with_effect, with_nuisance};
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, fit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -211,7 +211,7 @@ pub fn change(
             let mut models: Vec<Model> = after.fit.scenes.iter().map(|s| s.model.clone()).collect();
             models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
             let near = FitOptions { begin: Begin::Near, ..*options };
-            Some(fit(scenes, &models, &near, &|_| stop(1.0))?)
+            Some(estimate(scenes, &models, &near, &|_| stop(1.0))?)
         }
         None => None,
     };

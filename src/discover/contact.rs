@@ -7,7 +7,7 @@ use super::revise::{each_alone, fit_alone, gathered, stand_as, take_shared};
 use super::screen::{CERTAIN, with_effect};
 use super::unseen::{unseen_objects, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, fit};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -121,7 +121,7 @@ pub fn screen_contacts(
     }
     let mut at = heaps.iter();
     alone.retain(|_| at.next() == Some(&false));
-    let base = fit(&films.scenes, &gathered(&films.models, &alone), &near, stop)?;
+    let base = estimate(&films.scenes, &gathered(&films.models, &alone), &near, stop)?;
     let before = chi_squares(&base);
     let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
@@ -172,11 +172,11 @@ pub fn screen_contacts(
     let first: Result<Vec<Tried>, FitError> = finalists(begun?)
         .into_par_iter()
         .map(|Begun { entry, values, object, models, .. }| {
-            let mut found = fit(&films.scenes, &models, &few, stop)?;
+            let mut found = estimate(&films.scenes, &models, &few, stop)?;
             // A search that went astray begins where the models without the effect ended.
             if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
                 let models = with_contact(&ended, entry, &values, object, region);
-                found = lower(found, fit(&films.scenes, &models, &few, stop)?);
+                found = lower(found, estimate(&films.scenes, &models, &few, stop)?);
             }
             Ok(Tried { entry, start: values, object, fit: found })
         })
@@ -193,7 +193,7 @@ pub fn screen_contacts(
             }
             let Tried { entry, start: values, object, fit: begun } = tried;
             let models: Vec<Model> = begun.scenes.iter().map(|s| s.model.clone()).collect();
-            let mut found = lower(begun, fit(&films.scenes, &models, &near, stop)?);
+            let mut found = lower(begun, estimate(&films.scenes, &models, &near, stop)?);
             // What is still lost begins anew with what the others agree on.
             let lost: Vec<usize> =
                 unfollowed.iter().copied().filter(|&k| off(&found, k) > AT_NOISE).collect();
@@ -201,15 +201,15 @@ pub fn screen_contacts(
             if (gains || entry.uses(Hook::Bodies)) && !lost.is_empty() && lost.len() < before.len() {
                 let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
                 for film in lost {
-                    let (scene, begun) = (&films.scenes[film..=film], &films.models[film..=film]);
-                    let mut begun = with_contact(begun, entry, &values, object, region);
-                    take_shared(&mut begun[0], &models[film]);
-                    let alone = fit(scene, &begun, &options, stop)?;
+                    let begun = &films.models[film..=film];
+                    let mut begun = with_contact(begun, entry, &values, object, region).remove(0);
+                    take_shared(&mut begun, &models[film]);
+                    let alone = fit_alone(&films.scenes[film], &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
                         models[film].clone_from(&alone.scenes[0].model);
                     }
                 }
-                found = lower(found, fit(&films.scenes, &models, &near, stop)?);
+                found = lower(found, estimate(&films.scenes, &models, &near, stop)?);
             }
             Ok(Tried { entry, start: values, object, fit: found })
         })
@@ -235,7 +235,7 @@ fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
     let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
         let mut model = model.clone();
         if unseen(scene) {
-            let alone = fit(std::slice::from_ref(scene), std::slice::from_ref(&model), &options, stop)?;
+            let alone = fit_alone(scene, &model, &options, stop)?;
             for (body, found) in
                 model.bodies.iter_mut().zip(alone.scenes.iter().flat_map(|s| &s.model.bodies))
             {
@@ -303,7 +303,7 @@ fn judged(
         let near = FitOptions { begin: Begin::Near, ..*options };
         let further = |old: &Fit| {
             let models: Vec<Model> = followed.iter().map(|&f| old.scenes[f].model.clone()).collect();
-            fit(&rest.scenes, &models, &near, stop)
+            estimate(&rest.scenes, &models, &near, stop)
         };
         let base = further(&base)?;
         let fitted: Result<Vec<Tried>, FitError> =
@@ -388,7 +388,7 @@ pub fn meetings_lost(films: &Contacts, stop: Stop) -> Result<bool, FitError> {
     let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
     let two: Vec<usize> = (0..films.scenes.len()).filter(|&k| films.scenes[k].objects.len() == 2).collect();
     let lost = |&k: &usize| -> Result<bool, FitError> {
-        let alone = fit(&films.scenes[k..=k], &films.models[k..=k], &options, stop)?;
+        let alone = estimate(&films.scenes[k..=k], &films.models[k..=k], &options, stop)?;
         Ok(alone.scenes.iter().any(|s| s.reduced_chi_square > FOLLOWED))
     };
     let lost: Result<Vec<bool>, FitError> = two.par_iter().map(lost).collect();
@@ -408,7 +408,7 @@ fn without(
     let mut models: Vec<Model> = with.scenes.iter().map(|s| s.model.clone()).collect();
     models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != entry.spec.name));
     let near = FitOptions { begin: Begin::Near, ..*options };
-    let again = chi_squares(&fit(&films.scenes, &models, &near, stop)?);
+    let again = chi_squares(&estimate(&films.scenes, &models, &near, stop)?);
     Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
 }
 
@@ -428,7 +428,7 @@ fn scatter(
         let kept: Vec<usize> = (0..films.scenes.len()).filter(|&k| k != left_out).collect();
         let scenes: Vec<Scene> = kept.iter().map(|&k| films.scenes[k].clone()).collect();
         let models: Vec<Model> = kept.iter().map(|&k| with.scenes[k].model.clone()).collect();
-        let found = fit(&scenes, &models, &near, stop)?;
+        let found = estimate(&scenes, &models, &near, stop)?;
         let names = entry.spec.params.iter().zip(values);
         Ok(names.map(|(p, v)| pooled(&estimates_of(&found, entry, p.name)).map_or(*v, |e| e.0)).collect())
     };

@@ -180,9 +180,8 @@ mod tests {
         assert_eq!(all[0].objects, [0, 1, 2]);
         // One contact every ten frames: the film ends before what it does not show begins.
         let heap: Vec<_> = (0..10).map(|k| contact(10 * k, k, k + 1)).collect();
-        for (before, after) in
-            merged(&heap).windows(2).map(|w| (w[0].clone(), w[1].clone())).collect::<Vec<_>>()
-        {
+        for pair in merged(&heap).windows(2) {
+            let (before, after) = (&pair[0], &pair[1]);
             assert!(
                 before.last <= before.first + LONGEST && before.end <= after.first,
                 "{before:?} {after:?}"

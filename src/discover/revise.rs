@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{Begin, Fit, FitError, FitOptions, Posterior, SceneFit, fit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -97,7 +97,7 @@ pub fn revise(
     let parts = errors(lens.scenes, &shown, &begun);
     let begun: Vec<Option<&Model>> = shown.iter().zip(&begun.scenes).map(|(s, f)| follows(s, f)).collect();
     let (mut fit_all, apart) =
-        fit_set_up(lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
+        fit_set_up(fit, lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
     fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
@@ -135,7 +135,7 @@ pub fn trajectories(
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
     let anew = vec![None; models.len()];
-    fit_set_up(lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
+    fit_set_up(estimate, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
 }
 
 /// Root mean square of the scenes' noise (m).
@@ -149,9 +149,13 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
     if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
 }
 
+/// How scenes are fitted together: with draws from the posterior or without.
+type Fitting = fn(&[Scene], &[Model], &FitOptions, Stop) -> Result<Fit, FitError>;
+
 /// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it. A scene begins
 /// where the model that has `begun` it stands, if there is one.
 fn fit_set_up(
+    fit: Fitting,
     scenes: &[Scene],
     models: &[Model],
     begun: &[Option<&Model>],
@@ -180,7 +184,7 @@ fn fit_set_up(
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let near = gathered(models, &alone);
-    let (mut joint, alone) = common(scenes, &near, alone, begun, options, stop)?;
+    let (mut joint, alone) = common(fit, scenes, &near, alone, begun, options, stop)?;
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
     for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
@@ -197,6 +201,7 @@ fn fit_set_up(
 /// Fits all scenes from `near`, and gives the fits of each alone. One that its own fit has lost says nothing of the common
 /// numbers, and would be searched without end: it is fitted with those of the others, and counts again where that helps.
 fn common(
+    fit: Fitting,
     scenes: &[Scene],
     near: &[Model],
     mut alone: Vec<Fit>,
@@ -331,7 +336,7 @@ fn fit_on(
 }
 
 pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
-    fit(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
+    estimate(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
 }
 
 /// The models where each scene's own fit has put them, with the shared numbers that these agree on.

@@ -151,6 +151,26 @@ const OUT_OF_NOISE: f64 = 6.0;
 /// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
 /// `ShapePair` are shared by all scenes. Deterministic.
 pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    fit_drawing(DRAWS, scenes, start, options, stop)
+}
+
+/// The same without draws from the posterior, which predictions need and another fit does not.
+pub fn estimate(
+    scenes: &[Scene],
+    start: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    fit_drawing(0, scenes, start, options, stop)
+}
+
+fn fit_drawing(
+    draws: usize,
+    scenes: &[Scene],
+    start: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
     check(scenes, start)?;
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let mut models = start.to_vec();
@@ -181,7 +201,7 @@ pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) 
             return Err(FitError::Undefined { scene: part.scene.name.clone() });
         }
     }
-    let posterior = Posterior::at(&problem, &best.point, frames);
+    let posterior = Posterior::at(&problem, &best.point, frames, draws);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
     let Solution { iterations, outcome, losses, .. } = best;

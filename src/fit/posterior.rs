@@ -3,7 +3,7 @@
 use super::linear::Linear;
 use super::problem::{Free, Part, Problem, Window, rho};
 use super::{Fit, SceneFit};
-use crate::world::{BODY_VALUES, Ending, MASS, Model};
+use crate::world::{BODY_VALUES, MASS, Model};
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -80,7 +80,8 @@ pub struct SharedEstimate {
 }
 
 impl Posterior {
-    pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
+    /// With so many draws.
+    pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
         let parts = problem.linearised(point, window);
         let independent = vec![1.0; parts.len()];
         let factor = covariance_factor(problem.weighed(point, &parts, &independent).hessian);
@@ -105,7 +106,7 @@ impl Posterior {
             estimates: problem.free.iter().enumerate().map(estimate).collect(),
             coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
             slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
-            draws: draws(problem, point, &parts, &shares, &factor, window),
+            draws: draws(count, problem, point, &parts, &shares, &factor, window),
         }
     }
 
@@ -147,6 +148,7 @@ impl Posterior {
 /// back by Gauss-Newton steps with the derivatives at `point`, and pulled in where that is not enough. What is independent
 /// of it stays as it was drawn.
 fn draws(
+    count: usize,
     problem: &Problem,
     point: &[f64],
     parts: &[Linear],
@@ -154,6 +156,9 @@ fn draws(
     factor: &DMatrix<f64>,
     window: Window,
 ) -> Vec<Vec<f64>> {
+    if count == 0 {
+        return vec![];
+    }
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
     let blocks = Blocks::new(problem, factor);
@@ -203,7 +208,7 @@ fn draws(
         }
         moved(point, &|k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
     };
-    (0..DRAWS).map(draw).collect()
+    (0..count).map(draw).collect()
 }
 
 /// What a draw does: residuals of each part, and which bodies met ([`Part::components`]).
@@ -216,14 +221,9 @@ impl Found {
     fn at(problem: &Problem, point: &[f64], window: Window) -> Option<Found> {
         let (mut all, mut components) = (vec![], vec![]);
         for part in &problem.parts {
-            let rollout = part.rollout(&problem.free, point, window);
-            let mut residuals = vec![];
-            part.each_residual(&rollout, window, |_, r, _| residuals.push(r));
+            let (rollout, residuals) = part.followed(&problem.free, point, window)?;
             components.push(part.components(&rollout));
             all.push(residuals);
-            if rollout.ending != Ending::Completed {
-                return None;
-            }
         }
         Some(Found { residuals: all, components })
     }
@@ -273,7 +273,7 @@ impl Blocks {
     ) -> Vec<f64> {
         let mut costs = vec![0.0; self.sizes.len()];
         for ((f, x), &block) in problem.free.iter().zip(point).zip(&self.of) {
-            costs[block] += 0.5 * ((x - f.mean) / f.sd).powi(2);
+            costs[block] += f.prior_cost(*x);
         }
         for (((residuals, linear), bodies), share) in
             residuals.iter().zip(parts).zip(&self.bodies).zip(shares)

@@ -41,6 +41,13 @@ pub(super) struct Free {
     pub held: bool,
 }
 
+impl Free {
+    /// What the prior says against a value.
+    pub fn prior_cost(&self, x: f64) -> f64 {
+        0.5 * ((x - self.mean) / self.sd).powi(2)
+    }
+}
+
 /// One scene's part: its measurements and where each free parameter enters its model.
 pub(super) struct Part<'a> {
     pub scene: &'a Scene,
@@ -222,31 +229,23 @@ impl<'a> Problem<'a> {
 
     /// Half the sum of squared residuals, priors included.
     pub fn cost(&self, point: &[f64], window: Window) -> f64 {
-        self.residuals(point, window)
-            .map_or(f64::INFINITY, |parts| self.cost_of(point, &parts, &vec![1.0; parts.len()]))
+        self.residuals(point, window).map_or(f64::INFINITY, |parts| self.cost_of(point, &parts))
     }
 
-    /// The same of residuals that are known, each part counted by its share.
-    pub fn cost_of(&self, point: &[f64], parts: &[Vec<f64>], shares: &[f64]) -> f64 {
-        let misfit = |(r, share): (&Vec<f64>, &f64)| share * r.iter().map(|&r| rho(r)).sum::<f64>();
-        let cost = self.prior_cost(point) + parts.iter().zip(shares).map(misfit).sum::<f64>();
+    /// The same of residuals that are known.
+    pub fn cost_of(&self, point: &[f64], parts: &[Vec<f64>]) -> f64 {
+        let misfit = |r: &Vec<f64>| r.iter().map(|&r| rho(r)).sum::<f64>();
+        let cost = self.prior_cost(point) + parts.iter().map(misfit).sum::<f64>();
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
     /// Residuals of each part; `None` where a simulation does not come to its end.
     pub fn residuals(&self, point: &[f64], window: Window) -> Option<Vec<Vec<f64>>> {
-        let of = |part: &Part| {
-            let rollout = part.rollout(&self.free, point, window);
-            let mut residuals = vec![];
-            part.each_residual(&rollout, window, |_, r, _| residuals.push(r));
-            (rollout.ending == Ending::Completed).then_some(residuals)
-        };
-        self.parts.iter().map(of).collect()
+        self.parts.iter().map(|part| Some(part.followed(&self.free, point, window)?.1)).collect()
     }
 
     fn prior_cost(&self, point: &[f64]) -> f64 {
-        let term = |(f, x): (&Free, &f64)| 0.5 * ((x - f.mean) / f.sd).powi(2);
-        self.free.iter().zip(point).map(term).sum()
+        self.free.iter().zip(point).map(|(f, x)| f.prior_cost(*x)).sum()
     }
 
     pub fn normal(&self, point: &[f64], window: Window) -> Normal {
@@ -336,6 +335,14 @@ impl Part<'_> {
         let rollout = film(&self.model, &self.flat(free, point), self.times(window), &LIMITS);
         self.worked(&rollout, 1);
         rollout
+    }
+
+    /// A simulation that comes to its end, and its whitened residuals in their fixed order.
+    pub fn followed(&self, free: &[Free], point: &[f64], window: Window) -> Option<(Rollout<f64>, Vec<f64>)> {
+        let rollout = self.rollout(free, point, window);
+        let mut residuals = vec![];
+        self.each_residual(&rollout, window, |_, r, _| residuals.push(r));
+        (rollout.ending == Ending::Completed).then_some((rollout, residuals))
     }
 
     /// Counts a simulation that costs as much as so many without derivatives.

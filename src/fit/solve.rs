@@ -118,7 +118,7 @@ impl Trial {
     fn at(problem: &Problem, point: Vec<f64>, window: Window) -> Trial {
         match problem.residuals(&point, window) {
             Some(residuals) => {
-                let cost = problem.cost_of(&point, &residuals, &vec![1.0; residuals.len()]);
+                let cost = problem.cost_of(&point, &residuals);
                 Trial { point, cost, residuals }
             }
             None => Trial { point, cost: f64::INFINITY, residuals: vec![] },
