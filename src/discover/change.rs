@@ -1,13 +1,15 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
+use super::alone::Alone;
 use super::contact::{estimates_of, screen_contacts, with_contact};
 use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
-use super::inquire::{readings, stuck};
+use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, pooled_noise, revise};
 use super::screen::{Base, region, screen, with_effect, with_nuisance};
+use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
@@ -278,7 +280,7 @@ fn with_library(
     if !(entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
         return Ok((0.0, with_effect(&begun, entry, &seed(), &region)));
     }
-    let (found, _) = screen_contacts(&contacts(lens, &begun), &region, &[entry], stop)?;
+    let (found, _) = screen_contacts(&Alone::of(&contacts(lens, &begun), stop)?, &region, &[entry], stop)?;
     let (gain, values) = found.into_iter().next().map_or((0.0, seed()), |c| (c.before - c.after, c.values));
     Ok((gain, with_contact(&begun, entry, &values, None, &region)))
 }

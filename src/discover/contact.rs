@@ -1,9 +1,11 @@
 //! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
+use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::film::Contacts;
-use super::force::unseen_turn;
-use super::revise::{each_alone, fit_alone, gathered, stand_as, take_shared};
+use super::revise::{
+    agree_on, chi_squares, fit_alone, fit_together, gathered, lower, stand_as, sum, take_shared,
+};
 use super::screen::{CERTAIN, with_effect};
 use super::unseen::{unseen_objects, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
@@ -19,26 +21,21 @@ use std::collections::BTreeSet;
 const PROOF: f64 = 40.0;
 /// One short film alone proves a law of contact when it brings this many times as much.
 const STRONG: f64 = 3.0;
-/// A short film that nothing follows better than this (reduced chi-square) tells nothing.
-const FOLLOWED: f64 = 4.0;
 /// Reduced chi-square of the short films up to which a law explains them, and the share of what is beyond noise that will do:
 /// engines do more at contacts than any law says.
 const EXPLAINED: f64 = 2.0;
 const MOSTLY: f64 = 0.9;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
-/// A film that the base fits this well needs no new beginning (reduced chi-square).
-const AT_NOISE: f64 = 1.5;
 /// The rival that has the same hook as no law of contact, but shows in contacts only.
 const HEAVIER: &str = "mass_change";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
 const FINALISTS: usize = 2;
-/// Iterations of the fit of one short film, and of all together from there: a law that is there shows early.
-const ITERATIONS: usize = 40;
+/// Iterations of the fit of all films together: a law that is there shows early. Of all laws at first, and how many of the
+/// laws are followed further.
 const COMMON_ITERATIONS: usize = 15;
-/// Iterations of all laws together with all films, and how many of the laws are followed further.
 const FIRST_ITERATIONS: usize = 5;
 const FOLLOWED_UP: usize = 3;
 /// Prior deviations of a wall's restitution and angle.
@@ -65,6 +62,11 @@ pub struct ContactCandidate {
 }
 
 impl ContactCandidate {
+    /// Whether short films speak for it, if too few of them: trajectories may prove it.
+    pub fn suggested(&self) -> bool {
+        self.score > PROOF && self.values[0].abs() > CERTAIN * self.sd[0]
+    }
+
     /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
     pub fn proven(&self) -> bool {
         let law = !self.entry.uses(Hook::Bodies);
@@ -82,46 +84,22 @@ impl ContactCandidate {
     }
 }
 
-fn chi_squares(fit: &Fit) -> Vec<f64> {
-    fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
-}
-
-fn sum(all: &[f64]) -> f64 {
-    all.iter().sum()
-}
-
-/// The fit of lower chi-square; the first of two equal ones.
-fn lower(known: Fit, tried: Fit) -> Fit {
-    if sum(&chi_squares(&tried)) < sum(&chi_squares(&known)) { tried } else { known }
-}
-
-/// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows: each as if it
-/// were just followed, as how far chaos leads astray tells nothing.
-/// Empty where nothing touches anything.
+/// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows. Empty where
+/// nothing touches anything.
 pub fn screen_contacts(
-    films: &Contacts,
+    alone: &Alone,
     region: &Region,
     candidates: &[&'static EffectEntry],
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
-    if films.scenes.is_empty() {
-        return Ok((vec![], 0.0));
-    }
-    let films = turned(films, stop)?;
-    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
-    let near = FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..options };
-    // Each alone first: together they would wait for the slowest.
-    let mut alone = each_alone(&films.scenes, &films.models, &options, stop)?;
-    let heaps: Vec<bool> = films.scenes.iter().zip(&alone).map(|(s, a)| heap(s, a)).collect();
-    let films = &films.only(|film| !heaps[film]);
-    let left_out = alone.iter().zip(&heaps).filter(|(_, heap)| **heap).flat_map(|(a, _)| &a.scenes);
-    let lost = left_out.map(|s| s.reduced_chi_square.min(FOLLOWED) * s.degrees_of_freedom as f64).sum();
+    let (Alone { films, fits }, lost) = alone.without_heaps();
+    let films = &films;
     if films.scenes.is_empty() {
         return Ok((vec![], lost));
     }
-    let mut at = heaps.iter();
-    alone.retain(|_| at.next() == Some(&false));
-    let base = estimate(&films.scenes, &gathered(&films.models, &alone), &near, stop)?;
+    let (options, near) =
+        (OPTIONS, FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..OPTIONS });
+    let base = fit_together(&films.scenes, &gathered(&films.models, &fits), &fits, &near, stop)?;
     let before = chi_squares(&base);
     let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
@@ -130,7 +108,10 @@ pub fn screen_contacts(
             "hidden_wall" => trials.extend(walls(films).into_iter().map(|v| (entry, v, None))),
             "hidden_object" => trials.extend(unseen_objects(films).into_iter().map(|v| (entry, v, None))),
             // One object at a time: masses that are all free take up much of what engines do at contacts.
-            HEAVIER => trials.extend(meeting(films).into_iter().map(|id| (entry, vec![0.0], Some(id)))),
+            HEAVIER => {
+                let ids = heavier(films, &ended, &before, entry, region, &near, stop)?;
+                trials.extend(ids.into_iter().map(|id| (entry, vec![0.0], Some(id))));
+            }
             _ if entry.uses(Hook::Contact) => {
                 let default: Vec<f64> = entry.spec.params.iter().map(|p| p.default).collect();
                 trials.push((entry, default, None));
@@ -147,7 +128,7 @@ pub fn screen_contacts(
         .into_par_iter()
         .map(|(entry, values, object)| {
             let mut models = with_contact(&ended, entry, &values, object, region);
-            let mut fall = 0.0;
+            let (mut fall, mut tried) = (0.0, vec![]);
             for film in 0..models.len() {
                 let anew = unfollowed.contains(&film);
                 // What befalls one object shows where it is.
@@ -164,7 +145,9 @@ pub fn screen_contacts(
                     fit_alone(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
                 fall += before[film] - sum(&chi_squares(&alone));
                 stand_as(&mut models[film], &alone.scenes[0].model);
+                tried.push(alone);
             }
+            agree_on(&mut models, entry.spec.name, &tried);
             Ok(Begun { entry, values, object, models, fall })
         })
         .collect();
@@ -215,38 +198,6 @@ pub fn screen_contacts(
         })
         .collect();
     judged(films, base, fitted?, lost, &options, stop)
-}
-
-/// Whether a film shows many objects pressing on each other and is not followed: what happened first decides all the rest
-/// there, so that it tells little of any law, and takes longest.
-fn heap(scene: &Scene, alone: &Fit) -> bool {
-    let followed = |most: f64| alone.scenes.iter().all(|s| s.reduced_chi_square < most);
-    match scene.objects.len() {
-        0..=2 => false,
-        3 => !followed(FOLLOWED),
-        _ => !followed(AT_NOISE),
-    }
-}
-
-/// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.
-fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
-    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
-    let unseen = |scene: &Scene| (0..scene.objects.len()).any(|object| unseen_turn(scene, object));
-    let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
-        let mut model = model.clone();
-        if unseen(scene) {
-            let alone = fit_alone(scene, &model, &options, stop)?;
-            for (body, found) in
-                model.bodies.iter_mut().zip(alone.scenes.iter().flat_map(|s| &s.model.bodies))
-            {
-                body.start.state.yaw = found.start.state.yaw;
-                body.start.state.spin = found.start.state.spin;
-            }
-        }
-        Ok(model)
-    };
-    let models: Result<Vec<Model>, FitError> = films.scenes.par_iter().zip(&films.models).map(one).collect();
-    Ok(Contacts { scenes: films.scenes.clone(), models: models?, jumps: films.jumps.clone() })
 }
 
 /// One law of contact, or an unseen thing, before all short films are fitted with it.
@@ -367,34 +318,6 @@ fn judged(
     Ok((kept, lost))
 }
 
-/// Whether the short films are nearer to models in which objects stick; also where there is no film to tell.
-pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool, FitError> {
-    if films.scenes.is_empty() {
-        return Ok(true);
-    }
-    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Models, ..FitOptions::default() };
-    // Each film by itself: what it shares with the others says nothing here.
-    let cost = |models: &[Model]| -> Result<f64, FitError> {
-        let alone = each_alone(&films.scenes, models, &options, stop)?;
-        Ok(alone.iter().map(|a| sum(&chi_squares(a))).sum())
-    };
-    Ok(cost(stuck)? < cost(&films.models)?)
-}
-
-/// Whether most films in which two objects meet are followed by none of their own fits: what chaos needs is a third body, so
-/// that there the law of contact is another.
-pub fn meetings_lost(films: &Contacts, stop: Stop) -> Result<bool, FitError> {
-    let films = turned(films, stop)?;
-    let options = FitOptions { max_iterations: ITERATIONS, begin: Begin::Turned, ..FitOptions::default() };
-    let two: Vec<usize> = (0..films.scenes.len()).filter(|&k| films.scenes[k].objects.len() == 2).collect();
-    let lost = |&k: &usize| -> Result<bool, FitError> {
-        let alone = estimate(&films.scenes[k..=k], &films.models[k..=k], &options, stop)?;
-        Ok(alone.scenes.iter().any(|s| s.reduced_chi_square > FOLLOWED))
-    };
-    let lost: Result<Vec<bool>, FitError> = two.par_iter().map(lost).collect();
-    Ok(2 * lost?.iter().filter(|l| **l).count() > two.len())
-}
-
 /// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
 /// the effect leads to: a search that escaped a bad minimum is no discovery.
 fn without(
@@ -441,9 +364,32 @@ fn scatter(
     Ok((0..values.len()).map(deviation).collect())
 }
 
-/// Ids of the objects that meet others.
-fn meeting(films: &Contacts) -> BTreeSet<u32> {
-    films.models.iter().filter(|m| m.bodies.len() > 1).flat_map(|m| m.bodies.iter().map(|b| b.id)).collect()
+/// Ids of the objects that meet others, those whose mass promises most: each tried in the films that show it, from where
+/// these are followed best.
+fn heavier(
+    films: &Contacts,
+    ended: &[Model],
+    before: &[f64],
+    entry: &'static EffectEntry,
+    region: &Region,
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<u32>, FitError> {
+    let meet = |m: &&Model| m.bodies.len() > 1;
+    let ids: BTreeSet<u32> =
+        films.models.iter().filter(meet).flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
+    let fall = |id: u32| -> Result<(f64, u32), FitError> {
+        let models = with_contact(ended, entry, &[0.0], Some(id), region);
+        let mut fall = 0.0;
+        for film in (0..models.len()).filter(|&film| models[film].body_index(id).is_some()) {
+            let fitted = fit_alone(&films.scenes[film], &models[film], near, stop)?;
+            fall += before[film] - sum(&chi_squares(&fitted));
+        }
+        Ok((fall, id))
+    };
+    let mut all: Vec<(f64, u32)> = ids.into_par_iter().map(fall).collect::<Result<_, _>>()?;
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(all.into_iter().take(FINALISTS).map(|(_, id)| id).collect())
 }
 
 /// What the fit says of one parameter of an effect, for each label.

@@ -1,6 +1,7 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
 mod account;
+mod alone;
 mod change;
 mod compare;
 mod contact;
@@ -20,7 +21,9 @@ mod search;
 mod tests;
 mod unexplained;
 mod unseen;
+mod whole;
 
+pub use alone::Alone;
 pub use change::{
     Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,
 };

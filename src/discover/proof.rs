@@ -7,6 +7,10 @@ use crate::world::ActiveEffect;
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
 
+/// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square).
+const WELL: f64 = 1.5;
+const MENDED: f64 = 2.0;
+
 /// Whether a trajectory is lost.
 pub fn lost(scene: &SceneFit) -> bool {
     scene.reduced_chi_square > LOST
@@ -27,6 +31,14 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
     let price = added as f64 + own(after) - own(before);
     if count == 0.0 { after.left_out_rmse < before.left_out_rmse } else { gain > price * count.ln() }
+}
+
+/// Whether a fit follows at least two scenes that another does not: one may be lost, and found, by chance.
+pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
+    let mended = |(b, a): &(&SceneFit, &SceneFit)| {
+        b.reduced_chi_square > f64::max(WELL, MENDED * a.reduced_chi_square) && !lost(a)
+    };
+    before.iter().zip(after).filter(mended).count() > 1
 }
 
 /// How many free numbers the scenes of a revision share.

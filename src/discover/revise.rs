@@ -21,6 +21,8 @@ const WELL: f64 = 1.5;
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
+/// A scene that all together follow this many times worse than it is followed alone was driven out of its minimum.
+const DRIVEN: f64 = 1.5;
 /// Most iterations of the fit of all scenes together, which begins where each of them ended.
 const COMMON_ITERATIONS: usize = 30;
 /// The same where each of them is lost.
@@ -97,7 +99,7 @@ pub fn revise(
     let parts = errors(lens.scenes, &shown, &begun);
     let begun: Vec<Option<&Model>> = shown.iter().zip(&begun.scenes).map(|(s, f)| follows(s, f)).collect();
     let (mut fit_all, apart) =
-        fit_set_up(fit, lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
+        fit_set_up(true, lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
     fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
@@ -135,7 +137,7 @@ pub fn trajectories(
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
     let anew = vec![None; models.len()];
-    fit_set_up(estimate, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
+    fit_set_up(false, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
 }
 
 /// Root mean square of the scenes' noise (m).
@@ -149,13 +151,10 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
     if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
 }
 
-/// How scenes are fitted together: with draws from the posterior or without.
-type Fitting = fn(&[Scene], &[Model], &FitOptions, Stop) -> Result<Fit, FitError>;
-
 /// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it. A scene begins
-/// where the model that has `begun` it stands, if there is one.
+/// where the model that has `begun` it stands, if there is one. Only a fit that predictions begin with is `drawn` from.
 fn fit_set_up(
-    fit: Fitting,
+    drawn: bool,
     scenes: &[Scene],
     models: &[Model],
     begun: &[Option<&Model>],
@@ -184,7 +183,12 @@ fn fit_set_up(
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let near = gathered(models, &alone);
-    let (mut joint, alone) = common(fit, scenes, &near, alone, begun, options, stop)?;
+    let (mut joint, alone) = common(scenes, &near, alone, begun, options, stop)?;
+    if drawn {
+        let found: Vec<Model> = joint.scenes.iter().map(|s| s.model.clone()).collect();
+        let as_they_are = FitOptions { begin: Begin::Near, max_iterations: 0, ..*options };
+        joint.posterior = fit(scenes, &found, &as_they_are, stop)?.posterior;
+    }
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
     for (scene, alone) in joint.scenes.iter_mut().zip(alone) {
@@ -201,7 +205,6 @@ fn fit_set_up(
 /// Fits all scenes from `near`, and gives the fits of each alone. One that its own fit has lost says nothing of the common
 /// numbers, and would be searched without end: it is fitted with those of the others, and counts again where that helps.
 fn common(
-    fit: Fitting,
     scenes: &[Scene],
     near: &[Model],
     mut alone: Vec<Fit>,
@@ -219,7 +222,7 @@ fn common(
         let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
-        let found = fit(&some, &models, &as_near, stop)?;
+        let found = estimate(&some, &models, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
             all.iter_mut().for_each(|model| take_shared(model, &fitted.model));
             all[k].clone_from(&fitted.model);
@@ -228,12 +231,12 @@ fn common(
     };
     let mut left = lost(&alone);
     if left.is_empty() {
-        return Ok((fit(scenes, near, &as_near, stop)?, alone));
+        return Ok((fit_together(scenes, near, &alone, &as_near, stop)?, alone));
     }
     if left.len() == scenes.len() {
         // None of them follows this model, whatever its numbers.
         let most = most.min(LOST_ITERATIONS);
-        return Ok((fit(scenes, near, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
+        return Ok((estimate(scenes, near, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
     }
     let mut found = together(&mut all, &left)?;
     // Each that is found again knows more of what the next one lacks: how a kind of pair rebounds.
@@ -268,8 +271,45 @@ fn common(
         left.iter().for_each(|&k| take_shared(&mut all[k], &known.model));
     }
     let as_they_are = FitOptions { max_iterations: 0, ..as_near };
-    let Fit { scenes, posterior, .. } = fit(scenes, &all, &as_they_are, stop)?;
+    let Fit { scenes, posterior, .. } = estimate(scenes, &all, &as_they_are, stop)?;
     Ok((Fit { scenes, posterior, ..found }, alone))
+}
+
+/// Fits all scenes from `near`, where each stands as its fit `alone` has it. Where the common numbers drive a scene out of
+/// that minimum, all begin anew with those of the scene that they drive furthest: it knows them best.
+pub fn fit_together(
+    scenes: &[Scene],
+    near: &[Model],
+    alone: &[Fit],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    let found = estimate(scenes, near, options, stop)?;
+    let driven = |(k, own): (usize, &Fit)| {
+        let (with, own) = (&found.scenes[k], &own.scenes[0]);
+        let off = with.reduced_chi_square - own.reduced_chi_square;
+        (with.reduced_chi_square > f64::max(WELL, DRIVEN * own.reduced_chi_square))
+            .then_some((off * with.degrees_of_freedom as f64, k))
+    };
+    let driven = alone.iter().enumerate().filter_map(driven).max_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((_, furthest)) = driven else { return Ok(found) };
+    let mut models = near.to_vec();
+    models.iter_mut().for_each(|m| take_shared(m, &alone[furthest].scenes[0].model));
+    Ok(lower(found, estimate(scenes, &models, options, stop)?))
+}
+
+/// The fit of lower chi-square; the first of two equal ones.
+pub fn lower(known: Fit, tried: Fit) -> Fit {
+    if sum(&chi_squares(&tried)) < sum(&chi_squares(&known)) { tried } else { known }
+}
+
+/// Chi-square of each scene.
+pub fn chi_squares(fit: &Fit) -> Vec<f64> {
+    fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()
+}
+
+pub fn sum(all: &[f64]) -> f64 {
+    all.iter().sum()
 }
 
 /// Makes a model believe its shared numbers as firmly as a fit of other scenes knows them.
@@ -347,6 +387,17 @@ pub fn gathered(models: &[Model], alone: &[Fit]) -> Vec<Model> {
         believe_as(model, asked);
     }
     near
+}
+
+/// Puts the shared numbers of one effect where fits of scenes with it agree; beliefs stay.
+pub fn agree_on(models: &mut [Model], effect: &str, alone: &[Fit]) {
+    let agreed = pooled(models, alone);
+    for (model, agreed) in models.iter_mut().zip(&agreed) {
+        let both = model.effects.iter_mut().zip(&agreed.effects).filter(|(e, _)| e.name == effect);
+        for (p, q) in both.flat_map(|(e, a)| e.parameters.iter_mut().zip(&a.parameters)) {
+            p.values.clone_from(&q.values);
+        }
+    }
 }
 
 /// The models with shared parameters as the scenes together see them, believed as firmly as they are known.

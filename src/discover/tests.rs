@@ -1,7 +1,6 @@
 //! Discovery on simulated videos whose missing law is known, listed or not.
 
 use super::change::propose;
-use super::contact::meetings_lost;
 use super::*;
 use crate::body::GRAVITY;
 use crate::effects::effect;
@@ -461,7 +460,8 @@ fn a_meeting_that_no_law_of_contact_follows_is_lost_and_costs_no_more_than_that(
     let lens = Lens::new(&scenes);
     let mut films = contacts(&lens, &models(&scenes));
     assert!(!films.scenes.is_empty());
-    assert!(!meetings_lost(&films, &never).expect("it runs"));
+    let alone = |films: &Contacts| Alone::of(films, &never).expect("it runs");
+    assert!(!alone(&films).meetings_lost());
     // After they met, both are carried the same way, faster and faster: no contact does that.
     for scene in &mut films.scenes {
         for sample in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
@@ -469,9 +469,10 @@ fn a_meeting_that_no_law_of_contact_follows_is_lost_and_costs_no_more_than_that(
             sample.position += vec2(0.002, 0.003).scaled(late * late);
         }
     }
-    assert!(meetings_lost(&films, &never).expect("it runs"));
+    let lost_ones = alone(&films);
+    assert!(lost_ones.meetings_lost());
     let sought = [effect("contact_friction").expect("it is there")];
-    let (laws, lost) = screen_contacts(&films, &region(&scenes), &sought, &never).expect("it runs");
+    let (laws, lost) = screen_contacts(&lost_ones, &region(&scenes), &sought, &never).expect("it runs");
     let residuals: usize = films.scenes.iter().flat_map(|s| &s.tracks).map(|t| 3 * t.samples.len()).sum();
     assert!(laws.is_empty() && lost > 0.0 && lost <= 4.0 * residuals as f64, "{lost} of {residuals}");
 }

@@ -145,6 +145,8 @@ const WORTH_A_ROUND: f64 = 5.0;
 const BOUNCE_ITERATIONS: usize = 15;
 /// A fall of the cost that is not worth another step while the window still grows.
 const UNFINISHED: f64 = 0.01;
+/// Reduced chi-square of a scene whose simulation does not come to its end.
+const BROKEN_OFF: f64 = 1e9;
 /// A residual beyond this many deviations has left the noise.
 const OUT_OF_NOISE: f64 = 6.0;
 
@@ -420,7 +422,9 @@ fn scene_fit(problem: &Problem, index: usize, point: &[f64], frames: usize) -> S
     });
     let parameters = problem.free.iter().filter(|f| f.scene == Some(index) && f.sd > 1.0).count();
     let degrees_of_freedom = count.saturating_sub(parameters).max(1);
-    let reduced_chi_square = chi_square / degrees_of_freedom as f64;
+    // A simulation that does not come to its end follows nothing.
+    let completed = rollout.ending == Ending::Completed;
+    let reduced_chi_square = if completed { chi_square / degrees_of_freedom as f64 } else { BROKEN_OFF };
     SceneFit {
         name: part.scene.name.clone(),
         model: problem.model(index, point),

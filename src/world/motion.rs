@@ -226,11 +226,9 @@ impl<T: Scalar> Laws<T> {
 
     /// The mode of body `i` once a force acts on it: friction may no longer hold it, or let it roll.
     pub fn mode_under(&self, i: usize, mode: Mode, w: &Wrench<T>) -> Mode {
-        let grip = w.grip.value();
-        let slips = || grip > 0.0 && 2.0 / 7.0 * w.force.value().norm() > grip;
         match mode {
             Mode::Rest if !self.holds(i, w) => Mode::Slide,
-            Mode::Roll if slips() => Mode::Slide,
+            Mode::Roll if tears(w) => Mode::Slide,
             _ => mode,
         }
     }
@@ -342,7 +340,7 @@ impl<T: Scalar> Laws<T> {
             let slip = self.slip(i, k);
             let slope = slip.unit().dot(r.velocity + r.roll.perp().scaled(self.shapes[i].bounding_radius()));
             if slip.value().norm() <= REST_SPEED {
-                return Some((Change::StartRolling, T::zero()));
+                return (!tears(w)).then(|| (Change::StartRolling, T::zero()));
             }
             until_zero(slip.norm(), slope).map(|t| (Change::StartRolling, t))
         } else {
@@ -456,12 +454,32 @@ impl<T: Real> Kinematics<T> {
     }
 }
 
+/// Whether a force is too strong for the grip of a ball's foot to keep the ball rolling.
+fn tears<T: Scalar>(w: &Wrench<T>) -> bool {
+    let grip = w.grip.value();
+    grip > 0.0 && 2.0 / 7.0 * w.force.value().norm() > grip
+}
+
 #[cfg(test)]
 mod tests {
     use crate::num::vec2;
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
-    use crate::world::trace;
+    use crate::world::{Ending, trace};
+
+    #[test]
+    fn a_force_beyond_the_grip_of_its_foot_carries_a_rolling_ball_off_sliding() {
+        let (slide, force) = (0.01, 0.6);
+        let mut ball = body(0, Shape::Ball { radius: 0.2 }, vec2(0.0, 0.0), vec2(0.5, 0.0));
+        ball.start.rolling = true;
+        let laws: &[(&str, &[f64])] = &[("ball_spin", &[slide, 0.005]), ("uniform_force", &[force, 0.0])];
+        let run = trace(&model(vec![ball.clone()], laws), &seconds(2));
+        assert_eq!(run.ending, Ending::Completed);
+        let (end, time) =
+            (run.states.last().and_then(|row| row[0]).expect("there"), run.times[run.times.len() - 1]);
+        let expected = 0.5 + (force / ball.mass - slide * 9.81) * time;
+        assert!((end.velocity.x - expected).abs() < 1e-6 * expected, "{} {expected}", end.velocity.x);
+    }
 
     /// Slip closes at 7/2 (mu_slide - mu_roll) g, while the ball slows at mu_slide g.
     #[test]
