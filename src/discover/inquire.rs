@@ -255,14 +255,17 @@ fn conclude(
     let lost = proven.is_none()
         && 2 * off > last.fit.scenes.len()
         && Alone::of(&contacts(lens, &motion.models), stop)?.meetings_lost();
-    if proven.is_none() && room && last.reduced_chi_square > FOLLOWED {
-        let stuck = sticking(lens, &motion.models, last, &options.fit, stop)?;
-        effects.extend(stuck.iter().map(|_| Found {
-            kind: STICKING.into(),
-            effect: STICKING.into(),
-            parameters: vec![],
-        }));
-        revisions.extend(stuck);
+    // What sticks may look like another law of contact, which then does not follow what was filmed.
+    let told = revisions.last().unwrap_or(last);
+    let open = match proven {
+        None => room && told.reduced_chi_square > FOLLOWED,
+        Some(_) => told.fit.scenes.iter().any(proof::lost),
+    };
+    if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {
+        proven = None;
+        effects.push(Found { kind: STICKING.into(), effect: STICKING.into(), parameters: vec![] });
+        revisions.truncate(motion.found.len() + 1);
+        revisions.push(stuck);
     }
     if let Some(c) = proven {
         effects.push(found_contact(c, noise_sigma));

@@ -6,7 +6,7 @@ use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
 use crate::num::vec2;
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Effects that are never sought: what an engine does beside physics, and other readings of friction.
 const NEVER_SOUGHT: [&str; 4] = ["friction_offset", "gliding_friction", "damping", "contact_distance"];
@@ -177,11 +177,19 @@ pub fn screen(
             let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
             columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
         }
-        let (gain, amplitudes) = lens.gain(&projector, &columns)?;
-        let inside = amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a));
+        let inside = |(_, amplitudes): &(f64, DVector<f64>)| {
+            amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a))
+        };
+        // Where a bound holds the base back, what the law would free it to do counts too.
+        let freed = || {
+            let (cost, amplitudes) = lens.joint(&projector, seen.cost, &columns)?;
+            Some((seen.cost - cost, amplitudes))
+        };
+        let (gain, amplitudes) =
+            lens.gain(&projector, &columns).filter(inside).or_else(|| freed().filter(inside))?;
         let mut values = seed.to_vec();
         values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
-        inside.then_some((gain, values))
+        Some((gain, values))
     };
     let mut tried: Vec<(f64, Vec<f64>)> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
     tried.sort_by(|a, b| b.0.total_cmp(&a.0));
