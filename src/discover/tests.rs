@@ -5,7 +5,7 @@ use super::*;
 use crate::body::GRAVITY;
 use crate::effects::effect;
 use crate::effects::formula::Formula;
-use crate::fit::{FitOptions, fit};
+use crate::fit::{FitOptions, SceneFit, fit};
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use crate::world::{ActiveEffect, Kinematics, Model, Preset, Snapshot, accelerations, trace};
@@ -444,6 +444,13 @@ fn where_chaos_loses_all_trajectories_free_motion_decides() {
         Revision { left_out_rmse: 0.5 * before.left_out_rmse, rmse: 2.0 * before.rmse, ..before.clone() };
     assert!(super::proof::borne_out(&before, &nearer, 1));
     assert!(!super::proof::borne_out(&nearer, &before, 1));
+    // One scene that is found again may be chance, and one that is lost still is not mended.
+    let with = |chi_squares: &[f64]| -> Vec<SceneFit> {
+        let scene = &before.fit.scenes[0];
+        chi_squares.iter().map(|&c| SceneFit { reduced_chi_square: c, ..scene.clone() }).collect()
+    };
+    let mends = |after: &[f64]| super::proof::mends(&with(&[40.0, 30.0, 1.0]), &with(after));
+    assert!(mends(&[1.1, 2.0, 1.0]) && !mends(&[1.1, 30.0, 1.0]) && !mends(&[1.1, 5.0, 1.0]));
 }
 
 /// Two videos in which two objects meet.

@@ -309,7 +309,10 @@ impl<T: Scalar> Laws<T> {
             return Rates { velocity, spin, roll: velocity.perp().scaled(1.0 / radius) };
         }
         if w.grip.value() > 0.0 {
-            let friction = -(self.slip(i, k).unit() * w.grip);
+            let slip = self.slip(i, k);
+            // Where it is torn from rolling, its foot will slip along the force.
+            let torn = slip.value().norm() <= REST_SPEED && tears(w);
+            let friction = -((if torn { force } else { slip }).unit() * w.grip);
             let mut roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
             if w.turning.value() > 0.0 || T::DIFFERENTIATES {
                 // A ball that does not turn yet is hindered from what its foot's friction begins.
