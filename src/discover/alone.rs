@@ -2,8 +2,8 @@
 
 use super::film::Contacts;
 use super::force::unseen_turn;
-use super::revise::{each_alone, fit_alone};
-use crate::fit::{Begin, Fit, FitError, FitOptions};
+use super::revise::{chi_squares, each_alone, fit_alone, sum};
+use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, trace};
@@ -17,7 +17,7 @@ pub const AT_NOISE: f64 = 1.5;
 const FEW: usize = 3;
 /// How the fit of one short film begins.
 pub const OPTIONS: FitOptions =
-    FitOptions { max_iterations: 40, method: crate::fit::Method::GaussNewton, begin: Begin::Turned };
+    FitOptions { max_iterations: 40, method: Method::GaussNewton, begin: Begin::Turned };
 
 /// The films with a fit of each.
 pub struct Alone {
@@ -35,8 +35,7 @@ impl Alone {
     /// Chi-square of all films; one that its fit does not follow counts as if it were just followed, as how far chaos leads
     /// astray tells nothing.
     pub fn cost(&self) -> f64 {
-        let of = |k: usize| self.chi_square(k).min(FOLLOWED) * self.degrees_of_freedom(k);
-        (0..self.fits.len()).map(of).sum()
+        (0..self.fits.len()).map(|k| self.bounded(k)).sum()
     }
 
     /// Whether all films are followed to their noise.
@@ -64,7 +63,7 @@ impl Alone {
     /// Without the heaps, and what those cost.
     pub fn without_heaps(&self) -> (Alone, f64) {
         let (heaps, rest): (Vec<usize>, Vec<usize>) = (0..self.fits.len()).partition(|&k| self.is_heap(k));
-        let lost = heaps.iter().map(|&k| self.chi_square(k).min(FOLLOWED) * self.degrees_of_freedom(k)).sum();
+        let lost = heaps.iter().map(|&k| self.bounded(k)).sum();
         let fits = rest.iter().map(|&k| self.fits[k].clone()).collect();
         (Alone { films: self.films.only(|film| rest.contains(&film)), fits }, lost)
     }
@@ -73,8 +72,9 @@ impl Alone {
         self.fits[film].scenes.iter().map(|s| s.reduced_chi_square).sum()
     }
 
-    fn degrees_of_freedom(&self, film: usize) -> f64 {
-        self.fits[film].scenes.iter().map(|s| s.degrees_of_freedom as f64).sum()
+    fn bounded(&self, film: usize) -> f64 {
+        let of = |s: &SceneFit| s.reduced_chi_square.min(FOLLOWED) * s.degrees_of_freedom as f64;
+        self.fits[film].scenes.iter().map(of).sum()
     }
 
     /// Whether two objects touch, as the fit has it.
@@ -118,8 +118,7 @@ pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool
     // Each film by itself: what it shares with the others says nothing here.
     let cost = |models: &[Model]| -> Result<f64, FitError> {
         let fits = each_alone(&films.scenes, models, &options, stop)?;
-        let own = |s: &crate::fit::SceneFit| s.reduced_chi_square * s.degrees_of_freedom as f64;
-        Ok(fits.iter().flat_map(|f| &f.scenes).map(own).sum())
+        Ok(fits.iter().map(|f| sum(&chi_squares(f))).sum())
     };
     Ok(cost(stuck)? < cost(&films.models)?)
 }
