@@ -7,7 +7,7 @@ use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
-use super::revise::{Revision, pooled_noise, revise};
+use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{Base, region, screen, with_effect, with_nuisance};
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
@@ -210,8 +210,7 @@ pub fn change(
     // A search that escaped a bad minimum is no merit of the law that it was made with.
     let again = match &proposal.added {
         Some(name) => {
-            let mut models: Vec<Model> = after.fit.scenes.iter().map(|s| s.model.clone()).collect();
-            models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
+            let models = without_effect(&after.fit, name);
             let near = FitOptions { begin: Begin::Near, ..*options };
             Some(estimate(scenes, &models, &near, &|_| stop(1.0))?)
         }

@@ -5,6 +5,7 @@ use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::film::Contacts;
 use super::revise::{
     agree_on, chi_squares, fit_alone, fit_together, gathered, lower, stand_as, sum, take_shared,
+    without_effect,
 };
 use super::screen::{CERTAIN, with_effect};
 use super::unseen::{unseen_objects, walls};
@@ -328,8 +329,7 @@ fn without(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Vec<f64>, FitError> {
-    let mut models: Vec<Model> = with.scenes.iter().map(|s| s.model.clone()).collect();
-    models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != entry.spec.name));
+    let models = without_effect(with, entry.spec.name);
     let near = FitOptions { begin: Begin::Near, ..*options };
     let again = chi_squares(&estimate(&films.scenes, &models, &near, stop)?);
     Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })

@@ -303,6 +303,13 @@ pub fn lower(known: Fit, tried: Fit) -> Fit {
     if sum(&chi_squares(&tried)) < sum(&chi_squares(&known)) { tried } else { known }
 }
 
+/// The models of a fit without one of their effects.
+pub fn without_effect(fit: &Fit, name: &str) -> Vec<Model> {
+    let mut models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != name));
+    models
+}
+
 /// Chi-square of each scene.
 pub fn chi_squares(fit: &Fit) -> Vec<f64> {
     fit.scenes.iter().map(|s| s.reduced_chi_square * s.degrees_of_freedom as f64).collect()

@@ -7,7 +7,7 @@ use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
-use super::revise::{Revision, each_alone, pooled_noise, revise};
+use super::revise::{Revision, each_alone, pooled_noise, revise, without_effect};
 use super::screen::region;
 use crate::effects::{EffectEntry, Region, effect};
 use crate::fit::{Begin, FitError, FitOptions, SceneFit};
@@ -31,15 +31,14 @@ pub fn mended(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    if base.fit.scenes.iter().filter(|s| proof::lost(s)).count() == 0 {
+    if !base.fit.scenes.iter().any(proof::lost) {
         return Ok(None);
     }
     let found = revise(lens, models, Some(law.entry.spec.name), options, stop)?;
     if !proof::mends(&base.fit.scenes, &found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
         return Ok(None);
     }
-    let mut without: Vec<Model> = found.fit.scenes.iter().map(|s| s.model.clone()).collect();
-    without.iter_mut().for_each(|m| m.effects.retain(|e| e.name != law.entry.spec.name));
+    let without = without_effect(&found.fit, law.entry.spec.name);
     let without = each_alone(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
