@@ -18,6 +18,8 @@ use vrdp::scene::{
 const SIGMA_PX: f64 = 0.5;
 /// Height of the centres there (m).
 const HEIGHT: f64 = 0.2;
+/// Rollouts of a prediction's ensemble.
+const ROLLOUTS: usize = 32;
 
 struct World {
     scene: Scene,
@@ -211,31 +213,39 @@ fn camera(worlds: &[World]) {
     }
 }
 
-/// Errors of the fitted motion, within and after the video: from metres, and from image points.
+/// Errors of the fitted motion, within and after the video, and how well the predicted deviations cover those after it:
+/// from metres, and from image points.
 fn physics(worlds: &[World]) {
     use vrdp::fit::{FitOptions, fit};
-    use vrdp::world::{Preset, trace};
+    use vrdp::reason::{Request, imagine};
+    use vrdp::world::Preset;
     for (name, scene) in [
         ("metres and yaws", &(|w: &World| w.scene.clone()) as &dyn Fn(&World) -> Scene),
         ("pixels and yaws", &|w| w.of_pixels(true)),
         ("pixels alone", &|w| w.of_pixels(false)),
     ] {
-        let (mut inside, mut after, mut adequate) = (vec![], vec![], 0);
+        let (mut inside, mut after, mut adequate, mut deviations) = (vec![], vec![], 0, vec![]);
         for world in worlds {
             let scene = scene(world);
             let model = Preset::for_world(scene.world).model(&scene);
             let fit = fit(std::slice::from_ref(&scene), &[model], &FitOptions::default(), &never).unwrap();
             adequate += usize::from(fit.scenes[0].adequate);
-            let rows = world.truth["trajectory"].as_array().unwrap().len();
-            let times: Vec<f64> = (0..rows).map(|f| scene.time_of(f)).collect();
-            let found = trace(&fit.scenes[0].model, &times);
+            let frames = world.truth["trajectory"].as_array().unwrap().len();
+            let request = Request { interventions: vec![], frames, rollouts: ROLLOUTS, seed: 0 };
+            let found = imagine(&scene, &fit, 0, &request, &never).unwrap();
             let (mut observed, mut future) = (vec![], vec![]);
-            for (frame, row) in found.states.iter().enumerate() {
+            for (frame, row) in found.best.states.iter().enumerate() {
                 for (object, state) in row.iter().enumerate() {
                     let truth = world.true_state(frame, object);
                     let Some(state) = state.filter(|_| world.camera().sees(truth, HEIGHT)) else { continue };
-                    let square = (state.position - truth).norm_squared();
-                    if frame < scene.times.len() { observed.push(square) } else { future.push(square) }
+                    let off = state.position - truth;
+                    if frame < scene.times.len() {
+                        observed.push(off.norm_squared());
+                        continue;
+                    }
+                    future.push(off.norm_squared());
+                    let sd = found.sd[frame][object].unwrap();
+                    deviations.extend([off.x, off.y].map(|e| e.abs() / sd));
                 }
             }
             inside.push(observed);
@@ -251,10 +261,16 @@ fn physics(worlds: &[World]) {
             let scenes = all.iter().filter(|v| !v.is_empty()).map(|v| rms(v)).collect();
             format!("{:.4} / {:.4} / {:.4} m", rms(&pooled), median(pooled.clone()).sqrt(), median(scenes))
         };
+        let within = |n: f64| {
+            let count = deviations.iter().filter(|d| **d <= n).count();
+            100.0 * count as f64 / deviations.len() as f64
+        };
         println!(
-            "physics from {name}: observed {}, future {}, adequate {adequate}",
+            "physics from {name}: observed {}, future {}, {:.1} % within 1 sd and {:.1} % within 2, adequate {adequate}",
             tell(&inside),
-            tell(&after)
+            tell(&after),
+            within(1.0),
+            within(2.0)
         );
     }
 }

@@ -2,7 +2,7 @@
 
 use super::contact::{ContactCandidate, estimates_of};
 use super::force::Lens;
-use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported};
+use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported, widened};
 use super::proof;
 use super::revise::Revision;
 use super::screen::Candidate;
@@ -54,7 +54,7 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
             values[k] = motion.seen.values[at];
-            sd[k] = scatter.as_ref().map_or(sd[k], |all| sd[k].max(all[at]));
+            sd[k] = scatter.as_ref().map_or(sd[k], |all| widened(sd[k], all[at]));
         }
         if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
             let apart = e.value - values[k];

@@ -3,6 +3,7 @@
 
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::film::Contacts;
+use super::outcome::widened;
 use super::revise::{
     agree_on, chi_squares, fit_alone, fit_together, gathered, lower, stand_as, sum, take_shared,
     without_effect,
@@ -26,10 +27,12 @@ const STRONG: f64 = 3.0;
 /// engines do more at contacts than any law says.
 const EXPLAINED: f64 = 2.0;
 const MOSTLY: f64 = 0.9;
+/// A film is followed, too, where a law leaves this share of its misfit.
+const NEARER: f64 = 0.05;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
 /// The rival that has the same hook as no law of contact, but shows in contacts only.
-const HEAVIER: &str = "mass_change";
+pub const HEAVIER: &str = "mass_change";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
@@ -239,8 +242,9 @@ fn judged(
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
     let before = chi_squares(&base);
     let follows = |film: usize| {
-        let least = fitted.iter().map(|f| &f.fit).chain([&base]).map(|f| f.scenes[film].reduced_chi_square);
-        least.fold(f64::INFINITY, f64::min) < FOLLOWED
+        let off = |fit: &Fit| fit.scenes[film].reduced_chi_square;
+        let least = fitted.iter().map(|f| off(&f.fit)).fold(off(&base), f64::min);
+        least < f64::max(FOLLOWED, NEARER * off(&base))
     };
     let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
     if followed.len() < films.scenes.len() {
@@ -291,7 +295,7 @@ fn judged(
                 (0..after.len()).filter(|&k| before[k] - after[k] > CHANCE * unit).collect();
             if score > PROOF && told.len() > 1 {
                 let scatter = scatter(films, &fit, entry, &values, &told, options, stop)?;
-                sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = sd.max(scatter));
+                sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = widened(*sd, scatter));
             }
             Ok(ContactCandidate {
                 entry,

@@ -15,7 +15,7 @@ use super::proof;
 use super::revise::{Revision, pooled_noise, revise, trajectories};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, fewer, search, search_on};
-use super::whole::{STICKING, mended, spinning, sticking};
+use super::whole::{STICKING, heavier, mended, spinning, sticking};
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
 use crate::fit::{Fit, FitError, FitOptions};
@@ -248,6 +248,14 @@ fn conclude(
             }
         }
     }
+    let weighed = match proven {
+        None if room => heavier(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?,
+        _ => None,
+    };
+    if let Some((law, mended)) = &weighed {
+        revisions.push(mended.clone());
+        proven = Some(law);
+    }
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
@@ -284,7 +292,10 @@ fn conclude(
         r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
     };
     let explained = proven.is_some() && revisions.last().is_some_and(explains);
-    let misfit = motion.typical > super::MISFIT && !explained;
+    // Where trajectories are followed from their start, the lens is what fails, at contacts that come too close.
+    let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
+    let followed = ended <= 1.0 + CLEAN;
+    let misfit = motion.typical > super::MISFIT && !explained && !followed;
     let law_beside = |models: &[Model], most: usize| {
         let (free, seen) = fit_forces(lens, models);
         residual_law(lens, models, &free, &seen, most)
@@ -299,11 +310,9 @@ fn conclude(
     let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
     // A rhythm that nobody saw repeat is none.
     let once = motion.found.iter().any(|c| once(c, region.duration));
-    // Where trajectories are followed from their start, nothing is outside.
-    // Of forces two of the library may be the image of one that it lacks.
-    let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
-    let followed = ended <= 1.0 + CLEAN && motion.found.is_empty();
-    let outside = !followed && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
+    // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
+    let still = followed && motion.found.is_empty();
+    let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
     let formula = compromise
         .filter(|_| outside)
         .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten())

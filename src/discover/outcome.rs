@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 /// Deviations of a 95 % interval of a normal law.
 pub const NINETY_FIVE: f64 = 1.96;
+/// How many times its own deviation a number may scatter between videos.
+const MOST_SCATTER: f64 = 4.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
@@ -110,7 +112,13 @@ pub struct Experiment {
     pub sigmas: f64,
 }
 
-/// Parameters as reports name them, with intervals from independent deviations.
+/// A deviation that also holds how far the videos (or short films) disagree, each left out in turn. Where one of them alone
+/// tells the number, leaving it out tells nothing, so that there is a most.
+pub fn widened(sd: f64, scatter: f64) -> f64 {
+    scatter.min(MOST_SCATTER * sd).max(sd)
+}
+
+/// Parameters as reports name them, with intervals from independent deviations, within their bounds.
 pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported> {
     let at = (entry.report)(values);
     let one = |(which, (name, quantity)): (usize, &(&'static str, Quantity))| {
@@ -132,10 +140,12 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
                 .sum();
             NINETY_FIVE * squares.sqrt()
         };
+        let own = entry.spec.params.iter().find(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
         let (value, low, high) = match quantity {
             Quantity::Number(v) => {
                 let d = deviation(0);
-                (Value::Number(*v), Value::Number(v - d), Value::Number(v + d))
+                let [least, most] = own.map_or([f64::NEG_INFINITY, f64::INFINITY], |p| [p.min, p.max]);
+                (Value::Number(*v), Value::Number((v - d).max(least)), Value::Number((v + d).min(most)))
             }
             Quantity::Vector([x, y]) => {
                 let (dx, dy) = (deviation(0), deviation(1));
@@ -146,10 +156,24 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
                 (word.clone(), word.clone(), word)
             }
         };
-        let params = entry.spec.params.iter();
-        let own = params.filter(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
-        let unit = own.map(|p| p.unit).next().unwrap_or_default().to_string();
+        let unit = own.map(|p| p.unit).unwrap_or_default().to_string();
         Reported { name: name.to_string(), unit, value, low, high }
     };
     at.iter().enumerate().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn intervals_keep_to_the_bounds_and_to_what_one_video_can_tell() {
+        assert_eq!([widened(1.0, 0.5), widened(1.0, 3.0), widened(1.0, 90.0)], [1.0, 3.0, MOST_SCATTER]);
+        let wall = effect("hidden_wall").expect("it is in the library");
+        let values: Vec<f64> = wall.spec.params.iter().map(|p| p.default).collect();
+        let told = reported(wall, &values, &vec![5.0; values.len()]);
+        let restitution = told.iter().find(|r| r.name == "restitution").expect("it is told");
+        assert_eq!((&restitution.low, &restitution.high), (&Value::Number(0.0), &Value::Number(1.0)));
+    }
 }

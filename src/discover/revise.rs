@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, fit};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, fit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -27,6 +27,8 @@ const DRIVEN: f64 = 1.5;
 const COMMON_ITERATIONS: usize = 30;
 /// The same where each of them is lost.
 const LOST_ITERATIONS: usize = 5;
+/// A scene tells nothing of a number whose deviation it leaves at this share of what was believed.
+const UNTOLD: f64 = 0.95;
 /// Samples that a track needs before the held-out frames.
 const FEWEST: usize = 5;
 /// Samples that tell how an object begins as well as all of its track does.
@@ -367,7 +369,7 @@ pub fn each_alone(
     scenes.par_iter().zip(models).map(|(scene, model)| fit_alone(scene, model, options, stop)).collect()
 }
 
-/// Fits one scene, from where another model of it stands if there is one.
+/// Fits one scene, from where another model of it stands if there is one; anew where that loses it.
 fn fit_on(
     scene: &Scene,
     model: &Model,
@@ -375,11 +377,13 @@ fn fit_on(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    let Some(begun) = begun else { return fit_alone(scene, model, options, stop) };
+    let anew = || fit_alone(scene, model, options, stop);
+    let Some(begun) = begun else { return anew() };
     let mut model = model.clone();
     stand_as(&mut model, begun);
     take_shared(&mut model, begun);
-    fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)
+    let found = fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
+    if found.scenes.iter().any(proof::lost) { Ok(lower(found, anew()?)) } else { Ok(found) }
 }
 
 pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
@@ -431,7 +435,9 @@ fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
         let Some(p) = shared(&scene.model) else { continue };
         for label in &p.labels {
             let name = p.full_name(&scene.model.effects[active], label);
-            if let Some(e) = fitted.posterior.estimates.iter().find(|e| e.name == name) {
+            // What a scene does not tell it repeats from where it began.
+            let tells = |e: &&Estimate| e.name == name && e.sd < UNTOLD * p.prior.sd;
+            if let Some(e) = fitted.posterior.estimates.iter().find(tells) {
                 let sd = e.sd.max(1e-9) * scene.reduced_chi_square.max(1.0);
                 let sum = sums.entry(label.clone()).or_default();
                 *sum = (sum.0 + e.value / (sd * sd), sum.1 + 1.0 / (sd * sd));

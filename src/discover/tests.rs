@@ -347,6 +347,26 @@ fn an_object_heavier_than_believed_is_told_from_a_law_of_contact() {
 }
 
 #[test]
+fn trajectories_tell_whose_mass_is_wrong_where_all_meet_in_heaps() {
+    // A disc strikes three that lie together: no short film is of two alone.
+    let launches: Vec<Vec<Launch>> = [0.0, 0.05]
+        .map(|off| {
+            let rest = [[0.0, off], [0.42, 0.22], [0.42, -0.22]].map(|at| (DISC, 0.6, at, [0.0, 0.0]));
+            [vec![(DISC, 0.6, [-1.2, 0.0], [1.8, 0.05])], rest.to_vec()].concat()
+        })
+        .to_vec();
+    let scenes = film_under(&launches, |model| model.bodies[0].mass *= 1.9);
+    let (lens, models) = (Lens::new(&scenes), with_nuisance(&models(&scenes)));
+    let options = DiscoverOptions::default().fit;
+    let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
+    let found = super::whole::heavier(&lens, &base, &models, &options, &never).expect("nobody stops it");
+    let (law, mended) = found.expect("its mass is wrong");
+    assert_eq!(law.object, Some(0));
+    assert!((law.values[0] - 0.9).abs() < 4.0 * law.sd[0].max(0.01), "{:?} {:?}", law.values, law.sd);
+    assert!(mended.reduced_chi_square < 1.2 && base.reduced_chi_square > 4.0);
+}
+
+#[test]
 fn trajectories_bear_out_a_law_that_acts_and_no_other() {
     let scenes = film(&launches(), Some(("linear_drag", &[("c", 0.3)])));
     let (base, lens) = (models(&scenes), Lens::new(&scenes));

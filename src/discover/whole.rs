@@ -2,15 +2,15 @@
 
 use super::account::FOLLOWED;
 use super::alone::films_stick;
-use super::contact::{ContactCandidate, with_contact};
+use super::contact::{ContactCandidate, HEAVIER, estimates_of, with_contact};
 use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
-use super::revise::{Revision, each_alone, pooled_noise, revise, without_effect};
+use super::revise::{Revision, each_alone, pooled_noise, revise, trajectories, without_effect};
 use super::screen::region;
 use crate::effects::{EffectEntry, Region, effect};
-use crate::fit::{Begin, FitError, FitOptions, SceneFit};
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::world::{Model, Preset};
 
@@ -42,6 +42,58 @@ pub fn mended(
     let without = each_alone(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
+}
+
+/// The object whose mass follows trajectories that are lost without: where it met others in heaps only, no short film
+/// tells. All masses are tried at once, then the one that differs most from the others.
+pub fn heavier(
+    lens: &Lens,
+    base: &Revision,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    let lost = base.fit.scenes.iter().filter(|s| proof::lost(s)).count();
+    let Some(entry) = effect(HEAVIER).filter(|_| lost > 1) else { return Ok(None) };
+    let region = region(lens.scenes);
+    let all = with_contact(models, entry, &[0.0], None, &region);
+    let (found, _) = trajectories(lens, &all, Some(HEAVIER), options, stop)?;
+    if !proof::mends(&base.fit.scenes, &found.scenes) {
+        return Ok(None);
+    }
+    // Only ratios of masses show: each against the median.
+    let factors = |fit: &Fit| -> Vec<(String, f64, f64)> {
+        let of = estimates_of(fit, entry, entry.spec.params[0].name);
+        of.into_iter().map(|e| (e.name.clone(), 1.0 + e.value, e.sd)).collect()
+    };
+    let mut factors_found = factors(&found);
+    factors_found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let Some(median) = factors_found.get(factors_found.len() / 2).map(|f| f.1) else { return Ok(None) };
+    let off = |factor: f64| (factor / median).ln().abs();
+    let farthest = factors_found.into_iter().max_by(|a, b| off(a.1).total_cmp(&off(b.1)));
+    let Some((name, factor, sd)) = farthest else { return Ok(None) };
+    let id = |label: &str| label.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
+    let Some(object) = id(&name) else { return Ok(None) };
+    let before = found.scenes.iter().map(|s| s.reduced_chi_square).sum();
+    let mut law = ContactCandidate {
+        entry,
+        values: vec![factor / median - 1.0],
+        sd: vec![sd],
+        object: Some(object),
+        added: 1,
+        score: 0.0,
+        before,
+        after: before,
+        remains: 1.0,
+        gained: lost,
+    };
+    let models = with_contact(models, entry, &law.values, law.object, &region);
+    let Some(mended) = mended(lens, base, &law, &models, options, stop)? else { return Ok(None) };
+    if let Some((_, factor, sd)) = factors(&mended.fit).into_iter().find(|f| f.0 == name) {
+        (law.values, law.sd) = (vec![factor - 1.0], vec![sd]);
+    }
+    law.remains = mended.reduced_chi_square;
+    Ok(Some((law, mended)))
 }
 
 /// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
