@@ -7,8 +7,8 @@ use super::{input, output, progress};
 use crate::api;
 use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::scene::{
-    CLEVRER_CAMERA, DEFAULT_SIZE, Proposals, Scene, Scores, is_tracker, observed, parse, parse_csv,
-    parse_proposals, parse_tracker,
+    CLEVRER_CAMERA, DEFAULT_SIZE, Scene, Scores, is_tracker, observed, parse, parse_csv, parse_proposals,
+    parse_tracker,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -19,9 +19,10 @@ const NOISE: f64 = 1.0;
 
 /// What is read, for `--help`.
 const FORMATS: &str = r#"FILE is known by its content; each becomes DIR/NAME/observed.json:
-  annotation  CLEVRER's JSON with object_property and motion_trajectory; objects have a location (m), or an
-              image_center (px) and the file a camera_matrix and image_size
-  proposals   CLEVRER's derender proposals: JSON with frames of objects with a mask (COCO run-length) or box, and scores
+  annotation  CLEVRER's JSON with object_property and motion_trajectory; objects have a location (m), or an image_center
+              (px) and the file a camera_matrix and image_size (without them: CLEVRER's camera)
+  proposals   CLEVRER's derender proposals: JSON with frames of objects with a mask (COCO
+              run-length) or box [left, top, width, height] (px), and scores
   CSV         columns id, t or frame, x, y, and where known yaw, visible, shape, size, mass, material, color; a unit
               behind a name, as in `x [mm]`; lines before it such as `# fps: 50`, `# unit: cm`, `# world: table`
   Tracker     the text that Tracker exports"#;
@@ -39,13 +40,13 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
     /// Radius or half side of the objects of detections and of Tracker's text (m) [default: 0.2].
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", value_parser = positive)]
     size: Option<f64>,
     /// Frame rate of detections (1/s) [default: 25].
-    #[arg(long)]
+    #[arg(long, value_parser = positive)]
     fps: Option<f64>,
     /// Deviation of an edge of a detection (px) [default: 1].
-    #[arg(long, value_name = "PIXELS")]
+    #[arg(long, value_name = "PIXELS", value_parser = positive)]
     noise: Option<f64>,
     /// Unit of the lengths in Tracker's text [default: m].
     #[arg(long, value_enum)]
@@ -62,6 +63,10 @@ enum Unit {
     Mm,
 }
 
+fn positive(text: &str) -> Result<f64, &'static str> {
+    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or("give a number above 0")
+}
+
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     if let Some(file) = &args.json {
         output::writable("--json", file.as_ref())?;
@@ -69,8 +74,15 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let (mut told, mut failures, mut done) = (String::new(), vec![], Map::new());
     for path in &args.files {
-        match progress::during("imports", one(&connection, &args, path)).await {
-            Ok((name, text, json)) => {
+        let name = name(path);
+        let imported = match done.contains_key(&name) {
+            true => Err(Failure::input(format!(
+                "another of these files becomes {name} too: rename it, or give it another --out"
+            ))),
+            false => progress::during("imports", one(&connection, &args, path, &name)).await,
+        };
+        match imported {
+            Ok((text, json)) => {
                 told += &text;
                 done.insert(name, json);
             }
@@ -85,22 +97,37 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     Failure::of(failures, args.files.len())
 }
 
-async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(String, String, Value), Failure> {
-    let text = input::text(path)?;
+/// Name of the scene that a file becomes.
+fn name(path: &Path) -> String {
     let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
         true => path.parent().and_then(Path::file_name),
         false => path.file_stem(),
     };
-    let name = name.map_or("scene".into(), |n| n.to_string_lossy().into_owned());
+    name.map_or("scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+async fn one(
+    connection: &Connection,
+    args: &Args,
+    path: &Path,
+    name: &str,
+) -> Result<(String, Value), Failure> {
+    let text = input::text(path)?;
     let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
     let mut named = vec![];
     let found = kind(&text);
-    if let Some(flag) = args.useless(&found) {
+    // Of a broken file its reader says more.
+    let broken = match found {
+        Kind::Annotation => !text.contains("motion_trajectory"),
+        Kind::Unknown => true,
+        _ => false,
+    };
+    if let (false, Some(flag)) = (broken, args.useless(&found)) {
         return Err(Failure::input(format!("{flag} says nothing of such a file: leave it out")));
     }
     let (kind, request) = match found {
-        Kind::Proposals => ("proposals", detections(args, &name, &parse_proposals(&text).map_err(bad)?)?),
-        Kind::Annotation => ("annotation", of_scene(&parse(&name, &text).map_err(bad)?)),
+        Kind::Proposals => ("proposals", detections(args, name, &text)?),
+        Kind::Annotation => ("annotation", of_scene(&parse(name, &text).map_err(bad)?)),
         Kind::Tracker => {
             let scale = match args.unit {
                 None | Some(Unit::M) => 1.0,
@@ -108,11 +135,11 @@ async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(Strin
                 Some(Unit::Mm) => 1e-3,
             };
             let (scene, names) =
-                parse_tracker(&name, &text, scale, args.size.unwrap_or(DEFAULT_SIZE)).map_err(bad)?;
+                parse_tracker(name, &text, scale, args.size.unwrap_or(DEFAULT_SIZE)).map_err(bad)?;
             named = names;
             ("tracker", of_scene(&scene))
         }
-        Kind::Csv => ("csv", of_scene(&parse_csv(&name, &text).map_err(bad)?)),
+        Kind::Csv => ("csv", of_scene(&parse_csv(name, &text).map_err(bad)?)),
         Kind::Unknown => {
             let message = "is neither a CLEVRER annotation (motion_trajectory), nor proposals (frames), nor CSV (a header with id, x, y \
                            and t or frame), nor Tracker's text (a header with t, x and y)";
@@ -122,14 +149,14 @@ async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(Strin
     let video = connection.create(request).await?;
     let linking = video.linking;
     let scene = api::video::scene(Some(video)).map_err(Failure::other)?;
-    let file = args.out.join(&name).join(input::OBSERVED);
+    let file = args.out.join(name).join(input::OBSERVED);
     if file.canonicalize().ok().is_some_and(|f| path.canonicalize().is_ok_and(|p| p == f)) {
         return Err(Failure::input(format!(
             "would be overwritten; give another folder than {}",
             args.out.display()
         )));
     }
-    std::fs::create_dir_all(args.out.join(&name))
+    std::fs::create_dir_all(args.out.join(name))
         .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
     output::file(&file, observed(&scene).to_string().as_bytes())?;
     let (gaps, frames) = linking.map_or_else(|| gaps(&scene), |l| (l.gaps_bridged, l.frames_bridged));
@@ -165,7 +192,7 @@ async fn one(connection: &Connection, args: &Args, path: &Path) -> Result<(Strin
         "detections": given,
         "detections_dropped": dropped,
     });
-    Ok((name, text + "\n", json))
+    Ok((text + "\n", json))
 }
 
 enum Kind {
@@ -209,7 +236,17 @@ fn of_scene(scene: &Scene) -> CreateVideoRequest {
     CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() }
 }
 
-fn detections(args: &Args, name: &str, proposals: &Proposals) -> Result<CreateVideoRequest, Failure> {
+fn detections(args: &Args, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {
+    let camera = match &args.camera {
+        Some(path) => camera(path)?,
+        None => {
+            let (matrix, [image_width, image_height]) =
+                (CLEVRER_CAMERA.matrix.concat(), CLEVRER_CAMERA.image_size);
+            Camera { matrix, image_width, image_height, ..Default::default() }
+        }
+    };
+    let proposals = parse_proposals(text, [camera.image_width, camera.image_height])
+        .map_err(|e| Failure::input(e.to_string()))?;
     let scores = |scores: &Scores| {
         scores
             .iter()
@@ -229,15 +266,6 @@ fn detections(args: &Args, name: &str, proposals: &Proposals) -> Result<CreateVi
         material: scores(&d.material),
         shape: scores(&d.shape),
         score: d.score,
-    };
-    let camera = match &args.camera {
-        Some(path) => camera(path)?,
-        None => Camera {
-            matrix: CLEVRER_CAMERA.matrix.concat(),
-            image_width: proposals.image_size[0],
-            image_height: proposals.image_size[1],
-            ..Default::default()
-        },
     };
     let video = Video {
         display_name: name.into(),

@@ -140,7 +140,8 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
                 .sum();
             NINETY_FIVE * squares.sqrt()
         };
-        let own = entry.spec.params.iter().find(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
+        let own =
+            entry.spec.params.iter().find(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
         let (value, low, high) = match quantity {
             Quantity::Number(v) => {
                 let d = deviation(0);

@@ -86,7 +86,7 @@ pub fn ask(
     let (mut program, choices) = programs(question)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
     if open_list && program.ops.contains(&Op::Negate) {
-        let expected = "choices for a question with \"not\"";
+        let expected = "choices to say it of: give some, as the question has \"not\"";
         return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
     }
     if open_list {

@@ -41,6 +41,8 @@ pub(super) static FORMS: &[Form] = &[
         "{if} {asked} {will} {not} have happened",
         "all_events {if} filter_counterfact belong_to {not}",
     ),
+    form("question", "what happens {if}", "all_events {if} filter_counterfact belong_to"),
+    form("question", "{if} what happens", "all_events {if} filter_counterfact belong_to"),
     form("if", "if {change}", "{change}"),
     form("if", "if {change1} and {change2}", "{change1} {change2} both"),
     form(
@@ -106,8 +108,8 @@ pub(super) static FORMS: &[Form] = &[
     form("events", "events", ""),
     form("events", "", ""),
     form("will", "will|would", ""),
-    form("not", "not", "negate"),
     form("not", "", ""),
+    form("not", "not", "negate"),
     form(
         "question",
         "will|would {S1} {meet} {S2} {if}",

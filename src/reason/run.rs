@@ -186,7 +186,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
         },
         Op::FilterBefore | Op::FilterAfter => {
             let frame = match pop()? {
-                Event(event) => Some(event.frame),
+                Event(event) => Some(happened(event)?.frame),
                 Frame(frame) => frame,
                 _ => return Err(untyped(op)),
             };
@@ -207,12 +207,12 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             _ => return Err(untyped(op)),
         },
         Op::FilterAncestor => match (pop()?, pop()?) {
-            (Event(event), Events(events)) => Events(ops::ancestors(&events, &event)),
+            (Event(event), Events(events)) => Events(ops::ancestors(&events, &happened(event)?)),
             _ => return Err(untyped(op)),
         },
         Op::GetFrame => match pop()? {
-            Event(e) if e.kind != Kind::Never => Frame(Some(e.frame)),
-            _ => return Err(ReasonError::NoSingleEvent { found: "none".into() }.into()),
+            Event(event) => Frame(Some(happened(event)?.frame)),
+            _ => return Err(untyped(op)),
         },
         Op::GetObject => match pop()? {
             Event(e) => match e.objects[..] {
@@ -286,6 +286,14 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             _ => return Err(untyped(op)),
         },
     })
+}
+
+/// What never happened has no time and no causes.
+fn happened(event: Happening) -> Result<Happening, ReasonError> {
+    match event.kind {
+        Kind::Never => Err(ReasonError::NoSingleEvent { found: "none".into() }),
+        _ => Ok(event),
+    }
 }
 
 fn attribute(op: Op) -> fn(&crate::scene::Object) -> &str {

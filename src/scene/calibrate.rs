@@ -6,7 +6,7 @@
 //! tell: points of one plane (an annotated table) leave the lens undetermined in part.
 
 use super::camera::{Camera, Intrinsics, Pose, Rotation};
-use nalgebra::{DMatrix, Matrix3, Matrix3x4, Rotation3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix3x4, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -358,7 +358,8 @@ fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 }
 
 fn parameters(focal: f64, off: [f64; 2], turn: &Matrix3<f64>, t: Vector3<f64>) -> Option<Parameters> {
-    let axis = Rotation3::from_matrix_unchecked(*turn).scaled_axis();
+    // By the quaternion: half a turn, straight down, has no axis in the matrix's skew part.
+    let axis = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*turn)).scaled_axis();
     let all = [focal.ln(), 0.0, off[0], off[1], axis.x, axis.y, axis.z, t.x, t.y, t.z];
     all.iter().all(|v| v.is_finite()).then(|| Parameters::from(all))
 }

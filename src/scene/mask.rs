@@ -2,6 +2,8 @@
 
 /// Most pixels of a mask: larger than the images of any camera.
 const MAX_PIXELS: u64 = 1 << 28;
+/// How far a box may stand out of the image, as a share of its size.
+const OUTSIDE: f64 = 0.1;
 
 /// A box in the image (px): a pixel's column k reaches from k to k + 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,14 +112,14 @@ impl BoundingBox {
                 bottom - top
             ));
         }
-        // Detectors round: a box may stand out a little.
+        // Detectors round, and guess what is cut off: a box may stand out a little.
         let out = |low: f64, high: f64, size: f64| {
-            low < -0.5 * size || high > 1.5 * size || low >= size || high <= 0.0
+            low < -OUTSIDE * size || high > (1.0 + OUTSIDE) * size || low >= size || high <= 0.0
         };
         if out(left, right, width) || out(top, bottom, height) {
             return Err(format!(
                 "from ({left}, {top}) to ({right}, {bottom}) lies outside the image of {width} x {height} px; give \
-                 pixels of this image"
+                 pixels of this image: left, top, width and height"
             ));
         }
         Ok(())

@@ -6,28 +6,29 @@ use super::validate::Report;
 use super::{MAX_DETECTIONS, MAX_FRAMES, SceneError};
 use serde_json::Value;
 
-/// Width and height of CLEVRER's videos (px), where boxes come without the size of the image.
-const IMAGE_SIZE: [f64; 2] = [480.0, 320.0];
-
 /// The detections of one video.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Proposals {
     pub detections: Vec<Detection>,
     pub frames: usize,
-    /// Width and height (px).
-    pub image_size: [f64; 2],
 }
 
 /// Reads `{"frames": [{"frame_index", "objects": [{"mask": {"size", "counts"} | "box": [left, top, width, height], "color",
 /// "material", "shape", "score"}]}]}`; an attribute is a word, or words with scores. Everything that is wrong is told at
-/// once, with frame and field.
-pub fn parse_proposals(text: &str) -> Result<Proposals, SceneError> {
+/// once, with frame and field. The image has the width and height `image_size` (px): its camera's.
+pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, SceneError> {
     let mut r = Report::default();
     let root: Value = serde_json::from_str(text.trim_start_matches('\u{feff}')).unwrap_or_else(|error| {
         r.add("(file)", format!("is no JSON: {error}"));
         Value::Null
     });
-    let mut image_size = pair(&root["image_size"]);
+    if let Some([width, height]) = pair(&root["image_size"]).filter(|own| *own != image_size) {
+        let [w, h] = image_size;
+        r.add(
+            "image_size",
+            format!("is {width} x {height}; the camera's image has {w} x {h} px: give its camera"),
+        );
+    }
     let mut detections = vec![];
     let mut frames = 0;
     let list = root["frames"].as_array().map(Vec::as_slice).unwrap_or_default();
@@ -61,15 +62,14 @@ pub fn parse_proposals(text: &str) -> Result<Proposals, SceneError> {
                 wrong(("", format!("is one more than {MAX_DETECTIONS} detections; cut the video")));
                 break;
             }
-            let size = &mut image_size;
-            match detection(object, index, size) {
+            match detection(object, index, image_size) {
                 Ok(found) => detections.push(found),
                 Err(error) => wrong(error),
             }
         }
     }
     r.finish()?;
-    Ok(Proposals { detections, frames, image_size: image_size.unwrap_or(IMAGE_SIZE) })
+    Ok(Proposals { detections, frames })
 }
 
 fn pair(value: &Value) -> Option<[f64; 2]> {
@@ -78,7 +78,7 @@ fn pair(value: &Value) -> Option<[f64; 2]> {
 
 type Wrong = (&'static str, String);
 
-fn detection(object: &Value, frame: usize, image: &mut Option<[f64; 2]>) -> Result<Detection, Wrong> {
+fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection, Wrong> {
     let bounds = match (object.get("mask"), object.get("box").or(object.get("bbox"))) {
         (Some(mask), _) => of_mask(mask, image)?,
         (None, Some(list)) => {
@@ -88,7 +88,7 @@ fn detection(object: &Value, frame: usize, image: &mut Option<[f64; 2]>) -> Resu
                 return Err(("box", "is not left, top, width and height; give 4 numbers (px)".into()));
             };
             let bounds = BoundingBox { left, top, right: left + width, bottom: top + height };
-            bounds.check(image.unwrap_or(IMAGE_SIZE)).map_err(|message| ("box", message))?;
+            bounds.check(image).map_err(|message| ("box", message))?;
             bounds
         }
         (None, None) => return Err(("mask", "is missing; give a mask or a box".into())),
@@ -105,15 +105,16 @@ fn detection(object: &Value, frame: usize, image: &mut Option<[f64; 2]>) -> Resu
     Ok(Detection { frame, bounds, color, material, shape, score })
 }
 
-fn of_mask(mask: &Value, image: &mut Option<[f64; 2]>) -> Result<BoundingBox, Wrong> {
+fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, Wrong> {
     let size = |k: usize| mask["size"].get(k).and_then(Value::as_u64);
     let (Some(height), Some(width)) = (size(0), size(1)) else {
         return Err(("mask.size", format!("is {}; give [height, width] in pixels", mask["size"])));
     };
-    let own = [width as f64, height as f64];
-    let known = *image.get_or_insert(own);
-    if known != own {
-        let message = format!("is {height} x {width}; the other masks have {} x {}", known[1], known[0]);
+    if image != [width as f64, height as f64] {
+        let message = format!(
+            "is [{height}, {width}] (height, width); the camera's image is {} x {} px (width x height): give its camera",
+            image[0], image[1]
+        );
         return Err(("mask.size", message));
     }
     let counts = match &mask["counts"] {
@@ -150,8 +151,9 @@ mod tests {
         let good = r#"{"frames": [{"frame_index": 7, "objects": [
             {"mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}, "color": "Red", "material": {"metal": 0.7, "rubber": 0.3},
              "shape": "cube", "score": 0.9}]}]}"#;
+        let parse_proposals = |text: &str| parse_proposals(text, [6.0, 4.0]);
         let read = parse_proposals(good).unwrap();
-        assert_eq!((read.frames, read.image_size), (8, [6.0, 4.0]));
+        assert_eq!(read.frames, 8);
         assert_eq!(read.detections[0].bounds.edges(), [2.0, 1.0, 4.0, 3.0]);
         assert_eq!(read.detections[0].material["rubber"], 0.3);
         let wrong = |from: &str, to: &str| {
@@ -162,6 +164,8 @@ mod tests {
             ("[9, 2, 2, 2, 9]", "[9, 2, 2, 2, 8]", "mask"),
             ("[9, 2, 2, 2, 9]", "\"9~~\"", "mask.counts"),
             ("[4, 6]", "[4]", "mask.size"),
+            ("[4, 6]", "[6, 4]", "mask.size"),
+            (r#""mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}"#, r#""box": [3, 1, 6, 3]"#, "box"),
             ("0.9", "7", "score"),
             ("\"cube\"", "3", "shape"),
             (r#""mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}"#, r#""box": [500, 20, 30, 30]"#, "box"),

@@ -87,6 +87,13 @@ fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
     let found = calibrate(&corners.map(pair), SIZE).unwrap();
     assert!(apart(&found.camera, 0.0) < 0.5 && apart(&found.camera, 0.2) < 3.0, "{found:?}");
     assert!(found.outliers.is_empty() && found.position[2] > 1.0);
+    // Straight from above, the middle of the table in the middle of the image: half a turn.
+    let seen = |[x, y]: [f64; 2]| PointPair {
+        image: [240.0 + 100.0 * x, 160.0 - 50.0 * y],
+        world: [x, 0.5 * y, 0.0],
+    };
+    let found = calibrate(&corners.map(seen), SIZE).unwrap();
+    assert!(found.reprojection_error < 0.1 && found.position[0].abs() < 0.01, "{found:?}");
 }
 
 #[test]
