@@ -157,10 +157,21 @@ fn questions(path: &Path) -> Result<Vec<Question>, Failure> {
     let file: Value = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
     // CLEVRER's own files are lists of scenes; the folder holds one.
     let scene = file.get(0).unwrap_or(&file);
-    match scene["questions"].as_array() {
-        Some(questions) => Ok(questions.iter().cloned().map(Question).collect()),
-        None => Err(wrong("has no list \"questions\"".into())),
+    let Some(questions) = scene["questions"].as_array() else {
+        return Err(wrong("has no list \"questions\"".into()));
+    };
+    for (k, question) in questions.iter().enumerate() {
+        let marks = list(&question["choices"]).iter().enumerate().map(|(c, choice)| (c, &choice["answer"]));
+        let known = |mark: &Value| {
+            mark.is_null() || ["correct", "wrong"].contains(&word(mark).to_lowercase().as_str())
+        };
+        if let Some((c, mark)) = marks.into_iter().find(|(_, mark)| !known(mark)) {
+            return Err(wrong(format!(
+                "questions[{k}].choices[{c}].answer: is {mark}; give \"correct\" or \"wrong\""
+            )));
+        }
     }
+    Ok(questions.iter().cloned().map(Question).collect())
 }
 
 /// The question without its answer.

@@ -26,6 +26,8 @@ const FLAT: f64 = 0.05;
 const SOLID: f64 = 0.01;
 /// Width of the points, as a share of their extent, below which they lie on a line.
 const LINE: f64 = 1e-3;
+/// Area of three of four points in the image, as a share of the largest such, below which they lie on a line.
+const CORNER: f64 = 0.01;
 /// Deviation of a pixel that is taken where the pairs are too few to tell (px), and the least that is believed.
 const USUAL_SIGMA: f64 = 1.0;
 const LEAST_SIGMA: f64 = 1e-3;
@@ -76,6 +78,8 @@ pub enum CalibrateError {
     ImageSize { width: f64, height: f64 },
     #[error("pairs: all {field} points lie on one line; give points that span the table")]
     OnALine { field: &'static str },
+    #[error("pairs: of four points three lie on one line in the image; give four corners, or more points")]
+    ThreeOnALine,
     #[error(
         "pairs: they are those of a mirror: an axis is mirrored, or corners are in the wrong order; u goes right, v down, \
          and the world is right-handed with z up (from above, y is a quarter turn counter-clockwise from x)"
@@ -151,6 +155,19 @@ fn check(pairs: &[PointPair], [width, height]: [f64; 2]) -> Result<(), Calibrate
         let fields = [("image", &pair.image[..]), ("world", &pair.world[..])];
         if let Some((field, _)) = fields.iter().find(|f| f.1.iter().any(|v| !(-1e9..1e9).contains(v))) {
             return Err(CalibrateError::NotFinite { index, field });
+        }
+    }
+    if let [a, b, c, d] = pairs {
+        let area = |[p, q, r]: [&PointPair; 3]| {
+            let along = |k: usize| [q.image[k] - p.image[k], r.image[k] - p.image[k]];
+            let ([a, b], [c, d]) = (along(0), along(1));
+            (a * d - b * c).abs()
+        };
+        let areas = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(area);
+        let widest = areas.into_iter().fold(0.0, f64::max);
+        // All on one line is told elsewhere.
+        if widest > 0.0 && areas.into_iter().any(|area| area <= CORNER * widest) {
+            return Err(CalibrateError::ThreeOnALine);
         }
     }
     Ok(())

@@ -105,6 +105,8 @@ fn what_is_no_camera_is_named() {
     assert_eq!(mirrored(plane.clone()), CalibrateError::Mirrored);
     assert_eq!(mirrored(grid(|k| (k * 7 % 5) as f64 * 0.3, 0.0)), CalibrateError::Mirrored);
     assert_eq!(refused(&plane[..3]), CalibrateError::TooFew { given: 3 });
+    let three = [plane[0], plane[1], plane[2], plane[10]];
+    assert_eq!(refused(&three), CalibrateError::ThreeOnALine);
     assert_eq!(refused(&plane[..9]), CalibrateError::OnALine { field: "world" });
     let mut broken = plane.clone();
     broken[5].world[2] = f64::NAN;
