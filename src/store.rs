@@ -426,6 +426,7 @@ fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, StoreError> {
 fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
     let mut write = db.begin_write().map_err(failed)?;
     write.set_durability(Durability::Immediate).map_err(failed)?;
+    // What a killed process leaves opens at once, whatever its size, for a little more in each commit.
     write.set_quick_repair(true);
     Ok(write)
 }

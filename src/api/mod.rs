@@ -17,6 +17,7 @@ mod study;
 mod trace;
 pub mod video;
 
+pub(crate) use camera::camera_message;
 pub use guard::{Security, TokenError, Tokens};
 pub use server::{Limits, ServeError, serve};
 

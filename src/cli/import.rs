@@ -116,15 +116,6 @@ async fn one(
     let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
     let mut named = vec![];
     let found = kind(&text);
-    // Of a broken file its reader says more.
-    let broken = match found {
-        Kind::Annotation => !text.contains("motion_trajectory"),
-        Kind::Unknown => true,
-        _ => false,
-    };
-    if let (false, Some(flag)) = (broken, args.useless(&found)) {
-        return Err(Failure::input(format!("{flag} says nothing of such a file: leave it out")));
-    }
     let (kind, request) = match found {
         Kind::Proposals => ("proposals", detections(args, name, &text)?),
         Kind::Annotation => ("annotation", of_scene(&parse(name, &text).map_err(bad)?)),
@@ -146,6 +137,10 @@ async fn one(
             return Err(Failure::input(message));
         }
     };
+    // Of a broken file its reader has said more.
+    if let Some(flag) = args.useless(&found) {
+        return Err(Failure::input(format!("{flag} says nothing of such a file: leave it out")));
+    }
     let video = connection.create(request).await?;
     let linking = video.linking;
     let scene = api::video::scene(Some(video)).map_err(Failure::other)?;
@@ -239,11 +234,7 @@ fn of_scene(scene: &Scene) -> CreateVideoRequest {
 fn detections(args: &Args, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {
     let camera = match &args.camera {
         Some(path) => camera(path)?,
-        None => {
-            let (matrix, [image_width, image_height]) =
-                (CLEVRER_CAMERA.matrix.concat(), CLEVRER_CAMERA.image_size);
-            Camera { matrix, image_width, image_height, ..Default::default() }
-        }
+        None => api::camera_message(&CLEVRER_CAMERA),
     };
     let proposals = parse_proposals(text, [camera.image_width, camera.image_height])
         .map_err(|e| Failure::input(e.to_string()))?;

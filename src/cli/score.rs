@@ -161,11 +161,12 @@ fn questions(path: &Path) -> Result<Vec<Question>, Failure> {
         return Err(wrong("has no list \"questions\"".into()));
     };
     for (k, question) in questions.iter().enumerate() {
-        let marks = list(&question["choices"]).iter().enumerate().map(|(c, choice)| (c, &choice["answer"]));
+        let mut marks =
+            list(&question["choices"]).iter().enumerate().map(|(c, choice)| (c, &choice["answer"]));
         let known = |mark: &Value| {
             mark.is_null() || ["correct", "wrong"].contains(&word(mark).to_lowercase().as_str())
         };
-        if let Some((c, mark)) = marks.into_iter().find(|(_, mark)| !known(mark)) {
+        if let Some((c, mark)) = marks.find(|(_, mark)| !known(mark)) {
             return Err(wrong(format!(
                 "questions[{k}].choices[{c}].answer: is {mark}; give \"correct\" or \"wrong\""
             )));

@@ -241,7 +241,7 @@ fn conclude(
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         for c in of_contacts.iter().filter(|c| c.suggested()).take(SUGGESTIONS) {
             let last = &revisions[motion.found.len()];
-            if let Some(mended) = mended(lens, last, c, &law(c), &options.fit, stop)? {
+            if let Some(mended) = mended(lens, last, c.entry, c.added, &law(c), &options.fit, stop)? {
                 revisions.push(mended);
                 proven = Some(c);
                 break;
@@ -252,10 +252,11 @@ fn conclude(
         None if room => heavier(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?,
         _ => None,
     };
-    if let Some((law, mended)) = &weighed {
-        revisions.push(mended.clone());
-        proven = Some(law);
-    }
+    let weighed = weighed.map(|(law, mended)| {
+        revisions.push(mended);
+        law
+    });
+    proven = proven.or(weighed.as_ref());
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.

@@ -7,10 +7,12 @@ use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
-use super::revise::{Revision, each_alone, pooled_noise, revise, trajectories, without_effect};
+use super::revise::{
+    Revision, chi_squares, each_alone, pooled_noise, revise, sum, trajectories, without_effect,
+};
 use super::screen::region;
 use crate::effects::{EffectEntry, Region, effect};
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit};
+use crate::fit::{Begin, Estimate, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::world::{Model, Preset};
 
@@ -26,7 +28,8 @@ const SPINNING_PROOF: f64 = 2.0;
 pub fn mended(
     lens: &Lens,
     base: &Revision,
-    law: &ContactCandidate,
+    law: &EffectEntry,
+    added: usize,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
@@ -34,11 +37,11 @@ pub fn mended(
     if !base.fit.scenes.iter().any(proof::lost) {
         return Ok(None);
     }
-    let found = revise(lens, models, Some(law.entry.spec.name), options, stop)?;
-    if !proof::mends(&base.fit.scenes, &found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
+    let found = revise(lens, models, Some(law.spec.name), options, stop)?;
+    if !proof::mends(&base.fit.scenes, &found.fit.scenes) || !proof::borne_out(base, &found, added) {
         return Ok(None);
     }
-    let without = without_effect(&found.fit, law.entry.spec.name);
+    let without = without_effect(&found.fit, law.spec.name);
     let without = each_alone(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
@@ -62,37 +65,30 @@ pub fn heavier(
         return Ok(None);
     }
     // Only ratios of masses show: each against the median.
-    let factors = |fit: &Fit| -> Vec<(String, f64, f64)> {
-        let of = estimates_of(fit, entry, entry.spec.params[0].name);
-        of.into_iter().map(|e| (e.name.clone(), 1.0 + e.value, e.sd)).collect()
-    };
-    let mut factors_found = factors(&found);
-    factors_found.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let Some(median) = factors_found.get(factors_found.len() / 2).map(|f| f.1) else { return Ok(None) };
-    let off = |factor: f64| (factor / median).ln().abs();
-    let farthest = factors_found.into_iter().max_by(|a, b| off(a.1).total_cmp(&off(b.1)));
-    let Some((name, factor, sd)) = farthest else { return Ok(None) };
-    let id = |label: &str| label.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
-    let Some(object) = id(&name) else { return Ok(None) };
-    let before = found.scenes.iter().map(|s| s.reduced_chi_square).sum();
-    let mut law = ContactCandidate {
+    let excess = entry.spec.params[0].name;
+    let factor = |e: &Estimate| 1.0 + e.value;
+    let mut masses = estimates_of(&found, entry, excess);
+    masses.sort_by(|a, b| a.value.total_cmp(&b.value));
+    let Some(median) = masses.get(masses.len() / 2).map(|e| factor(e)) else { return Ok(None) };
+    let off = |e: &Estimate| (factor(e) / median).ln().abs();
+    let farthest = masses.into_iter().max_by(|a, b| off(a).total_cmp(&off(b)));
+    let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
+    let Some((mass, object)) = farthest.and_then(|e| Some((e, id(e)?))) else { return Ok(None) };
+    let models = with_contact(models, entry, &[factor(mass) / median - 1.0], Some(object), &region);
+    let Some(mended) = mended(lens, base, entry, 1, &models, options, stop)? else { return Ok(None) };
+    let [known] = estimates_of(&mended.fit, entry, excess)[..] else { return Ok(None) };
+    let law = ContactCandidate {
         entry,
-        values: vec![factor / median - 1.0],
-        sd: vec![sd],
+        values: vec![known.value],
+        sd: vec![known.sd],
         object: Some(object),
         added: 1,
         score: 0.0,
-        before,
-        after: before,
-        remains: 1.0,
+        before: sum(&chi_squares(&base.fit)),
+        after: sum(&chi_squares(&mended.fit)),
+        remains: mended.reduced_chi_square,
         gained: lost,
     };
-    let models = with_contact(models, entry, &law.values, law.object, &region);
-    let Some(mended) = mended(lens, base, &law, &models, options, stop)? else { return Ok(None) };
-    if let Some((_, factor, sd)) = factors(&mended.fit).into_iter().find(|f| f.0 == name) {
-        (law.values, law.sd) = (vec![factor - 1.0], vec![sd]);
-    }
-    law.remains = mended.reduced_chi_square;
     Ok(Some((law, mended)))
 }
 

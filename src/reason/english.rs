@@ -174,12 +174,6 @@ impl Reader<'_> {
                 let readings = self.phrase(kind(name), at);
                 self.pending.pop();
                 for (end, tokens) in readings {
-                    // Nothing collides with itself: the same description twice is a slip.
-                    if kind(name) == "S" && bound.iter().any(|(other, t)| kind(other) == "S" && *t == tokens)
-                    {
-                        self.stuck(at, at, here);
-                        continue;
-                    }
                     next.push((end, [bound.clone(), vec![(name, tokens)]].concat()));
                 }
             }

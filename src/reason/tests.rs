@@ -187,11 +187,6 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
     );
     check("What will happen next week?", "week", "what will happen next");
     check(
-        "Will the blue cube hit the blue cube?",
-        "the blue cube",
-        "will the blue cube hit the red metal sphere",
-    );
-    check(
         "What is the meaning of life?",
         "meaning of life",
         "what is the color of the first object to collide with the blue cube",

@@ -6,6 +6,7 @@
 //! tell: points of one plane (an annotated table) leave the lens undetermined in part.
 
 use super::camera::{Camera, Intrinsics, Pose, Rotation};
+use crate::num::{Vec2, vec2};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -158,11 +159,8 @@ fn check(pairs: &[PointPair], [width, height]: [f64; 2]) -> Result<(), Calibrate
         }
     }
     if let [a, b, c, d] = pairs {
-        let area = |[p, q, r]: [&PointPair; 3]| {
-            let along = |k: usize| [q.image[k] - p.image[k], r.image[k] - p.image[k]];
-            let ([a, b], [c, d]) = (along(0), along(1));
-            (a * d - b * c).abs()
-        };
+        let [a, b, c, d] = [a, b, c, d].map(|p| vec2(p.image[0], p.image[1]));
+        let area = |[p, q, r]: [Vec2; 3]| (q - p).cross(r - p).abs();
         let areas = [[a, b, c], [a, b, d], [a, c, d], [b, c, d]].map(area);
         let widest = areas.into_iter().fold(0.0, f64::max);
         // All on one line is told elsewhere.
