@@ -118,7 +118,10 @@ pub fn reason(
     effects: &[Found],
     ambiguous: &[Vec<String>],
     written: bool,
+    last: Option<&Revision>,
 ) -> String {
+    let scenes = last.map_or(&[][..], |r| &r.fit.scenes);
+    let mostly_lost = 2 * scenes.iter().filter(|s| proof::lost(s)).count() > scenes.len();
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
@@ -128,6 +131,11 @@ pub fn reason(
             "{} explain the motion equally well; film the launch given as experiment",
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
+        Verdict::Adequate if mostly_lost => {
+            format!(
+                "between contacts nothing is missing that the library has; {left}, but contacts are not explained: film single ones"
+            )
+        }
         Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
         Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
             "the formula explains the motion better than any law of the library, and is as simple".into()

@@ -2,6 +2,7 @@
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
+use super::cost::Cost;
 use super::film::Contacts;
 use super::outcome::widened;
 use super::revise::{
@@ -240,7 +241,7 @@ fn judged(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
-    let before = chi_squares(&base);
+    let before = Cost::of(&base, None);
     let follows = |film: usize| {
         let off = |fit: &Fit| fit.scenes[film].reduced_chi_square;
         let least = fitted.iter().map(|f| off(&f.fit)).fold(off(&base), f64::min);
@@ -272,10 +273,9 @@ fn judged(
     let all: Result<Vec<ContactCandidate>, FitError> = fitted
         .into_par_iter()
         .map(|Tried { entry, start, object, fit }| {
-            let after = chi_squares(&fit);
-            let worth = |before: &[f64]| before.iter().sum::<f64>() - after.iter().sum::<f64>();
+            let after = Cost::of(&fit, Some(entry.spec.name));
             // What brings nothing against the one minimum brings nothing against the better of two.
-            let before = match worth(&before) > 0.5 * PROOF * unit {
+            let before = match before.total() - after.total() > 0.5 * PROOF * unit {
                 true => without(films, &fit, entry, &before, options, stop)?,
                 false => before.clone(),
             };
@@ -289,10 +289,10 @@ fn judged(
                     (values[k], sd[k]) = pooled;
                 }
             }
-            let (sum, sum_before): (f64, f64) = (after.iter().sum(), before.iter().sum());
-            let score = (sum_before - sum) / unit - added as f64 * (degrees.max(2) as f64).ln();
-            let told: Vec<usize> =
-                (0..after.len()).filter(|&k| before[k] - after[k] > CHANCE * unit).collect();
+            let score = (before.total() - after.total()) / unit - added as f64 * (degrees.max(2) as f64).ln();
+            let told: Vec<usize> = (0..films.scenes.len())
+                .filter(|&k| before.of_scene(k) - after.of_scene(k) > CHANCE * unit)
+                .collect();
             if score > PROOF && told.len() > 1 {
                 let scatter = scatter(films, &fit, entry, &values, &told, options, stop)?;
                 sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = widened(*sd, scatter));
@@ -304,9 +304,9 @@ fn judged(
                 object,
                 added,
                 score,
-                before: sum_before,
-                after: sum,
-                remains: sum / degrees.max(1) as f64,
+                before: sum(&before.misfit),
+                after: sum(&after.misfit),
+                remains: sum(&after.misfit) / degrees.max(1) as f64,
                 gained: told.len(),
             })
         })
@@ -323,20 +323,20 @@ fn judged(
     Ok((kept, lost))
 }
 
-/// Chi-square of the short films without the effect, at the better of its own minimum and the one that the fit with
+/// Cost of the short films without the effect, at the better of its own minimum and the one that the fit with
 /// the effect leads to: a search that escaped a bad minimum is no discovery.
 fn without(
     films: &Contacts,
     with: &Fit,
     entry: &EffectEntry,
-    before: &[f64],
+    before: &Cost,
     options: &FitOptions,
     stop: Stop,
-) -> Result<Vec<f64>, FitError> {
+) -> Result<Cost, FitError> {
     let models = without_effect(with, entry.spec.name);
     let near = FitOptions { begin: Begin::Near, ..*options };
-    let again = chi_squares(&estimate(&films.scenes, &models, &near, stop)?);
-    Ok(if sum(&again) < sum(before) { again } else { before.to_vec() })
+    let again = Cost::of(&estimate(&films.scenes, &models, &near, stop)?, None);
+    Ok(if again.total() < before.total() { again } else { before.clone() })
 }
 
 /// Deviations of an effect's parameters by how much the films that tell of it disagree, whatever the noise is: each is left

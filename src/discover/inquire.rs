@@ -15,9 +15,9 @@ use super::proof;
 use super::revise::{Revision, pooled_noise, revise, trajectories};
 use super::screen::{Candidate, region, sought, with_nuisance};
 use super::search::{CLEAN, FreeMotion, fewer, search, search_on};
-use super::whole::{STICKING, heavier, mended, spinning, sticking};
-use crate::effects::Hook;
+use super::whole::{STICKING, asked, mended, spinning, sticking};
 use crate::effects::formula::Formula;
+use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -103,9 +103,48 @@ pub fn discover(
     }
     keep_best(&mut seen);
     match by_trajectories(&lens, seen, options, stop)? {
-        Some(reading) => conclude(&lens, reading, options, stop),
+        Some(reading) => {
+            let found = conclude(&lens, reading, options, stop)?;
+            unseen(&lens, models, found, options, stop)
+        }
         None => Ok(not_identifiable(&lens)),
     }
+}
+
+/// What is found, or something that nobody saw where trajectories follow that better: what it strikes, or keeps at rest, may
+/// look like a force or like another reading of the base.
+fn unseen(
+    lens: &Lens,
+    models: &[Model],
+    found: Discovery,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    let lost = |d: &Discovery| d.revisions.last().is_some_and(|r| r.fit.scenes.iter().any(proof::lost));
+    let known = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
+    if options.max_effects == 0 || known || !lost(&found) {
+        return Ok(found);
+    }
+    let of_bodies = |models: &[Model]| -> Vec<_> {
+        sought(models, lens.scenes).into_iter().filter(|e| e.uses(Hook::Bodies)).collect()
+    };
+    let mut best = found;
+    for models in readings(lens.scenes, models) {
+        let models = with_nuisance(&models);
+        let motion = search(lens, &models, stop)?;
+        let motion = fewer(lens, &models, &motion, motion.found.len(), stop)?;
+        let films = Alone::of(&contacts(lens, &models), stop)?;
+        let (contacts, _) = screen_contacts(&films, &region(lens.scenes), &of_bodies(&models), stop)?;
+        if !contacts.iter().any(ContactCandidate::proven) {
+            continue;
+        }
+        let other = conclude(lens, Reading { models, motion, contacts, films: 0.0 }, options, stop)?;
+        let distance = |d: &Discovery| d.revisions.last().map_or(f64::INFINITY, |r| proof::distance(&r.fit));
+        if distance(&other) < distance(&best) {
+            best = other;
+        }
+    }
+    Ok(best)
 }
 
 /// Where a fitted model fails, and which laws would explain it.
@@ -248,15 +287,17 @@ fn conclude(
             }
         }
     }
-    let weighed = match proven {
-        None if room => heavier(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?,
+    let whole = match proven {
+        None if room && motion.typical < super::MISFIT => {
+            asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
+        }
         _ => None,
     };
-    let weighed = weighed.map(|(law, mended)| {
+    let whole = whole.map(|(law, mended)| {
         revisions.push(mended);
         law
     });
-    proven = proven.or(weighed.as_ref());
+    proven = proven.or(whole.as_ref());
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
@@ -333,7 +374,7 @@ fn conclude(
         true => format!("reduced chi-square {ended:.2}"),
         false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
     };
-    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some());
+    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
     let aside = revisions.last().map(unfollowed).unwrap_or_default();
     Ok(Discovery {
         reason: reason + &aside,

@@ -5,6 +5,7 @@ mod alone;
 mod change;
 mod compare;
 mod contact;
+pub mod cost;
 mod experiment;
 mod film;
 mod force;
@@ -31,6 +32,7 @@ pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
 };
 pub use contact::{ContactCandidate, screen_contacts, with_contact};
+pub use cost::Cost;
 pub use film::{Contacts, contacts};
 pub use force::{Lens, fit_forces};
 pub use formula::{ResidualLaw, residual_law};

@@ -1,12 +1,15 @@
 //! Whether trajectories bear out what the lenses found: a law that is there lowers their error too.
 
+use super::cost::Cost;
 use super::revise::Revision;
-use crate::fit::SceneFit;
+use crate::fit::{Fit, SceneFit};
 use crate::world::ActiveEffect;
 
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
 
+/// A gain of one scene that is more than what an engine does at a contact (twice a log likelihood).
+const MUCH: f64 = 40.0;
 /// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square).
 const WELL: f64 = 1.5;
 const MENDED: f64 = 2.0;
@@ -16,21 +19,47 @@ pub fn lost(scene: &SceneFit) -> bool {
     scene.reduced_chi_square > LOST
 }
 
-/// Whether the trajectories of `after` are nearer to what was measured than those of `before`, the price of the added
-/// parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene that
-/// neither follows says nothing; where that is so of all, free motion decides, each video left out in turn.
+/// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
+/// price of the added parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene
+/// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn.
 pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
-    let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
-    let (mut gain, mut count) = (0.0, 0.0);
-    for (b, a) in scenes {
-        let n = a.degrees_of_freedom as f64;
-        gain += n * (b.reduced_chi_square / a.reduced_chi_square.max(f64::MIN_POSITIVE)).ln();
-        count += n;
+    let (before_fit, after_fit) = (&before.fit.scenes, &after.fit.scenes);
+    let told: Vec<bool> = before_fit.iter().zip(after_fit).map(|(b, a)| !(lost(b) && lost(a))).collect();
+    let count: usize =
+        after_fit.iter().zip(&told).filter(|(_, t)| **t).map(|(a, _)| a.degrees_of_freedom).sum();
+    if count == 0 {
+        return after.left_out_rmse < before.left_out_rmse;
     }
+    let strain = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).strain(|k| told[k]);
+    let nearer: f64 =
+        before_fit.iter().zip(after_fit).zip(&told).filter(|(_, t)| **t).map(|((b, a), _)| gain(b, a)).sum();
     // A scene with numbers of its own has paid for none of them yet.
     let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
     let price = added as f64 + own(after) - own(before);
-    if count == 0.0 { after.left_out_rmse < before.left_out_rmse } else { gain > price * count.ln() }
+    nearer + strain(before) - strain(after) > price * (count as f64).ln()
+}
+
+/// How much nearer to what was measured the trajectory of `after` is (twice a log likelihood, the noise unknown).
+fn gain(before: &SceneFit, after: &SceneFit) -> f64 {
+    let ratio = before.reduced_chi_square / after.reduced_chi_square.max(f64::MIN_POSITIVE);
+    after.degrees_of_freedom as f64 * ratio.ln()
+}
+
+/// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
+pub fn distance(fit: &Fit) -> f64 {
+    let of = |s: &SceneFit| s.degrees_of_freedom as f64 * s.reduced_chi_square.ln();
+    fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).strain(|_| true)
+}
+
+/// Whether a fit is much nearer than another.
+pub fn nearer(before: &Fit, after: &Fit) -> bool {
+    distance(after) < distance(before) - MUCH
+}
+
+/// How many scenes are followed much better than before.
+pub fn gained(before: &Fit, after: &Fit) -> usize {
+    let pairs = before.scenes.iter().zip(&after.scenes);
+    pairs.filter(|(b, a)| gain(b, a) > MUCH).count()
 }
 
 /// Whether a fit follows at least two scenes that another does not: one may be lost, and found, by chance.

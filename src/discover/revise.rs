@@ -139,7 +139,10 @@ pub fn trajectories(
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
     let anew = vec![None; models.len()];
-    fit_set_up(false, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)
+    let (mut found, apart) =
+        fit_set_up(false, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)?;
+    found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
+    Ok((found, apart))
 }
 
 /// Root mean square of the scenes' noise (m).
@@ -220,11 +223,12 @@ fn common(
     let most = options.max_iterations.min(COMMON_ITERATIONS);
     let as_near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
     let mut all = near.to_vec();
-    let together = |all: &mut [Model], lost: &[usize]| -> Result<Fit, FitError> {
+    let together = |all: &mut [Model], alone: &[Fit], lost: &[usize]| -> Result<Fit, FitError> {
         let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
-        let found = estimate(&some, &models, &as_near, stop)?;
+        let alone: Vec<Fit> = rest.iter().map(|&k| alone[k].clone()).collect();
+        let found = fit_together(&some, &models, &alone, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
             all.iter_mut().for_each(|model| take_shared(model, &fitted.model));
             all[k].clone_from(&fitted.model);
@@ -240,7 +244,7 @@ fn common(
         let most = most.min(LOST_ITERATIONS);
         return Ok((estimate(scenes, near, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
     }
-    let mut found = together(&mut all, &left)?;
+    let mut found = together(&mut all, &alone, &left)?;
     // Each that is found again knows more of what the next one lacks: how a kind of pair rebounds.
     while !left.is_empty() {
         let retried: Result<Vec<Fit>, FitError> = left
@@ -263,7 +267,7 @@ fn common(
             break;
         }
         left = after;
-        found = together(&mut all, &left)?;
+        found = together(&mut all, &alone, &left)?;
     }
     if left.is_empty() {
         return Ok((found, alone));

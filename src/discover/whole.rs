@@ -12,13 +12,23 @@ use super::revise::{
 };
 use super::screen::region;
 use crate::effects::{EffectEntry, Region, effect};
-use crate::fit::{Begin, Estimate, FitError, FitOptions, SceneFit};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::world::{Model, Preset};
+use rayon::prelude::*;
+use std::f64::consts::LN_2;
 
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 pub const STICKING: &str = "sticky_contact";
 const STICKING_PROOF: f64 = 9.0;
+/// The law of contact that pairs of objects hide which rebound differently, and the reduced chi-square of a scene from which it is asked for.
+const FADING: &str = "speed_dependent_restitution";
+const MISSED: f64 = 1.15;
+/// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
+const WHOLE_CERTAIN: f64 = 5.0;
+const TRIED_ITERATIONS: usize = 30;
+/// Objects whose masses are tried.
+const HEAVIEST: usize = 2;
 /// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
 const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
@@ -47,49 +57,107 @@ pub fn mended(
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
 }
 
-/// The object whose mass follows trajectories that are lost without: where it met others in heaps only, no short film
-/// tells. All masses are tried at once, then the one that differs most from the others.
-pub fn heavier(
+/// One law with one number, tried whole.
+#[derive(Clone, Copy)]
+struct Trial {
+    entry: &'static EffectEntry,
+    start: f64,
+    object: Option<u32>,
+}
+
+/// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
+/// rebound differently explain each film as well; and the mass of one object, where it met others in heaps only.
+pub fn asked(
     lens: &Lens,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
-    let lost = base.fit.scenes.iter().filter(|s| proof::lost(s)).count();
-    let Some(entry) = effect(HEAVIER).filter(|_| lost > 1) else { return Ok(None) };
     let region = region(lens.scenes);
-    let all = with_contact(models, entry, &[0.0], None, &region);
-    let (found, _) = trajectories(lens, &all, Some(HEAVIER), options, stop)?;
-    if !proof::mends(&base.fit.scenes, &found.scenes) {
+    let with = |t: &Trial| with_contact(models, t.entry, &[t.start], t.object, &region);
+    let few = FitOptions { max_iterations: options.max_iterations.min(TRIED_ITERATIONS), ..*options };
+    let mut trials = fading(base, models);
+    trials.extend(heavier(lens, base, models, &few, stop)?);
+    let tried: Result<Vec<Fit>, FitError> = trials
+        .par_iter()
+        .map(|t| Ok(trajectories(lens, &with(t), Some(t.entry.spec.name), &few, stop)?.0))
+        .collect();
+    let tried = tried?;
+    let nearest =
+        trials.iter().zip(&tried).min_by(|a, b| proof::distance(a.1).total_cmp(&proof::distance(b.1)));
+    let Some((best, fit)) = nearest.filter(|(_, fit)| proof::nearer(&base.fit, fit)) else { return Ok(None) };
+    let number = best.entry.spec.params[0].name;
+    let start = estimates_of(fit, best.entry, number).first().map_or(best.start, |e| e.value);
+    let found = revise(lens, &with(&Trial { start, ..*best }), Some(best.entry.spec.name), options, stop)?;
+    let [known] = estimates_of(&found.fit, best.entry, number)[..] else { return Ok(None) };
+    let lost = found.fit.scenes.iter().filter(|s| proof::lost(s)).count();
+    let gained = proof::gained(&base.fit, &found.fit);
+    if known.value.abs() < WHOLE_CERTAIN * known.sd
+        || 2 * lost > found.fit.scenes.len()
+        || gained < found.fit.scenes.len().min(2)
+        || !proof::borne_out(base, &found, 1)
+    {
         return Ok(None);
     }
-    // Only ratios of masses show: each against the median.
-    let excess = entry.spec.params[0].name;
-    let factor = |e: &Estimate| 1.0 + e.value;
-    let mut masses = estimates_of(&found, entry, excess);
-    masses.sort_by(|a, b| a.value.total_cmp(&b.value));
-    let Some(median) = masses.get(masses.len() / 2).map(|e| factor(e)) else { return Ok(None) };
-    let off = |e: &Estimate| (factor(e) / median).ln().abs();
-    let farthest = masses.into_iter().max_by(|a, b| off(a).total_cmp(&off(b)));
-    let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
-    let Some((mass, object)) = farthest.and_then(|e| Some((e, id(e)?))) else { return Ok(None) };
-    let models = with_contact(models, entry, &[factor(mass) / median - 1.0], Some(object), &region);
-    let Some(mended) = mended(lens, base, entry, 1, &models, options, stop)? else { return Ok(None) };
-    let [known] = estimates_of(&mended.fit, entry, excess)[..] else { return Ok(None) };
     let law = ContactCandidate {
-        entry,
+        entry: best.entry,
         values: vec![known.value],
         sd: vec![known.sd],
-        object: Some(object),
+        object: best.object,
         added: 1,
         score: 0.0,
         before: sum(&chi_squares(&base.fit)),
-        after: sum(&chi_squares(&mended.fit)),
-        remains: mended.reduced_chi_square,
-        gained: lost,
+        after: sum(&chi_squares(&found.fit)),
+        remains: found.reduced_chi_square,
+        gained,
     };
-    Ok(Some((law, mended)))
+    Ok(Some((law, found)))
+}
+
+/// An effect that the models lack.
+fn absent(models: &[Model], name: &str) -> Option<&'static EffectEntry> {
+    effect(name).filter(|_| models.iter().all(|m| m.effect(name).is_none()))
+}
+
+/// Where a scene is missed: restitution that fades, from none, and from half at a usual speed, as contacts change in between.
+fn fading(base: &Revision, models: &[Model]) -> Vec<Trial> {
+    let scenes = &base.fit.scenes;
+    let begun = scenes.iter().flat_map(|s| &s.model.bodies);
+    let mut speeds: Vec<f64> = begun.map(|b| b.start.state.velocity.norm()).filter(|v| *v > 0.0).collect();
+    speeds.sort_by(f64::total_cmp);
+    let missed = scenes.iter().any(|s| s.reduced_chi_square > MISSED);
+    match (absent(models, FADING).filter(|_| missed), speeds.get(speeds.len() / 2)) {
+        (Some(entry), Some(usual)) => {
+            [0.0, LN_2 / usual].map(|start| Trial { entry, start, object: None }).to_vec()
+        }
+        _ => vec![],
+    }
+}
+
+/// Where a scene is lost: the masses that differ most from the others when all are free.
+fn heavier(
+    lens: &Lens,
+    base: &Revision,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<Trial>, FitError> {
+    let lost = base.fit.scenes.iter().any(proof::lost);
+    let Some(entry) = absent(models, HEAVIER).filter(|_| lost) else { return Ok(vec![]) };
+    let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
+    let (found, _) = trajectories(lens, &all, Some(HEAVIER), options, stop)?;
+    let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
+    let masses = estimates_of(&found, entry, entry.spec.params[0].name);
+    let mut masses: Vec<(f64, u32)> =
+        masses.into_iter().filter_map(|e| Some((1.0 + e.value, id(e)?))).collect();
+    masses.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Only ratios of masses show: each against the median.
+    let Some(median) = masses.get(masses.len() / 2).map(|m| m.0) else { return Ok(vec![]) };
+    let off = |mass: f64| (mass / median).ln().abs();
+    masses.sort_by(|a, b| off(b.0).total_cmp(&off(a.0)));
+    let trial = |(mass, id): (f64, u32)| Trial { entry, start: mass / median - 1.0, object: Some(id) };
+    Ok(masses.into_iter().take(HEAVIEST).map(trial).collect())
 }
 
 /// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
