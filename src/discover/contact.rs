@@ -10,7 +10,7 @@ use super::revise::{
     without_effect,
 };
 use super::screen::{CERTAIN, with_effect};
-use super::unseen::{unseen_objects, walls};
+use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
@@ -43,6 +43,8 @@ const FINALISTS: usize = 2;
 const COMMON_ITERATIONS: usize = 15;
 const FIRST_ITERATIONS: usize = 5;
 const FOLLOWED_UP: usize = 3;
+/// Walls that are tried.
+const WALLS: usize = 3;
 /// Prior deviations of a wall's restitution and angle.
 const RESTITUTION_SD: f64 = 0.3;
 
@@ -110,8 +112,12 @@ pub fn screen_contacts(
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
         match entry.spec.name {
-            "hidden_wall" => trials.extend(walls(films).into_iter().map(|v| (entry, v, None))),
-            "hidden_object" => trials.extend(unseen_objects(films).into_iter().map(|v| (entry, v, None))),
+            "hidden_wall" => trials.extend(
+                walls(&films.jumps, &films.models).into_iter().take(WALLS).map(|p| (entry, p.values, None)),
+            ),
+            "hidden_object" => trials.extend(
+                discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
+            ),
             // One object at a time: masses that are all free take up much of what engines do at contacts.
             HEAVIER => {
                 let ids = heavier(films, &ended, &before, entry, region, &near, stop)?;
@@ -405,7 +411,7 @@ pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> V
 
 /// One value, and its deviation, of a parameter that shapes may differ in: the largest that is identified (an edge that
 /// catches loses, none gains), pooled with those that agree with it.
-fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
+pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
     let known = of.iter().any(|e| e.identified);
     let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
     let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;

@@ -326,9 +326,9 @@ fn conclude(
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
     // Engines do more at contacts than any law, and a video may be lost to chaos alone.
+    let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
     let explains = |r: &Revision| {
         let near = r.fit.scenes.iter().filter(|s| s.reduced_chi_square < NEARLY).count();
-        let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
         let first = revisions.first().map_or(0.0, |r| r.reduced_chi_square);
         let mostly = r.reduced_chi_square - 1.0 < (1.0 - MOSTLY) * (first - 1.0);
         r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
@@ -349,6 +349,8 @@ fn conclude(
     let added: usize = motion.found.iter().map(|c| c.added).sum();
     let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
     let compromise = law_beside(&base, terms).filter(|law| beats(law, &motion));
+    // The lens takes its blows for a force.
+    let compromise = compromise.filter(|_| !(unseen && explained));
     let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
     // A rhythm that nobody saw repeat is none.
     let once = motion.found.iter().any(|c| once(c, region.duration));
@@ -370,7 +372,7 @@ fn conclude(
         Verdict::Ambiguous => tell_apart(lens, &motion),
         _ => None,
     };
-    let left = match followed {
+    let left = match followed || unseen {
         true => format!("reduced chi-square {ended:.2}"),
         false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
     };

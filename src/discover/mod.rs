@@ -5,7 +5,7 @@ mod alone;
 mod change;
 mod compare;
 mod contact;
-pub mod cost;
+mod cost;
 mod experiment;
 mod film;
 mod force;
@@ -18,6 +18,7 @@ mod proof;
 mod revise;
 mod screen;
 mod search;
+mod struck;
 #[cfg(test)]
 mod tests;
 mod unexplained;

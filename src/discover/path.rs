@@ -29,8 +29,10 @@ const JUMP: f64 = 6.0;
 const SURE_JUMP: f64 = 4.0;
 /// How often a track is searched for jumps.
 const LOOKS: usize = 3;
-/// Samples on either side of a possible jump.
+/// Samples on either side of a possible jump; and where others are near, as the next one may soon follow.
 const WING: usize = 8;
+const NARROW_WING: usize = 5;
+const FEWEST_WING: usize = 4;
 
 /// One object's observed motion.
 #[derive(Debug, Clone, Default)]
@@ -84,7 +86,7 @@ pub fn paths(scene: &Scene, noise: &Noise) -> Vec<Path> {
     (0..scene.tracks.len()).map(|i| path(scene, noise, &raw, i)).collect()
 }
 
-fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
+pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
     let mut by_frame = vec![None; scene.times.len()];
     for s in &track.samples {
         if let Some(slot) = by_frame.get_mut(s.frame) {
@@ -120,7 +122,7 @@ fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Pa
     // One jump may hide another near it.
     for _ in 0..LOOKS {
         let seen: Vec<Jump> =
-            runs(&usable).into_iter().flat_map(|segment| find_jumps(scene, noise, own, segment)).collect();
+            runs(&usable).into_iter().flat_map(|s| find_jumps(scene, noise, own, s)).collect();
         for jump in &seen {
             let end = (jump.frame + 1 + MARGIN + settles).min(frames);
             usable[jump.frame.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
@@ -214,6 +216,36 @@ fn smooth(
     }
 }
 
+/// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
+/// track's.
+pub fn bends(scene: &Scene, noise: &Noise, own: &[Option<Vec2>]) -> Vec<Jump> {
+    let bend = |f: usize| {
+        let (change, sd) = change_near(scene, noise, own, f, 0)?;
+        let sigmas = change.norm() / sd;
+        (sigmas > JUMP).then_some(Jump { frame: f, position: (*own.get(f)?)?, change, sigmas })
+    };
+    largest((0..own.len()).filter_map(bend), NARROW_WING)
+}
+
+/// How the velocity changes after frame `f` or one of the few beside it, where it does most, and the deviation of that (m/s).
+pub fn change_near(
+    scene: &Scene,
+    noise: &Noise,
+    own: &[Option<Vec2>],
+    f: usize,
+    beside: usize,
+) -> Option<(Vec2, f64)> {
+    let at = |g: usize| {
+        let window = (g + 1).saturating_sub(NARROW_WING)..(g + NARROW_WING + 1).min(own.len());
+        let seen = |frames: Range<usize>| frames.filter(|&h| own.get(h).is_some_and(Option::is_some)).count();
+        let enough = seen(window.start..g + 1) >= FEWEST_WING && seen(g + 1..window.end) >= FEWEST_WING;
+        enough.then(|| jump(scene, noise, own, g, window, Wings::Straight))?
+    };
+    let all = (f.saturating_sub(beside)..=f + beside).filter_map(at);
+    let (change, sigmas) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some((change, change.norm() / sigmas.max(f64::MIN_POSITIVE)))
+}
+
 /// Value and slope at zero of the polynomial of this degree (or lower, where points are few) through the points.
 fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
     if points.len() < 2 {
@@ -229,24 +261,26 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
 
 /// Frames after which the velocity jumps: the largest of each neighbourhood.
 fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
+    let candidates = segment.clone().filter_map(|f| {
+        let window = f.saturating_sub(WING - 1).max(segment.start)..(f + WING + 1).min(segment.end);
+        let before = f + 1 - window.start;
+        let after = window.end - f - 1;
+        if before < FEWEST_WING || after < FEWEST_WING {
+            return None;
+        }
+        let (change, sigmas) = jump(scene, noise, own, f, window.clone(), Wings::Bent)?;
+        let sure = sigmas > JUMP && jump(scene, noise, own, f, window, Wings::BentApart)?.1 > SURE_JUMP;
+        sure.then_some(Jump { frame: f, position: own[f]?, change, sigmas })
+    });
+    largest(candidates, WING)
+}
+
+/// The largest jump of each neighbourhood of so many frames.
+fn largest(candidates: impl Iterator<Item = Jump>, wing: usize) -> Vec<Jump> {
     let mut found: Vec<Jump> = vec![];
-    let candidates: Vec<Jump> = segment
-        .clone()
-        .filter_map(|f| {
-            let window = f.saturating_sub(WING - 1).max(segment.start)..(f + WING + 1).min(segment.end);
-            let before = f + 1 - window.start;
-            let after = window.end - f - 1;
-            if before < 4 || after < 4 {
-                return None;
-            }
-            let (change, sigmas) = jump(scene, noise, own, f, window.clone(), false)?;
-            let sure = sigmas > JUMP && jump(scene, noise, own, f, window, true)?.1 > SURE_JUMP;
-            sure.then_some(Jump { frame: f, position: own[f]?, change, sigmas })
-        })
-        .collect();
     for c in candidates {
         match found.last_mut() {
-            Some(last) if c.frame - last.frame <= WING => {
+            Some(last) if c.frame - last.frame <= wing => {
                 if c.sigmas > last.sigmas {
                     *last = c;
                 }
@@ -257,32 +291,43 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
     found
 }
 
-/// The jump of the velocity midway between frame `f` and the next, and its size in deviations. With `bends` the
-/// acceleration may differ on either side.
+/// What the motion may do on either side of a jump: nothing, be accelerated alike, or each in its own way.
+#[derive(Clone, Copy)]
+enum Wings {
+    Straight,
+    Bent,
+    BentApart,
+}
+
+/// The jump of the velocity midway between frame `f` and the next, and its size in deviations.
 fn jump(
     scene: &Scene,
     noise: &Noise,
     own: &[Option<Vec2>],
     f: usize,
     window: Range<usize>,
-    bends: bool,
+    wings: Wings,
 ) -> Option<(Vec2, f64)> {
     let middle = 0.5 * (scene.times[f] + scene.times.get(f + 1)?);
     let points: Vec<(f64, Vec2)> = window.filter_map(|g| Some((scene.times[g] - middle, own[g]?))).collect();
-    let columns = if bends { 5 } else { 4 };
+    let columns = match wings {
+        Wings::Straight => 3,
+        Wings::Bent => 4,
+        Wings::BentApart => 5,
+    };
     if points.len() < columns + 2 {
         return None;
     }
     let design = DMatrix::from_fn(points.len(), columns, |r, c| {
         let t = points[r].0;
-        [1.0, t, t * t, t.max(0.0), t.max(0.0).powi(2)][c]
+        [1.0, t, t.max(0.0), t * t, t.max(0.0).powi(2)][c]
     });
     let inverse = (design.transpose() * &design).cholesky()?.inverse();
     let solve = |value: fn(&Vec2) -> f64| {
         let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
-        (&inverse * (design.transpose() * y))[3]
+        (&inverse * (design.transpose() * y))[2]
     };
     let change = vec2(solve(|p| p.x), solve(|p| p.y));
-    let deviation = noise.position * inverse[(3, 3)].sqrt();
+    let deviation = noise.position * inverse[(2, 2)].sqrt();
     Some((change, change.norm() / deviation))
 }

@@ -18,8 +18,8 @@ const SIGMA: f64 = 0.005;
 /// Launches of one video: shape, mass, place, velocity.
 type Launch = (Shape, f64, [f64; 2], [f64; 2]);
 
-const DISC: Shape = Shape::Disc { radius: 0.2 };
-const CUBE: Shape = Shape::Square { half_side: 0.2 };
+pub(super) const DISC: Shape = Shape::Disc { radius: 0.2 };
+pub(super) const CUBE: Shape = Shape::Square { half_side: 0.2 };
 
 /// Three videos of objects that pass each other.
 fn launches() -> Vec<Vec<Launch>> {
@@ -31,7 +31,7 @@ fn launches() -> Vec<Vec<Launch>> {
 }
 
 /// Films of the launches under the preset's base and one more law.
-fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Scene> {
+pub(super) fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>) -> Vec<Scene> {
     film_under(launches, |model| {
         if let Some((name, values)) = law {
             let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &model.bodies);
@@ -97,7 +97,7 @@ fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) -> Vec<Scen
     scenes
 }
 
-fn models(scenes: &[Scene]) -> Vec<Model> {
+pub(super) fn models(scenes: &[Scene]) -> Vec<Model> {
     scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect()
 }
 

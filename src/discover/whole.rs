@@ -2,7 +2,7 @@
 
 use super::account::FOLLOWED;
 use super::alone::films_stick;
-use super::contact::{ContactCandidate, HEAVIER, estimates_of, with_contact};
+use super::contact::{ContactCandidate, HEAVIER, estimates_of, pooled, with_contact};
 use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
@@ -11,7 +11,9 @@ use super::revise::{
     Revision, chi_squares, each_alone, pooled_noise, revise, sum, trajectories, without_effect,
 };
 use super::screen::region;
-use crate::effects::{EffectEntry, Region, effect};
+use super::struck::struck;
+use super::unseen::{Place, discs_between, walls};
+use crate::effects::{EffectEntry, ParamSpec, Region, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::world::{Model, Preset};
@@ -27,8 +29,9 @@ const MISSED: f64 = 1.15;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
 const WHOLE_CERTAIN: f64 = 5.0;
 const TRIED_ITERATIONS: usize = 30;
-/// Objects whose masses are tried.
+/// Objects whose masses are tried, and walls and discs.
 const HEAVIEST: usize = 2;
+const PLACES: usize = 2;
 /// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
 const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
@@ -57,16 +60,17 @@ pub fn mended(
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
 }
 
-/// One law with one number, tried whole.
-#[derive(Clone, Copy)]
+/// One law tried whole, from these values of its parameters.
+#[derive(Clone)]
 struct Trial {
     entry: &'static EffectEntry,
-    start: f64,
+    start: Vec<f64>,
     object: Option<u32>,
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; and the mass of one object, where it met others in heaps only.
+/// rebound differently explain each film as well; the mass of one object, or a thing that nobody saw, where others were near
+/// whenever it showed.
 pub fn asked(
     lens: &Lens,
     base: &Revision,
@@ -75,10 +79,11 @@ pub fn asked(
     stop: Stop,
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
     let region = region(lens.scenes);
-    let with = |t: &Trial| with_contact(models, t.entry, &[t.start], t.object, &region);
+    let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
     let few = FitOptions { max_iterations: options.max_iterations.min(TRIED_ITERATIONS), ..*options };
     let mut trials = fading(base, models);
     trials.extend(heavier(lens, base, models, &few, stop)?);
+    trials.extend(unseen(lens, base, models));
     let tried: Result<Vec<Fit>, FitError> = trials
         .par_iter()
         .map(|t| Ok(trajectories(lens, &with(t), Some(t.entry.spec.name), &few, stop)?.0))
@@ -87,25 +92,27 @@ pub fn asked(
     let nearest =
         trials.iter().zip(&tried).min_by(|a, b| proof::distance(a.1).total_cmp(&proof::distance(b.1)));
     let Some((best, fit)) = nearest.filter(|(_, fit)| proof::nearer(&base.fit, fit)) else { return Ok(None) };
-    let number = best.entry.spec.params[0].name;
-    let start = estimates_of(fit, best.entry, number).first().map_or(best.start, |e| e.value);
-    let found = revise(lens, &with(&Trial { start, ..*best }), Some(best.entry.spec.name), options, stop)?;
-    let [known] = estimates_of(&found.fit, best.entry, number)[..] else { return Ok(None) };
+    let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
+    let found =
+        revise(lens, &with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name), options, stop)?;
+    let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
     let lost = found.fit.scenes.iter().filter(|s| proof::lost(s)).count();
     let gained = proof::gained(&base.fit, &found.fit);
-    if known.value.abs() < WHOLE_CERTAIN * known.sd
+    let added =
+        best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
+    if values[0].abs() < WHOLE_CERTAIN * sd[0]
         || 2 * lost > found.fit.scenes.len()
         || gained < found.fit.scenes.len().min(2)
-        || !proof::borne_out(base, &found, 1)
+        || !proof::borne_out(base, &found, added)
     {
         return Ok(None);
     }
     let law = ContactCandidate {
         entry: best.entry,
-        values: vec![known.value],
-        sd: vec![known.sd],
+        values,
+        sd,
         object: best.object,
-        added: 1,
+        added,
         score: 0.0,
         before: sum(&chi_squares(&base.fit)),
         after: sum(&chi_squares(&found.fit)),
@@ -113,6 +120,14 @@ pub fn asked(
         gained,
     };
     Ok(Some((law, found)))
+}
+
+/// Each parameter of a law as a fit with it has it, with its deviation; none of what is no parameter there.
+fn numbers(fit: &Fit, trial: &Trial) -> Vec<(f64, f64)> {
+    let of = |(p, &start): (&ParamSpec, &f64)| {
+        pooled(&estimates_of(fit, trial.entry, p.name)).unwrap_or((start, 0.0))
+    };
+    trial.entry.spec.params.iter().zip(&trial.start).map(of).collect()
 }
 
 /// An effect that the models lack.
@@ -129,7 +144,7 @@ fn fading(base: &Revision, models: &[Model]) -> Vec<Trial> {
     let missed = scenes.iter().any(|s| s.reduced_chi_square > MISSED);
     match (absent(models, FADING).filter(|_| missed), speeds.get(speeds.len() / 2)) {
         (Some(entry), Some(usual)) => {
-            [0.0, LN_2 / usual].map(|start| Trial { entry, start, object: None }).to_vec()
+            [0.0, LN_2 / usual].map(|start| Trial { entry, start: vec![start], object: None }).to_vec()
         }
         _ => vec![],
     }
@@ -156,8 +171,24 @@ fn heavier(
     let Some(median) = masses.get(masses.len() / 2).map(|m| m.0) else { return Ok(vec![]) };
     let off = |mass: f64| (mass / median).ln().abs();
     masses.sort_by(|a, b| off(b.0).total_cmp(&off(a.0)));
-    let trial = |(mass, id): (f64, u32)| Trial { entry, start: mass / median - 1.0, object: Some(id) };
+    let trial = |(mass, id): (f64, u32)| Trial { entry, start: vec![mass / median - 1.0], object: Some(id) };
     Ok(masses.into_iter().take(HEAVIEST).map(trial).collect())
+}
+
+/// Where a scene is lost: walls and discs that explain more than one blow that nothing in sight dealt.
+fn unseen(lens: &Lens, base: &Revision, models: &[Model]) -> Vec<Trial> {
+    if !base.fit.scenes.iter().any(proof::lost) {
+        return vec![];
+    }
+    let jumps = struck(lens, models);
+    let trials = |name: &str, places: Vec<Place>| -> Vec<Trial> {
+        let Some(entry) = absent(models, name) else { return vec![] };
+        let told = places.into_iter().filter(|p| p.agree > 1).take(PLACES);
+        told.map(|p| Trial { entry, start: p.values, object: None }).collect()
+    };
+    let mut all = trials("hidden_wall", walls(&jumps, models));
+    all.extend(trials("hidden_object", discs_between(&jumps, models)));
+    all
 }
 
 /// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
