@@ -13,7 +13,7 @@ use super::revise::{
 use super::screen::region;
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
-use crate::effects::{EffectEntry, ParamSpec, Region, effect};
+use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::world::{Model, Preset};
@@ -100,11 +100,20 @@ pub fn asked(
     let gained = proof::gained(&base.fit, &found.fit);
     let added =
         best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
-    if values[0].abs() < WHOLE_CERTAIN * sd[0]
+    // Whether a thing is there is no parameter.
+    let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
+    if !certain
         || 2 * lost > found.fit.scenes.len()
         || gained < found.fit.scenes.len().min(2)
         || !proof::borne_out(base, &found, added)
     {
+        return Ok(None);
+    }
+    // A search that escaped a bad minimum is no discovery.
+    let without = without_effect(&found.fit, best.entry.spec.name);
+    let from_there = FitOptions { begin: Begin::Near, ..*options };
+    let (without, _) = trajectories(lens, &without, None, &from_there, stop)?;
+    if !proof::nearer(&without, &found.fit) {
         return Ok(None);
     }
     let law = ContactCandidate {
