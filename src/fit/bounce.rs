@@ -3,7 +3,7 @@
 
 use super::OUT_OF_NOISE;
 use super::problem::{Part, Problem, Window};
-use crate::world::{BODY_VALUES, Event, EventKind};
+use crate::world::{BODY_VALUES, Event, EventKind, Rollout};
 
 /// Mean square of whitened residuals up to which a window is followed.
 const FOLLOWED: f64 = 1.25;
@@ -15,22 +15,27 @@ const OF_CUSHIONS: (&str, &str) = ("cushion", "restitution");
 /// A restitution below this share of the usual one counts as dead.
 const LIVELY: f64 = 0.5;
 
+/// The first frame within the window at which a simulation leaves a track, and the body; none where all are followed.
+pub(super) fn left(part: &Part, rollout: &Rollout<f64>, window: Window) -> Option<(usize, usize)> {
+    let (mut squares, mut count) = (0.0, 0);
+    let mut left: Option<(usize, usize)> = None;
+    part.each_residual(rollout, window, |(body, frame, _), r, _| {
+        squares += r * r;
+        count += 1;
+        if r.abs() > OUT_OF_NOISE && left.is_none_or(|(first, _)| frame < first) {
+            left = Some((frame, body));
+        }
+    });
+    left.filter(|_| squares > FOLLOWED * f64::from(count))
+}
+
 /// Points of the search at which a contact rebounds that does not at this one, or the other way round: of contacts before
 /// the first track that a simulation leaves within the window.
 pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Vec<f64>> {
     let mut found: Vec<Rebound> = vec![];
     for part in &problem.parts {
         let rollout = part.rollout(&problem.free, point, window);
-        let (mut squares, mut count) = (0.0, 0);
-        let mut left: Option<(usize, usize)> = None;
-        part.each_residual(&rollout, window, |(body, frame, _), r, _| {
-            squares += r * r;
-            count += 1;
-            if r.abs() > OUT_OF_NOISE && left.is_none_or(|(first, _)| frame < first) {
-                left = Some((frame, body));
-            }
-        });
-        let Some((frame, body)) = left.filter(|_| squares > FOLLOWED * f64::from(count)) else { continue };
+        let Some((frame, body)) = left(part, &rollout, window) else { continue };
         let (id, until) = (part.model.bodies[body].id, part.scene.time_of(frame));
         let contacts = rollout
             .events

@@ -2,6 +2,7 @@
 
 mod anchor;
 mod bounce;
+mod graze;
 mod linear;
 mod noise;
 mod paper;
@@ -313,8 +314,9 @@ fn of_any_yaw(
     Ok(best)
 }
 
-/// The best fit of a window from this one, and from other bounces at the contact after which it leaves the tracks.
-fn of_any_bounce(
+/// The best fit of a window from this one, from a graze that it may have missed where it leaves the tracks, and from other
+/// bounces at the contact before.
+fn of_any_contact(
     problem: &Problem,
     found: Solution,
     window: usize,
@@ -322,7 +324,8 @@ fn of_any_bounce(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let mut best = found;
-    for point in bounce::others(problem, &best.point, window) {
+    let grazes = graze::others(problem, &best.point, window);
+    for point in grazes.into_iter().chain(bounce::others(problem, &best.point, window)) {
         if problem.is_exhausted() {
             break;
         }
@@ -378,7 +381,7 @@ fn grow(
         let left = budget.saturating_sub(iterations).clamp(1, 30);
         let negligible = if window < frames { UNFINISHED } else { problem.negligible() };
         let followed = minimise(problem, &point, window, negligible, left, stop)?;
-        let solution = of_any_bounce(problem, followed, window, negligible, stop)?;
+        let solution = of_any_contact(problem, followed, window, negligible, stop)?;
         iterations += solution.iterations;
         point = solution.point;
         losses.extend(&solution.losses);

@@ -454,3 +454,25 @@ fn where_nothing_rebounds_one_contact_alone_is_made_lively() {
         assert!(common.len() == 1 && owns.len() == 1, "{common:?} {owns:?}");
     }
 }
+
+#[test]
+fn a_graze_that_the_simulation_misses_is_tried() {
+    let (mut scene, mut truth) = film("graze", 3, [1.0; 3]);
+    truth.bodies[1].start.state.position.y = 0.393;
+    truth.bodies[2].start.state.velocity = vec2(0.0, 0.0);
+    measure(&mut scene, &truth, 3);
+    let noise = estimate_noise(&scene);
+    let mut missed = truth.clone();
+    missed.bodies[1].start.state.position.y += 0.009;
+    let met = |model: &Model| trace(model, &scene.times).events.iter().any(|e| e.objects == [0, 1]);
+    assert!(met(&truth) && !met(&missed));
+    let others = |model: &Model| {
+        let problem = Problem::new(std::slice::from_ref(&scene), vec![model.clone()], &[noise], &never);
+        let others = graze::others(&problem, &problem.start(), scene.times.len());
+        let models = others.iter().map(|other| problem.model(0, other));
+        models.collect::<Vec<_>>()
+    };
+    assert!(others(&truth).is_empty(), "what follows its tracks is left alone");
+    let found = others(&missed);
+    assert!(matches!(&found[..], [one] if met(one)), "{found:?}");
+}

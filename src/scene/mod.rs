@@ -107,6 +107,11 @@ pub struct Track {
 const UNEVEN: f64 = 0.4;
 
 impl Track {
+    /// What was measured in a frame.
+    pub fn at(&self, frame: usize) -> Option<&Sample> {
+        self.samples.binary_search_by_key(&frame, |s| s.frame).ok().and_then(|k| self.samples.get(k))
+    }
+
     /// Whether a yaw was measured throughout and turns evenly. The yaw of a ball that rolls does not: it flips each time
     /// that the ball's mark goes over the top.
     pub fn turns_evenly(&self) -> bool {

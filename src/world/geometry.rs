@@ -83,6 +83,20 @@ pub(super) fn proximity<T: Real>(a: &Pose<T>, sa: &Shape, b: &Pose<T>, sb: &Shap
     }
 }
 
+/// Where an outline lies.
+pub struct Outline<'s> {
+    pub position: Vec2,
+    pub yaw: f64,
+    pub shape: &'s Shape,
+}
+
+/// Distance between two outlines (m; negative where they overlap) and the unit normal from the first to the second.
+pub fn gap(a: &Outline, b: &Outline) -> (f64, Vec2) {
+    let pose = |o: &Outline| Pose::new(o.position, o.yaw, o.shape);
+    let near = proximity(&pose(a), a.shape, &pose(b), b.shape);
+    (near.gap, near.normal)
+}
+
 fn swapped<T: Real>(p: Proximity<T>) -> Proximity<T> {
     let feature = match p.feature {
         Feature::Points => Feature::Points,

@@ -24,6 +24,7 @@ mod trace;
 pub use anchor::Anchor;
 pub use field::{Snapshot, accelerations};
 pub use film::film;
+pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};
 pub use model::{
     ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall,
