@@ -5,7 +5,8 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as BlobPath;
 use object_store::{GetResultPayload, ObjectStore, ObjectStoreExt, PutMode, PutOptions};
 use redb::{
-    Database, DatabaseError, Durability, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction,
+    Database, DatabaseError, Durability, ReadOnlyDatabase, ReadableDatabase, ReadableTable, TableDefinition,
+    WriteTransaction,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -66,6 +67,10 @@ pub enum StoreError {
     VideoGone,
     #[error("the file of trace {id} is gone from the data folder; ask for what it is of again")]
     FileGone { id: String },
+    #[error(
+        "the record {key} of the data folder is damaged; make it again (post the video, ask again), or put back a copy of the folder"
+    )]
+    Damaged { key: String },
     #[error("storage failed: {0}; look for space and rights in the service's data folder, then try again")]
     Failed(String),
 }
@@ -79,6 +84,12 @@ struct OfVideo {
 /// Opens the database, or makes it.
 fn database(path: &Path) -> Result<Database, DatabaseError> {
     Database::builder().set_cache_size(CACHE_BYTES).create(path)
+}
+
+/// The version of the tables of a database that is whole.
+fn schema(path: &Path) -> Option<u64> {
+    let read = ReadOnlyDatabase::open(path).ok()?.begin_read().ok()?;
+    read.open_table(META).ok()?.get("schema").ok()?.map(|v| v.value())
 }
 
 /// The database; after an error of its disk it takes no more work until it is opened anew.
@@ -163,7 +174,20 @@ impl Store {
         let traces = folder.join("traces");
         std::fs::create_dir_all(&traces).map_err(failed)?;
         let path = || folder.display().to_string();
-        let db = database(&folder.join("vrdp.redb")).map_err(|e| match e {
+        let file = folder.join("vrdp.redb");
+        let newer = |found| StoreError::Newer { path: path(), found, known: SCHEMA_VERSION };
+        // A newer one is not touched. What cannot be read without a repair tells its version below.
+        if let Some(found) = schema(&file).filter(|found| *found > SCHEMA_VERSION) {
+            return Err(newer(found));
+        }
+        let is_new = std::fs::metadata(&file).map_or(true, |m| m.len() == 0);
+        if is_new && std::fs::read_dir(&traces).map_err(failed)?.next().is_some() {
+            tracing::error!(
+                folder = path(),
+                "the database is gone, and traces without it are there: put back a copy"
+            );
+        }
+        let db = database(&file).map_err(|e| match e {
             DatabaseError::DatabaseAlreadyOpen => StoreError::Locked { path: path() },
             other => failed(other),
         })?;
@@ -173,7 +197,7 @@ impl Store {
             let found = meta.get("schema").map_err(failed)?.map(|v| v.value());
             match found {
                 Some(found) if found > SCHEMA_VERSION => {
-                    return Err(StoreError::Newer { path: path(), found, known: SCHEMA_VERSION });
+                    return Err(newer(found));
                 }
                 _ => meta.insert("schema", SCHEMA_VERSION).map_err(failed)?,
             };
@@ -184,7 +208,7 @@ impl Store {
         write.commit().map_err(failed)?;
         sweep(&traces)?;
         let blobs = LocalFileSystem::new_with_prefix(&traces).map_err(failed)?.with_fsync(true);
-        let db = Db { path: folder.join("vrdp.redb"), open: RwLock::new(Some(db)) };
+        let db = Db { path: file, open: RwLock::new(Some(db)) };
         let (blobs, gate) = (Arc::new(blobs), Arc::new(Semaphore::new(MAX_BLOCKING)));
         Ok(Store { db: Arc::new(db), blobs, gate, tenant: Tenant::default(), everyone: false })
     }
@@ -213,7 +237,7 @@ impl Store {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(kind.table()).map_err(failed)?;
             let found = table.get(key.as_str()).map_err(failed)?;
-            found.map(|v| decode(v.value())).transpose()
+            found.map(|v| decode(&key, v.value())).transpose()
         })
         .await
     }
@@ -246,7 +270,8 @@ impl Store {
                 if found.len() == limit || !ours || !key.starts_with(&prefix) {
                     break;
                 }
-                let value = decode(value.value())?;
+                // One that is damaged takes no other with it; who asks for it by name is told.
+                let Ok(value) = decode(key, value.value()) else { continue };
                 if keep(&value) {
                     let key = key.strip_prefix(&*tenant.prefix).unwrap_or(key);
                     found.push((key.to_string(), value));
@@ -320,7 +345,7 @@ impl Store {
                     }
                     let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
                     let of_video = |key: &str, value: &[u8]| {
-                        tenant.owns(key) && decode::<OfVideo>(value).is_ok_and(|v| v.video == video)
+                        tenant.owns(key) && decode::<OfVideo>(key, value).is_ok_and(|v| v.video == video)
                     };
                     for row in table.extract_if(of_video).map_err(failed)? {
                         traces.push(row.map_err(failed)?.0.value().to_string());
@@ -416,11 +441,22 @@ impl Store {
 fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, StoreError> {
     let mut bytes = Vec::new();
     ciborium::into_writer(value, &mut bytes).map_err(failed)?;
+    let sum = crc32fast::hash(&bytes);
+    bytes.extend(sum.to_le_bytes());
     Ok(bytes)
 }
 
-fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, StoreError> {
-    ciborium::from_reader(bytes).map_err(failed)
+/// A value whose checksum is right; rows of older programs have none.
+fn decode<T: DeserializeOwned>(key: &str, row: &[u8]) -> Result<T, StoreError> {
+    let summed = row.split_last_chunk().filter(|(bytes, sum)| crc32fast::hash(bytes).to_le_bytes() == **sum);
+    let mut rest = summed.map_or(row, |(bytes, _)| bytes);
+    match ciborium::from_reader(&mut rest) {
+        Ok(value) if rest.is_empty() => Ok(value),
+        _ => {
+            tracing::error!(key, "a record of the data folder is damaged");
+            Err(StoreError::Damaged { key: key.into() })
+        }
+    }
 }
 
 fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
@@ -460,87 +496,4 @@ fn failed(error: impl std::fmt::Display) -> StoreError {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test]
-    async fn a_store_keeps_lists_and_deletes() {
-        let folder = tempfile::tempdir().unwrap();
-        {
-            let store = Store::open(folder.path()).unwrap();
-            store.put_video("a", &1.5).await.unwrap();
-            store.put_of_video(Kind::Fits, "a", "a/m", &[0.1, f64::INFINITY]).await.unwrap();
-            store.put_of_video(Kind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
-            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
-            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
-            let locked = Store::open(folder.path()).err().unwrap();
-            assert!(matches!(locked, StoreError::Locked { .. }), "{locked}");
-        }
-        std::fs::write(folder.path().join("traces/t.mcap#1"), b"ha").unwrap();
-        let store = Store::open(folder.path()).unwrap();
-        assert_eq!(store.get(Kind::Fits, "a/m").await.unwrap(), Some([0.1, f64::INFINITY]));
-        assert_eq!(store.read_blob("t", 1, 3).await.unwrap(), "hol");
-        assert!(!folder.path().join("traces/t.mcap#1").exists());
-        let gone = store.put_of_video(Kind::Fits, "b", "b/m", &1).await;
-        assert_eq!(gone, Err(StoreError::VideoGone));
-        assert!(store.delete_video("a").await.unwrap());
-        assert!(!store.delete_video("a").await.unwrap());
-        assert_eq!(store.list(Kind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
-        assert_eq!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap(), None);
-        assert!(store.read_blob("t", 0, 1).await.is_err());
-    }
-
-    #[tokio::test]
-    async fn a_tenant_sees_and_deletes_its_own_only() {
-        let folder = tempfile::tempdir().unwrap();
-        let nobody = Store::open(folder.path()).unwrap();
-        let [a, b] = ["a", "b"].map(|name| nobody.of(&Tenant::new(name).unwrap()));
-        for (store, value) in [(&nobody, 0), (&a, 1), (&b, 2)] {
-            store.put_video("v", &value).await.unwrap();
-            let trace = serde_json::json!({ "video": "v" });
-            store.put_of_video(Kind::Traces, "v", "t", &trace).await.unwrap();
-            store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
-        }
-        a.put_video("only", &3).await.unwrap();
-        for (store, values) in [(&nobody, vec![0]), (&a, vec![3, 1]), (&b, vec![2])] {
-            let listed = store.list(Kind::Videos, "", "", 9, |_: &i32| true).await.unwrap();
-            assert_eq!(listed.iter().map(|(_, v)| *v).collect::<Vec<_>>(), values);
-            assert!(listed.iter().all(|(key, _)| key == "v" || key == "only"));
-        }
-        assert_eq!(b.get::<i32>(Kind::Videos, "only").await.unwrap(), None);
-        assert_eq!(b.put_of_video(Kind::Fits, "only", "only/m", &1).await, Err(StoreError::VideoGone));
-        assert!(a.delete_video("v").await.unwrap());
-        assert!(a.read_blob("t", 0, 1).await.is_err());
-        for store in [&nobody, &b] {
-            assert!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap().is_some());
-            assert_eq!(store.read_blob("t", 0, 5).await.unwrap(), "whole");
-        }
-        let all = nobody.of_everyone().list(Kind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
-        let keys: Vec<String> = all.unwrap().into_iter().map(|(key, _)| key).collect();
-        assert_eq!(keys, ["t", "~b/t"]);
-        nobody.of_everyone().delete_trace("~b/t").await.unwrap();
-        assert!(b.read_blob("t", 0, 1).await.is_err() && nobody.read_blob("t", 0, 1).await.is_ok());
-        assert_eq!(["", "A", "a/b", "~a"].map(Tenant::new), [None, None, None, None]);
-    }
-
-    #[test]
-    fn a_folder_that_cannot_be_used_is_named() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("file");
-        std::fs::write(&file, b"").unwrap();
-        let error = Store::open(&file).err().unwrap().to_string();
-        assert!(error.contains(&file.display().to_string()) && error.contains("--data-dir"), "{error}");
-    }
-
-    #[test]
-    fn a_newer_schema_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        drop(Store::open(folder.path()).unwrap());
-        let db = Database::create(folder.path().join("vrdp.redb")).unwrap();
-        let write = db.begin_write().unwrap();
-        write.open_table(META).unwrap().insert("schema", SCHEMA_VERSION + 1).unwrap();
-        write.commit().unwrap();
-        drop(db);
-        assert!(matches!(Store::open(folder.path()), Err(StoreError::Newer { found: 2, known: 1, .. })));
-    }
-}
+mod tests;

@@ -54,6 +54,7 @@ pub fn status(error: EngineError) -> Status {
         EngineError::Store(StoreError::VideoGone | StoreError::FileGone { .. }) => {
             plain(Code::NotFound, message, "NOT_FOUND")
         }
+        EngineError::Store(StoreError::Damaged { .. }) => plain(Code::DataLoss, message, "RECORD_DAMAGED"),
         EngineError::Store(_) => {
             tracing::error!(message, "storage");
             plain(Code::Unavailable, message, "STORAGE")

@@ -37,13 +37,13 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         let request = study::request(&connection, std::slice::from_ref(scene), start.clone()).await?;
         let request = CompareModelsRequest { study: Some(request) };
         let at = |e: Failure| e.at(&scene.name);
-        let stream = connection.models().compare_models(request).await.map_err(|e| at(e.into()))?;
+        let open = async || connection.models().compare_models(request.clone()).await;
         let said = |m: CompareModelsResponse| match m.event? {
             Event::Progress(fraction) => Some(Said::Progress(fraction)),
             Event::Comparison(comparison) => Some(Said::Result(comparison)),
         };
         let show = |f: f64| bar.set_position((100.0 * (i as f64 + f) / scenes.len() as f64) as u64);
-        let comparison = study::last(stream.into_inner(), said, show).await.map_err(at)?;
+        let comparison = study::last(open, said, show).await.map_err(at)?;
         if let Some(video) = comparison.videos.first() {
             tables += &format!("{}: {}\n{}\n", scene.name, comparison.summary, table(video));
             found.insert(scene.name.clone(), to_json(video));

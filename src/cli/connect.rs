@@ -2,6 +2,7 @@
 
 use super::Target;
 use super::error::Failure;
+use super::study::{self, Said};
 use super::wire::{Wire, remote};
 use crate::api;
 use crate::api::v1::models_client::ModelsClient;
@@ -9,8 +10,8 @@ use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
-    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, Model, ModelChoice, Video,
-    fit_model_response,
+    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, FitModelResponse, Model,
+    ModelChoice, Video, fit_model_response,
 };
 use crate::config::{Config, DEFAULT_HTTP, Flags};
 use crate::engine::{Engine, EngineError};
@@ -176,17 +177,12 @@ impl Connection {
         request: FitModelRequest,
         progress: impl Fn(f64),
     ) -> Result<Vec<Model>, Failure> {
-        let mut stream = self.models().fit_model(request).await?.into_inner();
-        while let Some(message) = stream.message().await? {
-            match message.event {
-                Some(fit_model_response::Event::Progress(p)) => progress(p.fraction),
-                Some(fit_model_response::Event::Model(model)) => {
-                    return Ok([vec![model], message.others].concat());
-                }
-                None => {}
-            }
-        }
-        Err(Failure::other("the service ended the fit without a model"))
+        let open = async || self.models().fit_model(request.clone()).await;
+        let said = |m: FitModelResponse| match m.event? {
+            fit_model_response::Event::Progress(p) => Some(Said::Progress(p.fraction)),
+            fit_model_response::Event::Model(model) => Some(Said::Result([vec![model], m.others].concat())),
+        };
+        study::last(open, said, progress).await
     }
 
     pub fn models(&self) -> ModelsClient<Wire> {

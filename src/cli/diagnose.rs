@@ -45,12 +45,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         candidates.push(input::formula(given, name.as_deref())?);
     }
     let request = DiagnoseModelRequest { study, candidates };
-    let stream = connection.models().diagnose_model(request).await?.into_inner();
+    let open = async || connection.models().diagnose_model(request.clone()).await;
     let said = |m: DiagnoseModelResponse| match m.event? {
         Event::Progress(fraction) => Some(Said::Progress(fraction)),
         Event::Diagnosis(diagnosis) => Some(Said::Result(diagnosis)),
     };
-    let found = study::result("diagnoses", stream, said).await?;
+    let found = study::result("diagnoses", open, said).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
     match args.json.as_deref() {
         Some(target) => output::json(target, &to_json(&found, &names))?,

@@ -56,12 +56,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 /// Runs the search, and shows its progress.
 pub async fn search(connection: &Connection, request: DiscoverEffectsRequest) -> Result<Discovery, Failure> {
-    let stream = connection.models().discover_effects(request).await?.into_inner();
+    let open = async || connection.models().discover_effects(request.clone()).await;
     let said = |m: DiscoverEffectsResponse| match m.event? {
         Event::Progress(fraction) => Some(Said::Progress(fraction)),
         Event::Discovery(discovery) => Some(Said::Result(discovery)),
     };
-    study::result("discovers", stream, said).await
+    study::result("discovers", open, said).await
 }
 
 /// The error of each revision drawn, and the noise.

@@ -52,12 +52,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 /// Asks for a page, and shows the progress of the search for it.
 pub async fn write(connection: &Connection, request: WriteReportRequest) -> Result<Report, Failure> {
-    let stream = connection.models().write_report(request).await?.into_inner();
+    let open = async || connection.models().write_report(request.clone()).await;
     let said = |m: WriteReportResponse| match m.event? {
         Event::Progress(fraction) => Some(Said::Progress(fraction)),
         Event::Report(report) => Some(Said::Result(report)),
     };
-    study::result("discovers", stream, said).await
+    study::result("discovers", open, said).await
 }
 
 /// How the page names a folder of traces: as seen from its own, where that is possible.

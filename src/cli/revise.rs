@@ -122,12 +122,12 @@ pub async fn add(
 ) -> Result<RevisedModels, Failure> {
     use add_effect_response::Event;
     let request = AddEffectRequest { study: Some(study), addition: Some(addition) };
-    let stream = connection.models().add_effect(request).await?.into_inner();
+    let open = async || connection.models().add_effect(request.clone()).await;
     let said = |m: AddEffectResponse| match m.event? {
         Event::Progress(fraction) => Some(Said::Progress(fraction)),
         Event::Revised(revised) => Some(Said::Result(revised)),
     };
-    study::result("adds", stream, said).await
+    study::result("adds", open, said).await
 }
 
 async fn remove(
@@ -137,12 +137,12 @@ async fn remove(
 ) -> Result<RevisedModels, Failure> {
     use remove_effect_response::Event;
     let request = RemoveEffectRequest { study: Some(study), effect };
-    let stream = connection.models().remove_effect(request).await?.into_inner();
+    let open = async || connection.models().remove_effect(request.clone()).await;
     let said = |m: RemoveEffectResponse| match m.event? {
         Event::Progress(fraction) => Some(Said::Progress(fraction)),
         Event::Revised(revised) => Some(Said::Result(revised)),
     };
-    study::result("removes", stream, said).await
+    study::result("removes", open, said).await
 }
 
 /// The revisions of exactly these videos, each after the one that it came from.

@@ -2,10 +2,10 @@
 
 use super::connect::Connection;
 use super::error::Failure;
-use super::{output, progress};
+use super::{output, progress, wire};
 use crate::api::v1::{ModelChoice, RankedEffect, StudyRequest};
 use crate::scene::Scene;
-use tonic::Streaming;
+use tonic::{Response, Status, Streaming};
 
 /// Posts the scenes and names them in a request.
 pub async fn request(
@@ -20,6 +20,9 @@ pub async fn request(
     Ok(StudyRequest { videos, start, models: vec![] })
 }
 
+/// A streamed reply.
+pub type Reply<M> = Result<Response<Streaming<M>>, Status>;
+
 /// What one message of a streamed reply says.
 pub enum Said<T> {
     /// How far the work is: 0 to 1.
@@ -31,29 +34,35 @@ pub enum Said<T> {
 /// Reads a reply to its end, with a bar that says `what` the service does; its result.
 pub async fn result<M, T>(
     what: &'static str,
-    stream: Streaming<M>,
+    open: impl AsyncFn() -> Reply<M>,
     said: impl Fn(M) -> Option<Said<T>>,
 ) -> Result<T, Failure> {
     let bar = progress::percent(what);
-    let found = last(stream, said, |f| bar.set_position((100.0 * f) as u64)).await;
+    let found = last(open, said, |f| bar.set_position((100.0 * f) as u64)).await;
     bar.finish_and_clear();
     found
 }
 
-/// Reads a reply to its end, and tells the progress; its result.
+/// Reads a reply to its end, and tells the progress; its result. Where the service goes away meanwhile, the call is sent anew:
+/// what it makes has a name by its content.
 pub async fn last<M, T>(
-    mut stream: Streaming<M>,
+    open: impl AsyncFn() -> Reply<M>,
     said: impl Fn(M) -> Option<Said<T>>,
     progress: impl Fn(f64),
 ) -> Result<T, Failure> {
-    let mut found = None;
-    while let Some(message) = stream.message().await? {
-        match said(message) {
-            Some(Said::Progress(fraction)) => progress(fraction),
-            Some(Said::Result(result)) => found = Some(result),
-            None => {}
+    let read = async || -> Result<Option<T>, Status> {
+        let mut stream = open().await?.into_inner();
+        let mut found = None;
+        while let Some(message) = stream.message().await? {
+            match said(message) {
+                Some(Said::Progress(fraction)) => progress(fraction),
+                Some(Said::Result(result)) => found = Some(result),
+                None => {}
+            }
         }
-    }
+        Ok(found)
+    };
+    let found = wire::again(read).await?;
     found.ok_or_else(|| Failure::other("the service ended its reply without a result; try again"))
 }
 

@@ -103,6 +103,31 @@ async fn send(
     channel.call(request).await
 }
 
+/// Sends a call anew whose reply broke off, as often and at the pace of one that does not reach its service.
+pub async fn again<T>(call: impl AsyncFn() -> Result<T, Status>) -> Result<T, Status> {
+    for attempt in 1..ATTEMPTS {
+        match call().await {
+            Err(status) if broke_off(&status) => {
+                if attempt == 1 && !progress::is_quiet() {
+                    output::tell("the service went away: tries again");
+                }
+                sleep(wait_of(attempt)).await;
+            }
+            done => return done,
+        }
+    }
+    call().await
+}
+
+/// Whether a reply ended with its connection. What the service itself says has no cause.
+fn broke_off(status: &Status) -> bool {
+    status.source().is_some()
+}
+
+fn wait_of(attempt: u32) -> Duration {
+    (FIRST_WAIT * 2u32.pow(attempt - 1)).min(LONGEST_WAIT)
+}
+
 /// How long to wait before the call is sent anew; `None` where that is of no use.
 fn wait(status: &Status, attempt: u32, passed: Duration) -> Option<Duration> {
     let asked = status.get_details_retry_info().and_then(|info| info.retry_delay);
@@ -113,7 +138,7 @@ fn wait(status: &Status, attempt: u32, passed: Duration) -> Option<Duration> {
         }
         // A disk that failed is put right by somebody.
         Code::Unavailable if reason.as_deref() != Some("STORAGE") && attempt < ATTEMPTS => {
-            Some((FIRST_WAIT * 2u32.pow(attempt - 1)).min(LONGEST_WAIT))
+            Some(wait_of(attempt))
         }
         _ => None,
     }
