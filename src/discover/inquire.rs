@@ -114,7 +114,7 @@ pub fn discover(
 
 /// Whether the last revision loses a video.
 fn loses(found: &Discovery) -> bool {
-    found.revisions.last().is_some_and(|r| r.fit.scenes.iter().any(proof::lost))
+    found.revisions.last().is_some_and(|r| proof::loses(&r.fit))
 }
 
 /// How far the last revision is from what was measured.
@@ -358,7 +358,7 @@ fn conclude(
     let told = revisions.last().unwrap_or(last);
     let open = match proven {
         None => room && told.reduced_chi_square > FOLLOWED,
-        Some(_) => told.fit.scenes.iter().any(proof::lost),
+        Some(_) => proof::loses(&told.fit),
     };
     if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {
         proven = None;

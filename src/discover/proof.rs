@@ -19,6 +19,11 @@ pub fn lost(scene: &SceneFit) -> bool {
     scene.reduced_chi_square > LOST
 }
 
+/// Whether a fit loses one of its scenes.
+pub fn loses(fit: &Fit) -> bool {
+    fit.scenes.iter().any(lost)
+}
+
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
 /// price of the added parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene
 /// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn.

@@ -217,9 +217,8 @@ fn common(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Fit, Vec<Fit>), FitError> {
-    let lost = |alone: &[Fit]| -> Vec<usize> {
-        (0..scenes.len()).filter(|&k| alone[k].scenes.iter().any(proof::lost)).collect()
-    };
+    let lost =
+        |alone: &[Fit]| -> Vec<usize> { (0..scenes.len()).filter(|&k| proof::loses(&alone[k])).collect() };
     let most = options.max_iterations.min(COMMON_ITERATIONS);
     let as_near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
     let mut all = near.to_vec();
@@ -387,7 +386,7 @@ fn fit_on(
     stand_as(&mut model, begun);
     take_shared(&mut model, begun);
     let found = fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
-    if found.scenes.iter().any(proof::lost) { Ok(lower(found, anew()?)) } else { Ok(found) }
+    if proof::loses(&found) { Ok(lower(found, anew()?)) } else { Ok(found) }
 }
 
 pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {

@@ -51,8 +51,7 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
                     let integrated = integral(scene, &frames, acceleration);
                     let time = scene.time_of(middle);
                     let differences = frames.iter().zip(&integrated).filter_map(|(&f, at)| {
-                        let samples = &scene.tracks.get(object)?.samples;
-                        let sample = samples.get(samples.binary_search_by_key(&f, |s| s.frame).ok()?)?;
+                        let sample = scene.tracks.get(object)?.at(f)?;
                         Some((scene.time_of(f) - time, sample.position - *at))
                     });
                     if let Some((acceleration, sd)) = curvature(differences, sigma) {

@@ -52,7 +52,7 @@ pub fn mended(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    if !base.fit.scenes.iter().any(proof::lost) {
+    if !proof::loses(&base.fit) {
         return Ok(None);
     }
     let found = revise(lens, models, Some(law.spec.name), options, stop)?;
@@ -199,7 +199,7 @@ fn heavier(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Vec<Trial>, FitError> {
-    let lost = base.fit.scenes.iter().any(proof::lost);
+    let lost = proof::loses(&base.fit);
     let Some(entry) = absent(models, HEAVIER).filter(|_| lost) else { return Ok(vec![]) };
     let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
     let (found, _) = trajectories(lens, &all, Some(HEAVIER), options, stop)?;
@@ -218,7 +218,7 @@ fn heavier(
 
 /// Where a scene is lost: walls and discs that explain more than one blow that nothing in sight dealt.
 fn unseen(lens: &Lens, base: &Revision, models: &[Model]) -> Vec<Trial> {
-    if !base.fit.scenes.iter().any(proof::lost) {
+    if !proof::loses(&base.fit) {
         return vec![];
     }
     let jumps = struck(lens, models);

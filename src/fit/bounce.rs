@@ -15,28 +15,39 @@ const OF_CUSHIONS: (&str, &str) = ("cushion", "restitution");
 /// A restitution below this share of the usual one counts as dead.
 const LIVELY: f64 = 0.5;
 
-/// The first frame within the window at which a simulation leaves a track, and the body; none where all are followed.
-pub(super) fn left(part: &Part, rollout: &Rollout<f64>, window: Window) -> Option<(usize, usize)> {
-    let (mut squares, mut count) = (0.0, 0);
-    let mut left: Option<(usize, usize)> = None;
-    part.each_residual(rollout, window, |(body, frame, _), r, _| {
-        squares += r * r;
-        count += 1;
-        if r.abs() > OUT_OF_NOISE && left.is_none_or(|(first, _)| frame < first) {
-            left = Some((frame, body));
-        }
-    });
-    left.filter(|_| squares > FOLLOWED * f64::from(count))
+/// Where the simulation of a scene first leaves its tracks.
+pub(super) struct Left<'p> {
+    pub part: &'p Part<'p>,
+    pub rollout: Rollout<f64>,
+    pub frame: usize,
+    pub body: usize,
+}
+
+/// The first frame within the window at which each simulation leaves a track; none of a scene whose tracks are followed.
+pub(super) fn left<'p>(problem: &'p Problem<'p>, point: &[f64], window: Window) -> Vec<Left<'p>> {
+    let of = |part: &'p Part<'p>| {
+        let rollout = part.rollout(&problem.free, point, window);
+        let (mut squares, mut count) = (0.0, 0);
+        let mut left: Option<(usize, usize)> = None;
+        part.each_residual(&rollout, window, |(body, frame, _), r, _| {
+            squares += r * r;
+            count += 1;
+            if r.abs() > OUT_OF_NOISE && left.is_none_or(|(first, _)| frame < first) {
+                left = Some((frame, body));
+            }
+        });
+        let (frame, body) = left.filter(|_| squares > FOLLOWED * f64::from(count))?;
+        Some(Left { part, rollout, frame, body })
+    };
+    problem.parts.iter().filter_map(of).collect()
 }
 
 /// Points of the search at which a contact rebounds that does not at this one, or the other way round: of contacts before
 /// the first track that a simulation leaves within the window.
-pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Vec<f64>> {
+pub(super) fn others(problem: &Problem, point: &[f64], left: &[Left]) -> Vec<Vec<f64>> {
     let mut found: Vec<Rebound> = vec![];
-    for part in &problem.parts {
-        let rollout = part.rollout(&problem.free, point, window);
-        let Some((frame, body)) = left(part, &rollout, window) else { continue };
-        let (id, until) = (part.model.bodies[body].id, part.scene.time_of(frame));
+    for Left { part, rollout, frame, body } in left {
+        let (id, until) = (part.model.bodies[*body].id, part.scene.time_of(*frame));
         let contacts = rollout
             .events
             .iter()

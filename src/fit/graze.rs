@@ -1,8 +1,7 @@
 //! Missed grazes: where a simulation leaves its tracks, a body may have met another that it passes closely there. What is
 //! missed has no gradient: the search must begin anew where they touch.
 
-use super::bounce::left;
-use super::problem::{Problem, Window};
+use super::bounce::Left;
 use crate::world::{BODY_VALUES, Event, Outline, gap};
 
 /// Frames around that in which the simulation leaves a track in which it may have missed a contact.
@@ -11,12 +10,10 @@ const AROUND: usize = 8;
 const CLOSE: f64 = 5.0;
 const OVERLAP: f64 = 2.0;
 
-/// Points of the search at which the first body that leaves its track within the window meets what it only passes at this one.
-pub(super) fn others(problem: &Problem, point: &[f64], window: Window) -> Vec<Vec<f64>> {
+/// Points of the search at which the first body that leaves its track meets what it only passes at this one.
+pub(super) fn others(point: &[f64], left: &[Left]) -> Vec<Vec<f64>> {
     let mut found = vec![];
-    for part in &problem.parts {
-        let rollout = part.rollout(&problem.free, point, window);
-        let Some((frame, body)) = left(part, &rollout, window) else { continue };
+    for &Left { part, ref rollout, frame, body } in left {
         let frames = frame.saturating_sub(AROUND)..frame + AROUND;
         let times = [frames.start, frames.end].map(|f| part.scene.time_of(f));
         let bodies = &part.model.bodies;

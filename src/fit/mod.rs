@@ -324,8 +324,9 @@ fn of_any_contact(
     stop: Stop,
 ) -> Result<Solution, FitError> {
     let mut best = found;
-    let grazes = graze::others(problem, &best.point, window);
-    for point in grazes.into_iter().chain(bounce::others(problem, &best.point, window)) {
+    let left = bounce::left(problem, &best.point, window);
+    let grazes = graze::others(&best.point, &left);
+    for point in grazes.into_iter().chain(bounce::others(problem, &best.point, &left)) {
         if problem.is_exhausted() {
             break;
         }

@@ -90,7 +90,7 @@ fn before_contact(scene: &Scene) -> Scene {
     let mut cut = scene.clone();
     for (a, track) in cut.tracks.iter_mut().enumerate() {
         let near = |frame: usize, b: usize| {
-            let place = |i: usize| scene.tracks[i].samples.iter().find(|s| s.frame == frame);
+            let place = |i: usize| scene.tracks[i].at(frame);
             let reach = scene.objects[a].shape.bounding_radius() + scene.objects[b].shape.bounding_radius();
             let pair = place(a).zip(place(b));
             b != a && pair.is_some_and(|(p, q)| (p.position - q.position).norm() < reach + NEAR)

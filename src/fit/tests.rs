@@ -422,7 +422,8 @@ fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively()
             let k = (0..point.len()).find(|&k| other[k] != point[k]).expect("one is another");
             (problem.free[k].name.clone(), point[k], other[k])
         };
-        bounce::others(&problem, &point, frames).into_iter().map(changed).collect::<Vec<_>>()
+        let left = bounce::left(&problem, &point, frames);
+        bounce::others(&problem, &point, &left).into_iter().map(changed).collect::<Vec<_>>()
     };
     assert!(others(&truth).is_empty(), "what follows its tracks is left alone");
     let found = others(&model);
@@ -443,7 +444,8 @@ fn where_nothing_rebounds_one_contact_alone_is_made_lively() {
         p.values.fill(0.0);
     }
     let problem = Problem::new(std::slice::from_ref(&scene), vec![model], &[estimate_noise(&scene)], &never);
-    let others = bounce::others(&problem, &problem.start(), scene.times.len());
+    let point = problem.start();
+    let others = bounce::others(&problem, &point, &bounce::left(&problem, &point, scene.times.len()));
     assert!(!others.is_empty());
     for other in others {
         let rebound = |name: &str| -> Vec<f64> {
@@ -468,7 +470,8 @@ fn a_graze_that_the_simulation_misses_is_tried() {
     assert!(met(&truth) && !met(&missed));
     let others = |model: &Model| {
         let problem = Problem::new(std::slice::from_ref(&scene), vec![model.clone()], &[noise], &never);
-        let others = graze::others(&problem, &problem.start(), scene.times.len());
+        let point = problem.start();
+        let others = graze::others(&point, &bounce::left(&problem, &point, scene.times.len()));
         let models = others.iter().map(|other| problem.model(0, other));
         models.collect::<Vec<_>>()
     };
