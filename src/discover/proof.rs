@@ -10,9 +10,11 @@ const LOST: f64 = 4.0;
 
 /// A gain of one scene that is more than what an engine does at a contact (twice a log likelihood).
 const MUCH: f64 = 40.0;
-/// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square).
+/// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square); one that
+/// is still lost, by that.
 const WELL: f64 = 1.5;
 const MENDED: f64 = 2.0;
+const MOSTLY_MENDED: f64 = 10.0;
 
 /// Whether a trajectory is lost.
 pub fn lost(scene: &SceneFit) -> bool {
@@ -67,10 +69,11 @@ pub fn gained(before: &Fit, after: &Fit) -> usize {
     pairs.filter(|(b, a)| gain(b, a) > MUCH).count()
 }
 
-/// Whether a fit follows at least two scenes that another does not: one may be lost, and found, by chance.
+/// Whether a fit follows at least two scenes much better that another does not: one may be lost, and found, by chance.
 pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
     let mended = |(b, a): &(&SceneFit, &SceneFit)| {
-        b.reduced_chi_square > f64::max(WELL, MENDED * a.reduced_chi_square) && !lost(a)
+        let factor = if lost(a) { MOSTLY_MENDED } else { MENDED };
+        b.reduced_chi_square > f64::max(WELL, factor * a.reduced_chi_square)
     };
     before.iter().zip(after).filter(mended).count() > 1
 }

@@ -8,6 +8,7 @@ mod noise;
 mod paper;
 mod posterior;
 mod problem;
+mod scatter;
 mod solve;
 mod start;
 #[cfg(test)]
@@ -20,7 +21,7 @@ pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{Ending, Model};
-use problem::Problem;
+use problem::{Problem, Window};
 use serde::{Deserialize, Serialize};
 use solve::{NEGLIGIBLE, Solution, minimise};
 
@@ -142,6 +143,10 @@ const MOST_BEHIND: usize = 3;
 const OTHER_ITERATIONS: usize = 40;
 const YAW_ROUNDS: usize = 2;
 const WORTH_A_ROUND: f64 = 5.0;
+/// Frames that tell how objects begin where the first window is not followed.
+const FEW_FRAMES: usize = 4;
+/// Windows that were followed from whose points others are drawn where the next one is not.
+const BACK: usize = 2;
 /// Most iterations from another bounce.
 const BOUNCE_ITERATIONS: usize = 15;
 /// A fall of the cost that is not worth another step while the window still grows.
@@ -335,6 +340,35 @@ fn of_any_contact(
     Ok(best)
 }
 
+/// The best fit of a window from this one, and where it is not followed from others that are as likely by the frames before.
+/// `known` are points that follow all before a window, the last of them last.
+fn of_any_chance(
+    problem: &Problem,
+    found: Solution,
+    known: &mut Vec<(Vec<f64>, Window)>,
+    window: Window,
+    negligible: f64,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let mut best = found;
+    let followed = |s: &Solution| bounce::left(problem, &s.point, window).is_empty();
+    let mut before = if followed(&best) { vec![] } else { std::mem::take(known) };
+    // What happened before one window may show in the next only.
+    for _ in 0..BACK {
+        let Some((mut from, seen)) = before.pop().filter(|_| !followed(&best)) else { break };
+        if seen == FEW_FRAMES {
+            from = minimise(problem, &from, seen, negligible, BOUNCE_ITERATIONS, stop)?.point;
+        }
+        for point in scatter::others(problem, &from, seen, window, stop)? {
+            best = better(best, minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?);
+        }
+    }
+    if followed(&best) {
+        known.push((best.point.clone(), window));
+    }
+    Ok(best)
+}
+
 /// The one of lower cost, with the iterations of both.
 fn better(known: Solution, tried: Solution) -> Solution {
     let iterations = known.iterations + tried.iterations;
@@ -378,11 +412,13 @@ fn grow(
     let ahead = LOOK_AHEAD.max((LOOK_AHEAD_TIME * fastest).round() as usize);
     let mut window = ahead.max(10).min(frames);
     let (mut iterations, mut losses) = (0, vec![]);
+    let mut known = vec![(point.clone(), FEW_FRAMES)];
     loop {
         let left = budget.saturating_sub(iterations).clamp(1, 30);
         let negligible = if window < frames { UNFINISHED } else { problem.negligible() };
         let followed = minimise(problem, &point, window, negligible, left, stop)?;
-        let solution = of_any_contact(problem, followed, window, negligible, stop)?;
+        let tried = of_any_contact(problem, followed, window, negligible, stop)?;
+        let solution = of_any_chance(problem, tried, &mut known, window, negligible, stop)?;
         iterations += solution.iterations;
         point = solution.point;
         losses.extend(&solution.losses);

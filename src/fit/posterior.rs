@@ -315,7 +315,7 @@ impl Blocks {
 }
 
 /// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.
-fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
     let n = hessian.nrows();
     // Scale to a unit diagonal first: states and masses differ by orders of magnitude.
     let scale = DVector::from_iterator(n, (0..n).map(|k| 1.0 / hessian[(k, k)].max(1e-300).sqrt()));

@@ -7,6 +7,7 @@ use crate::effects::{Hook, effect};
 use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
+use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Residuals beyond this many deviations count linearly (Huber), so that a wrong track cannot pull the fit.
@@ -241,7 +242,15 @@ impl<'a> Problem<'a> {
 
     /// Residuals of each part; `None` where a simulation does not come to its end.
     pub fn residuals(&self, point: &[f64], window: Window) -> Option<Vec<Vec<f64>>> {
-        self.parts.iter().map(|part| Some(part.followed(&self.free, point, window)?.1)).collect()
+        self.of_parts(|part| Some(part.followed(&self.free, point, window)?.1)).into_iter().collect()
+    }
+
+    /// One result a part, in order; several parts at once.
+    fn of_parts<R: Send>(&self, of: impl Fn(&Part) -> R + Sync + Send) -> Vec<R> {
+        match &self.parts[..] {
+            [one] => vec![of(one)],
+            parts => parts.par_iter().map(of).collect(),
+        }
     }
 
     fn prior_cost(&self, point: &[f64]) -> f64 {
@@ -290,7 +299,7 @@ impl<'a> Problem<'a> {
 
     /// Residuals of each part and how they change with the parameters.
     pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
-        self.parts.iter().map(|part| part.linearised(&self.free, point, window, self.stop)).collect()
+        self.of_parts(|part| part.linearised(&self.free, point, window, self.stop))
     }
 
     /// The model of part `index` at this point.

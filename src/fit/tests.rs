@@ -479,3 +479,32 @@ fn a_graze_that_the_simulation_misses_is_tried() {
     let found = others(&missed);
     assert!(matches!(&found[..], [one] if met(one)), "{found:?}");
 }
+
+/// Six cubes and discs that meet in the middle: what each meets next hangs by the noise.
+fn burst(seed: u64) -> Scene {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let (mut scene, _) = film("burst", 0, [1.0; 3]);
+    let shapes = [Shape::Square { half_side: 0.2 }, Shape::Disc { radius: 0.2 }];
+    let object =
+        |id: u32| Object { id, shape: shapes[id as usize % 2], mass: Some(1.0), ..objects()[0].clone() };
+    (scene.objects, scene.tracks) = ((0..6).map(object).collect(), vec![Track::default(); 6]);
+    let mut model = Preset::for_world(scene.world).model(&scene);
+    for (k, body) in model.bodies.iter_mut().enumerate() {
+        let (sin, cos) = (std::f64::consts::TAU * k as f64 / 6.0).sin_cos();
+        let state = &mut body.start.state;
+        state.position = vec2(1.5 * cos + 0.05 * normal(), 1.5 * sin + 0.05 * normal());
+        state.velocity = vec2(-1.2 * cos + 0.1 * normal(), -1.2 * sin + 0.1 * normal());
+        (state.yaw, state.spin) = (normal(), normal());
+    }
+    measure(&mut scene, &model, seed);
+    scene
+}
+
+#[test]
+fn bursts_are_followed_that_no_step_leads_through() {
+    for seed in [18, 20, 26] {
+        let found = fitted(&[burst(seed)]);
+        assert!(found.scenes[0].reduced_chi_square < 1.2, "{seed}: {}", found.scenes[0].reduced_chi_square);
+    }
+}
