@@ -43,7 +43,12 @@ const TERMS: [Term; 21] = [
     Term { x: "-vy", y: "vx", value: |k, _| k.velocity.perp() },
     Term { x: "vx*speed", y: "vy*speed", value: |k, _| k.velocity.scaled(k.velocity.norm()) },
     Term { x: "vx*speed^2", y: "vy*speed^2", value: |k, _| k.velocity.scaled(k.velocity.norm_squared()) },
-    Term { x: "vx/speed", y: "vy/speed", value: |k, _| k.velocity.unit() },
+    // A formula has a value at rest, too.
+    Term {
+        x: "vx/max(speed, 0.01)",
+        y: "vy/max(speed, 0.01)",
+        value: |k, _| k.velocity.scaled(1.0 / k.velocity.norm().max(0.01)),
+    },
     Term { x: "-vy*speed", y: "vx*speed", value: |k, _| k.velocity.perp().scaled(k.velocity.norm()) },
     Term { x: "-spin*vy", y: "spin*vx", value: |k, _| k.velocity.perp().scaled(k.spin) },
     Term { x: "vx", y: "", value: |k, _| vec2(k.velocity.x, 0.0) },
@@ -248,5 +253,40 @@ impl Search<'_> {
         let after = self.lens.by_track(&self.projector.moved(columns, amplitudes));
         let falls: Vec<f64> = before.iter().zip(&after).map(|(b, a)| b.0 - a.0).collect();
         falls.iter().sum::<f64>() - falls.iter().copied().fold(0.0, f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::TERMS;
+    use crate::body::{Body, Wrench};
+    use crate::effects::formula::Formula;
+    use crate::num::{Vec2, vec2};
+    use crate::scene::Shape;
+    use crate::world::Kinematics;
+
+    #[test]
+    fn what_a_term_is_fitted_as_is_what_its_text_says_at_rest_too() {
+        for velocity in [vec2(0.3, -0.7), vec2(0.004, 0.001), Vec2::zero()] {
+            let k =
+                Kinematics { position: vec2(1.1, -0.4), velocity, yaw: 0.2, spin: 0.9, roll: Vec2::zero() };
+            let body = Body {
+                shape: Shape::Disc { radius: 0.2 },
+                mass: 1.0,
+                position: k.position,
+                yaw: k.yaw,
+                velocity,
+                spin: k.spin,
+                roll: k.roll,
+            };
+            for term in &TERMS {
+                let side = |text: &str| if text.is_empty() { "0".to_string() } else { text.to_string() };
+                let text = format!("ax = {}; ay = {}", side(term.x), side(term.y));
+                let law = Formula::new(&text, vec![]).expect("it is one").read().expect("it is one");
+                let mut out = Wrench::zero();
+                assert!(law.force(&[], 1.7, &body, &mut out), "{text} at {velocity:?}");
+                assert!((out.force - (term.value)(&k, 1.7)).norm() < 1e-12, "{text} at {velocity:?}");
+            }
+        }
     }
 }
