@@ -1,7 +1,7 @@
 //! Other bounces: where a simulation leaves its tracks after a contact, that contact may have been a dead one, or a lively
 //! one. Both are minima of their own, since what is hit next depends on it.
 
-use super::OUT_OF_NOISE;
+use super::grow::OUT_OF_NOISE;
 use super::problem::{Part, Problem, Window};
 use crate::world::{BODY_VALUES, Event, EventKind, Rollout};
 

@@ -3,6 +3,7 @@
 mod anchor;
 mod bounce;
 mod graze;
+mod grow;
 mod linear;
 mod noise;
 mod paper;
@@ -21,7 +22,8 @@ pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{Ending, Model};
-use problem::{Problem, Window};
+use grow::grow;
+use problem::Problem;
 use serde::{Deserialize, Serialize};
 use solve::{NEGLIGIBLE, Solution, minimise};
 
@@ -132,29 +134,16 @@ const FEWEST_SAMPLES: usize = 3;
 /// Reduced chi-square up to which a fit needs no other attempt, and up to which noise explains the misfit.
 const GOOD: f64 = 1.25;
 const ADEQUATE: f64 = 1.5;
-/// A growing window takes in this many frames after the first that leaves the noise, and at least this time (s): what
-/// happens between objects does not hurry where a camera does.
-const LOOK_AHEAD: usize = 8;
-const LOOK_AHEAD_TIME: f64 = 0.32;
-/// Steps of the window after which what is lost is given up: all the rest is fitted at once.
-const MOST_BEHIND: usize = 3;
+/// Share of all work that the search over the whole video may do before windows grow: bodies that press each other where none
+/// did would take it all.
+const AT_ONCE: f64 = 0.5;
 /// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
 /// likelihood, that makes it worth to do so again.
 const OTHER_ITERATIONS: usize = 40;
 const YAW_ROUNDS: usize = 2;
 const WORTH_A_ROUND: f64 = 5.0;
-/// Frames that tell how objects begin where the first window is not followed.
-const FEW_FRAMES: usize = 4;
-/// Windows that were followed from whose points others are drawn where the next one is not.
-const BACK: usize = 2;
-/// Most iterations from another bounce.
-const BOUNCE_ITERATIONS: usize = 15;
-/// A fall of the cost that is not worth another step while the window still grows.
-const UNFINISHED: f64 = 0.01;
 /// Reduced chi-square of a scene whose simulation does not come to its end.
 const BROKEN_OFF: f64 = 1e9;
-/// A residual beyond this many deviations has left the noise.
-const OUT_OF_NOISE: f64 = 6.0;
 
 /// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
 /// `ShapePair` are shared by all scenes. Deterministic.
@@ -232,10 +221,12 @@ fn gauss_newton(
     let budget = options.max_iterations;
     let enough = problem.negligible();
     let turned = matches!(options.begin, Begin::Turned | Begin::Near);
+    problem.allow(AT_ONCE);
     let mut best = match turned {
         true => minimise(problem, &problem.start(), frames, enough, budget, stop)?,
         false => of_any_yaw(problem, &problem.start(), frames, budget, stop)?,
     };
+    problem.allow(1.0);
     let done =
         |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && !done(&best) {
@@ -319,56 +310,6 @@ fn of_any_yaw(
     Ok(best)
 }
 
-/// The best fit of a window from this one, from a graze that it may have missed where it leaves the tracks, and from other
-/// bounces at the contact before.
-fn of_any_contact(
-    problem: &Problem,
-    found: Solution,
-    window: usize,
-    negligible: f64,
-    stop: Stop,
-) -> Result<Solution, FitError> {
-    let mut best = found;
-    let left = bounce::left(problem, &best.point, window);
-    let grazes = graze::others(&best.point, &left);
-    for point in grazes.into_iter().chain(bounce::others(problem, &best.point, &left)) {
-        if problem.is_exhausted() {
-            break;
-        }
-        best = better(best, minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?);
-    }
-    Ok(best)
-}
-
-/// The best fit of a window from this one, and where it is not followed from others that are as likely by the frames before.
-/// `known` are points that follow all before a window, the last of them last.
-fn of_any_chance(
-    problem: &Problem,
-    found: Solution,
-    known: &mut Vec<(Vec<f64>, Window)>,
-    window: Window,
-    negligible: f64,
-    stop: Stop,
-) -> Result<Solution, FitError> {
-    let mut best = found;
-    let followed = |s: &Solution| bounce::left(problem, &s.point, window).is_empty();
-    let mut before = if followed(&best) { vec![] } else { std::mem::take(known) };
-    // What happened before one window may show in the next only.
-    for _ in 0..BACK {
-        let Some((mut from, seen)) = before.pop().filter(|_| !followed(&best)) else { break };
-        if seen == FEW_FRAMES {
-            from = minimise(problem, &from, seen, negligible, BOUNCE_ITERATIONS, stop)?.point;
-        }
-        for point in scatter::others(problem, &from, seen, window, stop)? {
-            best = better(best, minimise(problem, &point, window, negligible, BOUNCE_ITERATIONS, stop)?);
-        }
-    }
-    if followed(&best) {
-        known.push((best.point.clone(), window));
-    }
-    Ok(best)
-}
-
 /// The one of lower cost, with the iterations of both.
 fn better(known: Solution, tried: Solution) -> Solution {
     let iterations = known.iterations + tried.iterations;
@@ -396,54 +337,6 @@ pub fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
         }
     }
     Ok(())
-}
-
-/// Fits from the first frames on, taking in more as far as the model follows: no contact is passed before the
-/// motion up to it is right.
-fn grow(
-    problem: &Problem,
-    start: Vec<f64>,
-    frames: usize,
-    budget: usize,
-    stop: Stop,
-) -> Result<Solution, FitError> {
-    let mut point = start;
-    let fastest = problem.parts.iter().map(|p| p.scene.fps).fold(0.0, f64::max);
-    let ahead = LOOK_AHEAD.max((LOOK_AHEAD_TIME * fastest).round() as usize);
-    let mut window = ahead.max(10).min(frames);
-    let (mut iterations, mut losses) = (0, vec![]);
-    let mut known = vec![(point.clone(), FEW_FRAMES)];
-    loop {
-        let left = budget.saturating_sub(iterations).clamp(1, 30);
-        let negligible = if window < frames { UNFINISHED } else { problem.negligible() };
-        let followed = minimise(problem, &point, window, negligible, left, stop)?;
-        let tried = of_any_contact(problem, followed, window, negligible, stop)?;
-        let solution = of_any_chance(problem, tried, &mut known, window, negligible, stop)?;
-        iterations += solution.iterations;
-        point = solution.point;
-        losses.extend(&solution.losses);
-        if window >= frames {
-            return Ok(Solution { point, iterations, losses, ..solution });
-        }
-        let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
-        let lost = lost.unwrap_or(frames);
-        // What is left that far behind no window takes in any more.
-        let behind = lost + MOST_BEHIND * ahead < window;
-        window = if behind { frames } else { (lost + ahead).max(window + ahead).min(frames) };
-    }
-}
-
-/// The first frame at which the simulation leaves the measurements of a scene.
-fn first_lost(problem: &Problem, index: usize, point: &[f64], frames: usize) -> Option<usize> {
-    let part = &problem.parts[index];
-    let rollout = part.rollout(&problem.free, point, frames);
-    let mut bad: Vec<usize> = vec![];
-    part.each_residual(&rollout, frames, |(_, frame, _), r, _| {
-        if r.abs() > OUT_OF_NOISE {
-            bad.push(frame);
-        }
-    });
-    bad.into_iter().min()
 }
 
 fn worst_chi_square(problem: &Problem, point: &[f64], frames: usize) -> f64 {

@@ -84,10 +84,10 @@ impl Posterior {
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
         let parts = problem.linearised(point, window);
         let independent = vec![1.0; parts.len()];
-        let factor = covariance_factor(problem.weighed(point, &parts, &independent).hessian);
+        let factor = problem.weighed(point, &parts, &independent).covariance_factor();
         let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
         let shares: Vec<f64> = problem.parts.iter().zip(&parts).map(share).collect();
-        let factor = covariance_factor(problem.weighed(point, &parts, &shares).hessian);
+        let factor = problem.weighed(point, &parts, &shares).covariance_factor();
         let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
         let estimate = |(k, f): (usize, &Free)| {
             let value = if f.log { point[k].exp() } else { point[k] };
@@ -164,10 +164,6 @@ fn draws(
     let blocks = Blocks::new(problem, factor);
     let residuals: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals.clone()).collect();
     let best = blocks.costs(problem, point, &residuals, parts, shares);
-    let moved = |from: &[f64], step: &dyn Fn(usize) -> f64| -> Vec<f64> {
-        let bounded = |(k, f): (usize, &Free)| (from[k] + step(k)).clamp(f.min, f.max);
-        problem.free.iter().enumerate().map(bounded).collect()
-    };
     let draw = |_| {
         let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
         let worst = blocks.worst(&z);
@@ -180,7 +176,7 @@ fn draws(
             }
             let step = DVector::from_iterator(n, (0..n).map(|k| shift[k] * share[blocks.of[k]]));
             let mut wanted = None;
-            let mut drawn = moved(point, &|k| step[k]);
+            let mut drawn = problem.moved(point, |k| step[k]);
             bad.fill(true);
             for _ in 0..CORRECTIONS {
                 let Some(found) = Found::at(problem, &drawn, window) else { break };
@@ -202,11 +198,11 @@ fn draws(
                     part.pull_back(&off, &mut gradient);
                 }
                 let back = factor * factor.tr_mul(&gradient);
-                drawn = moved(&drawn, &|k| if bad[blocks.of[k]] { -back[k] } else { 0.0 });
+                drawn = problem.moved(&drawn, |k| if bad[blocks.of[k]] { -back[k] } else { 0.0 });
             }
             share.iter_mut().zip(&bad).filter(|(_, bad)| **bad).for_each(|(share, _)| *share *= SHRINK);
         }
-        moved(point, &|k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
+        problem.moved(point, |k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
     };
     (0..count).map(draw).collect()
 }
@@ -311,44 +307,6 @@ impl Blocks {
             0.5 * f64::max(size + TOLERATED * (2.0 * size).sqrt(), ROUNDED * squares)
         };
         self.sizes.iter().zip(squares).map(worst).collect()
-    }
-}
-
-/// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.
-pub(super) fn covariance_factor(hessian: DMatrix<f64>) -> DMatrix<f64> {
-    let n = hessian.nrows();
-    // Scale to a unit diagonal first: states and masses differ by orders of magnitude.
-    let scale = DVector::from_iterator(n, (0..n).map(|k| 1.0 / hessian[(k, k)].max(1e-300).sqrt()));
-    let mut unit = hessian;
-    for i in 0..n {
-        for j in 0..n {
-            unit[(i, j)] *= scale[i] * scale[j];
-        }
-    }
-    let mut ridge = 0.0;
-    let inverse = loop {
-        let mut trial = unit.clone();
-        for k in 0..n {
-            trial[(k, k)] += ridge;
-        }
-        if let Some(c) = trial.cholesky() {
-            break c.inverse();
-        }
-        ridge = if ridge == 0.0 { 1e-12 } else { ridge * 100.0 };
-        if ridge > 1.0 {
-            break DMatrix::identity(n, n);
-        }
-    };
-    let mut covariance = inverse;
-    for i in 0..n {
-        for j in 0..n {
-            covariance[(i, j)] *= scale[i] * scale[j];
-        }
-    }
-    let diagonal = covariance.diagonal();
-    match covariance.cholesky() {
-        Some(c) => c.unpack(),
-        None => DMatrix::from_diagonal(&diagonal.map(|v| v.max(0.0).sqrt())),
     }
 }
 

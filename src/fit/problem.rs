@@ -7,6 +7,7 @@ use crate::effects::{Hook, effect};
 use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
 use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -62,6 +63,8 @@ pub(super) struct Part<'a> {
 }
 
 pub(super) struct Problem<'a> {
+    /// Steps that the search may take before it must go on with something else, or end.
+    allowed: AtomicU64,
     /// Polled between passes of one linearisation; what a stopped one gives is never used.
     pub stop: Stop<'a>,
     pub parts: Vec<Part<'a>>,
@@ -71,8 +74,49 @@ pub(super) struct Problem<'a> {
 /// Normal equations at one point: half the cost's gradient and Gauss-Newton Hessian.
 pub(super) struct Normal {
     pub cost: f64,
-    pub gradient: nalgebra::DVector<f64>,
-    pub hessian: nalgebra::DMatrix<f64>,
+    pub gradient: DVector<f64>,
+    pub hessian: DMatrix<f64>,
+}
+
+impl Normal {
+    /// L with L L^T = H^-1, lower triangular; H is regularised where the data and priors leave it singular.
+    pub fn covariance_factor(self) -> DMatrix<f64> {
+        let Normal { hessian, .. } = self;
+        let n = hessian.nrows();
+        // Scale to a unit diagonal first: states and masses differ by orders of magnitude.
+        let scale = DVector::from_iterator(n, (0..n).map(|k| 1.0 / hessian[(k, k)].max(1e-300).sqrt()));
+        let mut unit = hessian;
+        for i in 0..n {
+            for j in 0..n {
+                unit[(i, j)] *= scale[i] * scale[j];
+            }
+        }
+        let mut ridge = 0.0;
+        let inverse = loop {
+            let mut trial = unit.clone();
+            for k in 0..n {
+                trial[(k, k)] += ridge;
+            }
+            if let Some(c) = trial.cholesky() {
+                break c.inverse();
+            }
+            ridge = if ridge == 0.0 { 1e-12 } else { ridge * 100.0 };
+            if ridge > 1.0 {
+                break DMatrix::identity(n, n);
+            }
+        };
+        let mut covariance = inverse;
+        for i in 0..n {
+            for j in 0..n {
+                covariance[(i, j)] *= scale[i] * scale[j];
+            }
+        }
+        let diagonal = covariance.diagonal();
+        match covariance.cholesky() {
+            Some(c) => c.unpack(),
+            None => DMatrix::from_diagonal(&diagonal.map(|v| v.max(0.0).sqrt())),
+        }
+    }
 }
 
 /// Which frames count: those before this index.
@@ -181,7 +225,7 @@ impl<'a> Problem<'a> {
             let base = model.flatten();
             parts.push(Part { scene, model, noise: *noise, base, slots, work: AtomicU64::default() });
         }
-        Problem { stop, parts, free }
+        Problem { allowed: AtomicU64::new(most(&parts)), stop, parts, free }
     }
 
     /// The same parameters and models with other measurements of the same objects.
@@ -194,8 +238,8 @@ impl<'a> Problem<'a> {
             work: AtomicU64::default(),
             slots: p.slots.clone(),
         };
-        let parts = self.parts.iter().zip(scenes).map(part).collect();
-        Problem { stop: self.stop, parts, free: self.free.clone() }
+        let parts: Vec<Part> = self.parts.iter().zip(scenes).map(part).collect();
+        Problem { allowed: AtomicU64::new(most(&parts)), stop: self.stop, parts, free: self.free.clone() }
     }
 
     /// Frees what was held for now; whether there is any such.
@@ -210,6 +254,15 @@ impl<'a> Problem<'a> {
         if self.free.iter().any(|f| f.held) { NEAR } else { NEGLIGIBLE }
     }
 
+    /// A point a step away, within the bounds; what is held stays.
+    pub fn moved(&self, from: &[f64], step: impl Fn(usize) -> f64) -> Vec<f64> {
+        let moved = |(k, f): (usize, &Free)| match f.held {
+            true => from[k],
+            false => (from[k] + step(k)).clamp(f.min, f.max),
+        };
+        self.free.iter().enumerate().map(moved).collect()
+    }
+
     /// Where the search starts: the values of the models.
     pub fn start(&self) -> Vec<f64> {
         let mut point: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
@@ -221,11 +274,15 @@ impl<'a> Problem<'a> {
         point
     }
 
-    /// Whether the search has worked as much as it may.
+    /// Whether the search has worked as much as it may for now.
     pub fn is_exhausted(&self) -> bool {
         let done: u64 = self.parts.iter().map(|p| p.work.load(Ordering::Relaxed)).sum();
-        let most = |p: &Part| WORK.min(WORK_BY_FRAME * p.scene.times.len() as u64);
-        done > self.parts.iter().map(most).sum()
+        done > self.allowed.load(Ordering::Relaxed)
+    }
+
+    /// Lets the search work up to this share of all that it may.
+    pub fn allow(&self, share: f64) {
+        self.allowed.store((share * most(&self.parts) as f64) as u64, Ordering::Relaxed);
     }
 
     /// Half the sum of squared residuals, priors included.
@@ -267,8 +324,8 @@ impl<'a> Problem<'a> {
         let n = self.free.len();
         let mut normal = Normal {
             cost: self.prior_cost(point),
-            gradient: nalgebra::DVector::zeros(n),
-            hessian: nalgebra::DMatrix::zeros(n, n),
+            gradient: DVector::zeros(n),
+            hessian: DMatrix::zeros(n, n),
         };
         for (k, f) in self.free.iter().enumerate() {
             normal.gradient[k] = (point[k] - f.mean) / (f.sd * f.sd);
@@ -282,14 +339,9 @@ impl<'a> Problem<'a> {
     }
 
     /// Half the cost's gradient where the residuals are these, with the derivatives of a point nearby.
-    pub fn gradient(
-        &self,
-        point: &[f64],
-        parts: &[Linear],
-        residuals: &[Vec<f64>],
-    ) -> nalgebra::DVector<f64> {
+    pub fn gradient(&self, point: &[f64], parts: &[Linear], residuals: &[Vec<f64>]) -> DVector<f64> {
         let prior = self.free.iter().zip(point).map(|(f, x)| (x - f.mean) / (f.sd * f.sd));
-        let mut gradient = nalgebra::DVector::from_iterator(point.len(), prior);
+        let mut gradient = DVector::from_iterator(point.len(), prior);
         for (linear, residuals) in parts.iter().zip(residuals) {
             let pulls: Vec<f64> = residuals.iter().map(|r| r.clamp(-HUBER, HUBER)).collect();
             linear.pull_back(&pulls, &mut gradient);
@@ -307,6 +359,11 @@ impl<'a> Problem<'a> {
         let part = &self.parts[index];
         part.model.with_values(&part.flat(&self.free, point))
     }
+}
+
+/// Steps that a search of these parts may take.
+fn most(parts: &[Part]) -> u64 {
+    parts.iter().map(|p| WORK.min(WORK_BY_FRAME * p.scene.times.len() as u64)).sum()
 }
 
 /// Huber's loss.

@@ -1,7 +1,6 @@
 //! Draws from what the frames that are followed tell: where no step leads on from the best of these points, because what is
 //! met next hangs by the noise, another may.
 
-use super::posterior::covariance_factor;
 use super::problem::{Problem, Window};
 use crate::num::{Stop, Stopped};
 use nalgebra::DVector;
@@ -21,7 +20,7 @@ pub(super) fn others(
     window: Window,
     stop: Stop,
 ) -> Result<Vec<Vec<f64>>, Stopped> {
-    let factor = covariance_factor(problem.normal(point, followed).hessian);
+    let factor = problem.normal(point, followed).covariance_factor();
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut drawn: Vec<(f64, Vec<f64>)> = vec![];
     for _ in 0..DRAWN {
@@ -32,9 +31,7 @@ pub(super) fn others(
         let z =
             DVector::from_iterator(point.len(), (0..point.len()).map(|_| StandardNormal.sample(&mut random)));
         let off = &factor * z;
-        let draw: Vec<f64> = (problem.free.iter().zip(point).zip(off.iter()))
-            .map(|((f, x), d)| if f.held { *x } else { (x + d).clamp(f.min, f.max) })
-            .collect();
+        let draw = problem.moved(point, |k| off[k]);
         drawn.push((problem.cost(&draw, window), draw));
     }
     drawn.sort_by(|a, b| a.0.total_cmp(&b.0));
