@@ -109,7 +109,7 @@ pub struct ContactLaw<T> {
     pub presence: T,
     /// How far above a ball's centre a wall touches it, in radii.
     pub edge: T,
-    /// Share of a ball's slip that a wall's shear reverses where friction holds.
+    /// Share of the slip that comes back reversed where friction holds; below 0: that is left.
     pub shear: T,
     /// Share of two bodies' relative motion that the blow takes; from 1 on they stick together.
     pub stick: T,

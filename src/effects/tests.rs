@@ -154,8 +154,9 @@ fn an_effect_without_amplitude_is_absent_whatever_its_other_parameters() {
             assert_eq!(spec.default, 0.0, "{}.{}", entry.spec.name, spec.name);
             *value = 0.0;
         }
-        // Numbers that mean nothing alone: a damper without its spring.
-        let alone = |v: &f64| entry.spec.name == "soft_contact" && *v == p[1] || *v == 0.0;
+        // Numbers that mean nothing alone: a damper without its spring, shear without friction.
+        let beside = ["soft_contact", "contact_friction"].contains(&entry.spec.name);
+        let alone = |v: &f64| beside && *v == p[1] || *v == 0.0;
         // Several amplitudes: a law that is the sum of two, each of which has its own.
         let sum_of_laws =
             ["damping", "friction_offset", "gliding_friction", "cushion"].contains(&entry.spec.name);

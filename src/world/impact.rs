@@ -261,7 +261,8 @@ impl<T: Real> ContactLaw<T> {
 /// Impulses of one contact on a and b, and the normal impulse (N s).
 ///
 /// Newton's restitution along the normal; a tangential impulse against the slip of the touching points, of at
-/// most `friction` times the normal one and never more than stops the slip (Stronge, Impact Mechanics, ch. 3).
+/// most `friction` times the normal one and never more than turns the slip into `-shear` of it (Stronge, Impact Mechanics,
+/// ch. 3; Foerster et al., Phys. Fluids 6 (1994) 1108).
 /// The slip of balls has a vertical part, which can turn them but not lift them.
 pub(super) fn resolve<T: Real>(
     a: &mut Side<T>,
@@ -300,8 +301,9 @@ pub(super) fn resolve<T: Real>(
         if slip.value() > 1e-12 {
             let (st, sz) = (slip_t / slip, slip_z / slip);
             let (along, coupling) = (st * st * ktt + sz * sz * kzz, st * knt);
-            // Friction ends where the slip does, and never so large that the contact would add energy.
-            let stick = (slip * knn + coupling * kick) / (along * kick + slip * coupling);
+            // Friction ends where the slip does, or what shear gives back, and never so large that the contact would add energy.
+            let taken = slip * (law.shear + 1.0);
+            let stick = (taken * knn + coupling * kick) / (along * kick + taken * coupling);
             let mu = law.friction.min(stick.max(T::zero()));
             let mu = mu.min(passive(approach, slip, kick, knn, coupling, along));
             normal = kick / (knn - mu * st * knt);
@@ -374,4 +376,34 @@ fn passive<T: Real>(approach: T, slip: T, kick: T, knn: T, coupling: T, along: T
     }
     // The root next to zero on the positive side, in the form that does not cancel.
     constant * -2.0 / (linear + discriminant.sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// Foerster et al.: the slip that is left is `-shear` of that before where friction holds; else friction gives mu times
+    /// the normal impulse.
+    #[test]
+    fn friction_that_holds_gives_back_or_leaves_a_share_of_the_slip() {
+        let slip_after = |mu: f64, shear: f64| {
+            let disc = |id, x, vy| body(id, Shape::Disc { radius: 0.2 }, vec2(x, 0.0), vec2(0.0, vy));
+            let mut bodies = vec![disc(0, 0.0, 0.0), disc(1, 0.4 + 1e-6, 0.5)];
+            bodies[1].start.state.velocity.x = -1.0;
+            let m = model(bodies, &[("restitution", &[0.8, 1.0]), ("contact_friction", &[mu, shear])]);
+            let t = trace(&m, &seconds(1));
+            let [a, b] = [0, 1].map(|k| t.states[1][k].expect("it is there"));
+            b.velocity.y - a.velocity.y - 0.2 * (a.spin + b.spin)
+        };
+        for shear in [-0.6, 0.0, 0.4] {
+            let after = slip_after(0.5, shear);
+            assert!((after + 0.5 * shear).abs() < 1e-3, "{shear}: {after}");
+            // Unit masses: the normal impulse is .9, and a tangential one changes the slip sixfold.
+            let after = slip_after(0.02, shear);
+            assert!((after - (0.5 - 6.0 * 0.02 * 0.9)).abs() < 1e-3, "{shear}: {after}");
+        }
+    }
 }
