@@ -60,12 +60,23 @@ impl Alone {
         }
     }
 
-    /// Without the heaps, and what those cost.
-    pub fn without_heaps(&self) -> (Alone, f64) {
+    /// Without the heaps, but with the meetings of two in them; and what the heaps cost beyond what noise makes of those.
+    pub fn without_heaps(&self, stop: Stop) -> Result<(Alone, f64), FitError> {
         let (heaps, rest): (Vec<usize>, Vec<usize>) = (0..self.fits.len()).partition(|&k| self.is_heap(k));
-        let lost = heaps.iter().map(|&k| self.bounded(k)).sum();
-        let fits = rest.iter().map(|&k| self.fits[k].clone()).collect();
-        (Alone { films: self.films.only(|film| rest.contains(&film)), fits }, lost)
+        let mut lost: f64 = heaps.iter().map(|&k| self.bounded(k)).sum();
+        let mut films = self.films.only(|film| rest.contains(&film));
+        let mut fits: Vec<Fit> = rest.iter().map(|&k| self.fits[k].clone()).collect();
+        let meetings = heaps.iter().flat_map(|&k| self.films.meetings[k].clone());
+        let (scenes, models): (Vec<Scene>, Vec<Model>) = meetings.unzip();
+        let meetings = vec![vec![]; scenes.len()];
+        let meetings = Alone::of(&Contacts { scenes, models, meetings, jumps: vec![] }, stop)?;
+        let counted = meetings.fits.iter().flat_map(|f| &f.scenes).map(|s| s.degrees_of_freedom as f64);
+        lost -= counted.sum::<f64>();
+        films.scenes.extend(meetings.films.scenes);
+        films.models.extend(meetings.films.models);
+        films.meetings.extend(meetings.films.meetings);
+        fits.extend(meetings.fits);
+        Ok((Alone { films, fits }, lost))
     }
 
     fn chi_square(&self, film: usize) -> f64 {
@@ -106,7 +117,8 @@ fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
         Ok(model)
     };
     let models: Result<Vec<Model>, FitError> = films.scenes.par_iter().zip(&films.models).map(one).collect();
-    Ok(Contacts { scenes: films.scenes.clone(), models: models?, jumps: films.jumps.clone() })
+    let (scenes, meetings, jumps) = (films.scenes.clone(), films.meetings.clone(), films.jumps.clone());
+    Ok(Contacts { scenes, models: models?, meetings, jumps })
 }
 
 /// Whether the short films are nearer to models in which objects stick; also where there is no film to tell.

@@ -99,7 +99,7 @@ pub fn screen_contacts(
     candidates: &[&'static EffectEntry],
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
-    let (Alone { films, fits }, lost) = alone.without_heaps();
+    let (Alone { films, fits }, lost) = alone.without_heaps(stop)?;
     let films = &films;
     if films.scenes.is_empty() {
         return Ok((vec![], lost));

@@ -5,6 +5,7 @@ use super::path::{Jump, Path, started};
 use crate::effects::{Hook, Scope, effect};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
+use std::ops::Range;
 
 /// Frames before and after a contact that a short film shows.
 const BEFORE: usize = 14;
@@ -12,6 +13,9 @@ const AFTER: usize = 16;
 /// Longest time from the first contact to the last in one short film (frames): objects may have stopped there, or lie in a
 /// heap.
 const LONGEST: usize = 40;
+/// Objects of a film from which it may be a heap, and fewest frames before and after a meeting in it that tell of it.
+const HEAPED: usize = 3;
+const TELLING: usize = 5;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
 const SCATTER: f64 = 0.15;
 
@@ -19,7 +23,9 @@ const SCATTER: f64 = 0.15;
 pub struct Contacts {
     pub scenes: Vec<Scene>,
     pub models: Vec<Model>,
-    /// Whether a jump without a partner is in it.
+    /// Of each film with more than two objects, shorter ones of two that meet while neither meets another.
+    pub meetings: Vec<Vec<(Scene, Model)>>,
+    /// Jumps without a partner, and the index of the scene that shows each.
     pub jumps: Vec<(usize, Jump)>,
 }
 
@@ -30,6 +36,7 @@ impl Contacts {
         Contacts {
             scenes: kept.iter().map(|&film| self.scenes[film].clone()).collect(),
             models: kept.iter().map(|&film| self.models[film].clone()).collect(),
+            meetings: kept.iter().map(|&film| self.meetings[film].clone()).collect(),
             jumps: self.jumps.clone(),
         }
     }
@@ -37,7 +44,7 @@ impl Contacts {
 
 /// Cuts the short films; forces between contacts stay as the models have them.
 pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
-    let mut all = Contacts { scenes: vec![], models: vec![], jumps: vec![] };
+    let mut all = Contacts { scenes: vec![], models: vec![], meetings: vec![], jumps: vec![] };
     for (index, (scene, paths)) in lens.scenes.iter().zip(&lens.paths).enumerate() {
         // Spans of frames with the objects in them, merged while they overlap and share an object.
         let mut spans: Vec<(usize, usize, Vec<usize>)> = vec![];
@@ -64,15 +71,21 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
             }
         }
         spans.sort();
-        for Span { first, objects: bodies, end, .. } in merged(&spans) {
-            let window = first.saturating_sub(BEFORE)..end.min(scene.times.len());
-            let film = short_film(scene, &bodies, window.start, window.end);
+        let film = |bodies: &[usize], window: Range<usize>| {
+            let film = short_film(scene, bodies, window.start, window.end.min(scene.times.len()));
             let own: Vec<Path> = bodies.iter().map(|&b| paths[b].clone()).collect();
-            let model = part(&models[index], &bodies);
             // What is hit as the film begins has no velocity to begin with.
-            if let Some(model) = started(&film, &own, &model) {
+            let model = started(&film, &own, &part(&models[index], bodies))?;
+            Some((from_frame(film, window.start), model))
+        };
+        for span in merged(&spans) {
+            let meetings = if span.objects.len() < HEAPED { vec![] } else { meetings(&spans, &span) };
+            let window = span.first.saturating_sub(BEFORE)..span.end;
+            if let Some((scene, model)) = film(&span.objects, window) {
+                all.scenes.push(scene);
                 all.models.push(model);
-                all.scenes.push(from_frame(film, window.start));
+                let meetings = meetings.into_iter().filter_map(|(pair, window)| film(pair, window));
+                all.meetings.push(meetings.collect());
             }
         }
     }
@@ -117,6 +130,27 @@ fn merged(spans: &[(usize, usize, Vec<usize>)]) -> Vec<Span> {
         }
     }
     merged
+}
+
+/// Pairs that meet within a film while neither meets another, and the frames from the last meeting of either to the next.
+fn meetings<'s>(spans: &'s [(usize, usize, Vec<usize>)], film: &Span) -> Vec<(&'s [usize], Range<usize>)> {
+    let window = |(k, (first, last, pair)): (usize, &'s (usize, usize, Vec<usize>))| {
+        let within = pair.len() > 1 && film.first <= *first && *last <= film.last;
+        let of_them = |o: &usize| pair.contains(o) && film.objects.contains(o);
+        if !within || !pair.iter().all(of_them) {
+            return None;
+        }
+        let (mut begin, mut end) = (first.saturating_sub(BEFORE), last + AFTER);
+        for (_, other) in spans.iter().enumerate().filter(|(o, s)| *o != k && s.2.iter().any(of_them)) {
+            if other.1 < *first {
+                begin = begin.max(other.1 + 1);
+            } else {
+                end = end.min(other.0);
+            }
+        }
+        (begin + TELLING <= *first && *last + TELLING <= end).then_some((&pair[..], begin..end))
+    };
+    spans.iter().enumerate().filter_map(window).collect()
 }
 
 fn short_film(scene: &Scene, bodies: &[usize], first: usize, end: usize) -> Scene {
@@ -187,5 +221,17 @@ mod tests {
                 "{before:?} {after:?}"
             );
         }
+    }
+
+    #[test]
+    fn meetings_end_where_another_begins() {
+        let contact = |first: usize, a: usize, b: usize| (first, first + 2, vec![a, b]);
+        // 0 and 1 meet, then 1 and 2, then 3 and 4 who meet nobody else, and 2 is struck while it is still at 1.
+        let spans = [contact(20, 0, 1), contact(31, 1, 2), contact(33, 3, 4), (35, 35, vec![2])];
+        let film = Span { first: 20, last: 36, objects: vec![0, 1, 2, 3, 4], end: 52 };
+        let found = meetings(&spans, &film);
+        assert_eq!(found, [(&[0, 1][..], 6..31), (&[3, 4][..], 19..51)]);
+        let without = Span { objects: vec![0, 1, 2], ..film };
+        assert_eq!(meetings(&spans, &without).len(), 1, "who is not in the film meets nobody there");
     }
 }

@@ -87,3 +87,38 @@ fn shared(revision: &Revision) -> usize {
     };
     effects.iter().filter(|e| e.on).map(of).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::Model;
+
+    #[test]
+    fn two_videos_must_be_mended_and_what_stays_lost_tenfold() {
+        let fits = |chi_squares: [f64; 3]| {
+            chi_squares.map(|reduced_chi_square| SceneFit {
+                name: String::new(),
+                model: Model {
+                    preset: String::new(),
+                    bodies: vec![],
+                    walls: vec![],
+                    effects: vec![],
+                    mass_sd: 0.0,
+                    spin_sd: 0.0,
+                    anchors: vec![],
+                },
+                noise_sigma: 0.005,
+                noise_yaw: None,
+                rmse: 0.005,
+                reduced_chi_square,
+                degrees_of_freedom: 100,
+                adequate: reduced_chi_square < WELL,
+            })
+        };
+        let mended = |before, after| mends(&fits(before), &fits(after));
+        assert!(mended([9.0, 1.0, 2.5], [1.1, 1.0, 1.0]));
+        assert!(!mended([9.0, 1.0, 1.4], [1.1, 1.0, 0.6]), "what was at the noise needs no law");
+        assert!(!mended([9.0, 1.0, 63.0], [1.1, 1.0, 30.0]), "lost, and only twice as near");
+        assert!(mended([9.0, 1.0, 63.0], [1.1, 1.0, 5.4]));
+    }
+}
