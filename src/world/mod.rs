@@ -11,6 +11,7 @@ mod geometry;
 mod grid;
 mod impact;
 mod intervene;
+mod jam;
 mod model;
 mod motion;
 mod obstacle;

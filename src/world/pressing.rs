@@ -17,6 +17,8 @@ pub(super) struct Touching<T> {
     pub a: usize,
     pub b: usize,
     pub pressing: bool,
+    /// Whether it is one of those that hold bodies at rest against what pulls at them.
+    pub jams: bool,
     /// Coulomb coefficient between the two.
     pub friction: T,
     /// Normal and tangential force at either end (N), as last found: where the next search begins.
@@ -27,7 +29,7 @@ pub(super) struct Touching<T> {
 
 impl<T: Real> Touching<T> {
     pub fn new(a: usize, b: usize, friction: T) -> Self {
-        Touching { a, b, pressing: true, friction, forces: [(0.0, 0.0); 2], slides: [true; 2] }
+        Touching { a, b, pressing: true, jams: false, friction, forces: [(0.0, 0.0); 2], slides: [true; 2] }
     }
 }
 
@@ -119,8 +121,8 @@ impl<T: Scalar> Run<'_, T> {
         if mark {
             for c in 0..self.touching.len() {
                 if group.contains(&self.touching[c].a) {
-                    self.touching[c].pressing =
-                        points.iter().any(|p| p.contact == c && p.force.value() > 0.0);
+                    self.touching[c].pressing = self.touching[c].jams
+                        || points.iter().any(|p| p.contact == c && p.force.value() > 0.0);
                 }
             }
         }
@@ -200,8 +202,15 @@ impl<T: Scalar> Run<'_, T> {
         }
     }
 
-    /// Bodies at rest that are pressed harder than friction can hold begin to slide; whether any did.
-    pub(super) fn wake(&mut self, group: &[usize], k: &[Kinematics<T>], w: &[Wrench<T>]) -> bool {
+    /// Bodies at rest that are pressed harder than friction can hold begin to slide, but for those that are `jammed`; whether
+    /// any did.
+    pub(super) fn wake(
+        &mut self,
+        group: &[usize],
+        jammed: &[usize],
+        k: &[Kinematics<T>],
+        w: &[Wrench<T>],
+    ) -> bool {
         let still = |run: &Self, j: usize| run.bodies[j].mode == Mode::Rest;
         if self.touching.is_empty() || !group.iter().any(|&j| still(self, j)) {
             return false;
@@ -218,7 +227,7 @@ impl<T: Scalar> Run<'_, T> {
         }
         let mut woken = false;
         for &j in group {
-            if still(self, j) && !self.held(j, group, k, &pressed) {
+            if still(self, j) && !jammed.contains(&j) && !self.held(j, group, k, &pressed) {
                 for i in self.stuck_to(j) {
                     self.bodies[i].mode = Mode::Slide;
                 }
@@ -229,7 +238,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// The points at which kept contacts of the group press.
-    fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
+    pub(super) fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = Vec::with_capacity(2 * self.touching.len());
         for (contact, &Touching { a, b, friction, forces, slides, .. }) in self.touching.iter().enumerate() {
             let place = |body: usize| group.iter().position(|&j| j == body);

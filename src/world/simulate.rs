@@ -386,14 +386,14 @@ impl<'m, T: Scalar> Run<'m, T> {
         let awake =
             |run: &Self| group.iter().any(|&j| matches!(run.bodies[j].mode, Mode::Slide | Mode::Roll));
         let wrenches = self.wrenches(&group, &start, since);
-        self.set_modes(&group, &start, &wrenches);
+        let jammed = self.jam(&group, &mut start, &wrenches);
         let mut end = start.clone();
         let mut until = T::constant(self.step_end);
         let mut change = None;
         if awake(self) && h.value() > 0.0 {
             let mut first = self.rates(&group, &start, &wrenches, true);
             let settled = self.settle(&group, &mut start, &wrenches, &first);
-            if self.wake(&group, &start, &wrenches) || settled {
+            if self.wake(&group, &jammed, &start, &wrenches) || settled {
                 first = self.rates(&group, &start, &wrenches, true);
             }
             for (x, &j) in group.iter().enumerate() {
