@@ -1,62 +1,32 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
-use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
+use super::account::ranked;
 use super::alone::Alone;
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::contact::{ContactCandidate, screen_contacts, with_contact};
-use super::experiment::tell_apart;
+use super::conclude::{DiscoverOptions, Reading, conclude};
+use super::contact::{ContactCandidate, screen_contacts};
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
-use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::outcome::{Discovery, Found, Ranked, Verdict};
+use super::outcome::{Discovery, Ranked, Verdict};
 use super::path::Jump;
 use super::proof;
-use super::revise::{Revision, pooled_noise, revise, trajectories};
-use super::screen::{Candidate, region, sought, with_nuisance};
-use super::search::{CLEAN, FreeMotion, fewer, search, search_on};
-use super::whole::{STICKING, asked, mended, spinning, sticking};
+use super::revise::{pooled_noise, trajectories};
+use super::screen::{region, sought, with_nuisance};
+use super::search::{fewer, search, search_on};
+use super::whole::{STICKING, spinning, stuck};
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
-use crate::fit::{Fit, FitError, FitOptions};
+use crate::fit::{Fit, FitError};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Residuals in free motion below which nothing can be said.
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
-/// A scene up to this reduced chi-square is explained but for what engines do at contacts.
-const NEARLY: f64 = 2.0;
-/// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.
-const MOSTLY: f64 = 0.9;
-
-/// Laws that few short films speak for and trajectories are asked about.
-const SUGGESTIONS: usize = 2;
-/// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
-const LOST: f64 = 100.0;
-
-/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
-const FORMULA_PROOF: f64 = 40.0;
-/// The same of one that has fewer numbers than the two laws of the library that it stands against.
-const SIMPLER_PROOF: f64 = 10.0;
-
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct DiscoverOptions {
-    /// Most effects that are added.
-    pub max_effects: usize,
-    pub fit: FitOptions,
-}
-
-impl Default for DiscoverOptions {
-    fn default() -> Self {
-        DiscoverOptions { max_effects: 2, fit: FitOptions { max_iterations: 60, ..FitOptions::default() } }
-    }
-}
-
 /// Searches what the models (one a scene, of one set-up) lack. Deterministic, whatever the number of threads.
 pub fn discover(
     scenes: &[Scene],
@@ -144,9 +114,22 @@ fn reread(
             let laws = best.effects.iter().filter_map(|e| fitted.model.effect(&e.effect));
             model.effects.extend(laws.cloned());
         }
-        let effect = best.effects.last().map(|e| e.effect.as_str());
-        let (fit, _) = trajectories(lens, &with_laws, effect, &options.fit, stop)?;
-        if !proof::nearer(&last.fit, &fit) {
+        let law = best.effects.last().and_then(|e| effect(&e.effect));
+        let mut tried = vec![(with_laws, law)];
+        // What sticks may look like another law of contact.
+        if law.is_some_and(|law| law.uses(Hook::Contact) && law.spec.name != STICKING) {
+            let sticking = effect(STICKING);
+            tried.extend(sticking.map(|law| (stuck(&models, law, &region(lens.scenes)), sticking)));
+        }
+        let mut nearer = false;
+        for (models, law) in tried {
+            if nearer {
+                break;
+            }
+            let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &options.fit, stop)?;
+            nearer |= proof::nearer(&last.fit, &fit);
+        }
+        if !nearer {
             continue;
         }
         let motion = search(lens, &models, stop)?;
@@ -238,15 +221,6 @@ pub fn diagnose(
     })
 }
 
-/// One reading of the base with what the lenses see of it.
-struct Reading {
-    models: Vec<Model>,
-    motion: FreeMotion,
-    contacts: Vec<ContactCandidate>,
-    /// Chi-square of the short films around contacts.
-    films: f64,
-}
-
 /// Drops readings that are worse than the best by more than chance.
 fn keep_best(seen: &mut Vec<Reading>) {
     let cost = |r: &Reading| r.motion.priced() + r.films;
@@ -293,232 +267,6 @@ pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
         all.extend(other);
     }
     all
-}
-
-fn conclude(
-    lens: &Lens,
-    reading: Reading,
-    options: &DiscoverOptions,
-    stop: Stop,
-) -> Result<Discovery, FitError> {
-    let Reading { models, motion, contacts: of_contacts, .. } = reading;
-    let noise_sigma = pooled_noise(lens);
-    let region = region(lens.scenes);
-    let room = options.max_effects > motion.found.len();
-    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
-    // All revisions at once: none needs another.
-    let base = models.clone();
-    let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
-    for (number, step) in motion.found.iter().enumerate() {
-        let last = number + 1 == motion.found.len();
-        let models = if last { &motion.models } else { &step.models };
-        steps.push((Some(step.entry.spec.name), models.clone()));
-    }
-    if let Some(c) = proven {
-        let name = Some(c.entry.spec.name);
-        steps.push((name, with_contact(&motion.models, c.entry, &c.values, c.object, &region)));
-        // What nobody saw, or a law of contact, may look like a force.
-        if !motion.found.is_empty() {
-            steps.push((name, with_contact(&base, c.entry, &c.values, c.object, &region)));
-        }
-    }
-    let revisions: Result<Vec<Revision>, FitError> =
-        steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
-    let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
-    if proven.is_none() && room {
-        let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
-        for c in of_contacts.iter().filter(|c| c.suggested()).take(SUGGESTIONS) {
-            let last = &revisions[motion.found.len()];
-            if let Some(mended) = mended(lens, last, c.entry, c.added, &law(c), &options.fit, stop)? {
-                revisions.push(mended);
-                proven = Some(c);
-                break;
-            }
-        }
-    }
-    let whole = match proven {
-        None if room && motion.typical < super::MISFIT => {
-            asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
-        }
-        _ => None,
-    };
-    let whole = whole.map(|(law, mended)| {
-        revisions.push(mended);
-        law
-    });
-    proven = proven.or(whole.as_ref());
-    let last = &revisions[motion.found.len()];
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
-    // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
-    let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
-    let lost = proven.is_none()
-        && 2 * off > last.fit.scenes.len()
-        && Alone::of(&contacts(lens, &motion.models), stop)?.meetings_lost();
-    // What sticks may look like another law of contact, which then does not follow what was filmed.
-    let told = revisions.last().unwrap_or(last);
-    let open = match proven {
-        None => room && told.reduced_chi_square > FOLLOWED,
-        Some(_) => proof::loses(&told.fit),
-    };
-    if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {
-        proven = None;
-        effects.push(Found { kind: STICKING.into(), effect: STICKING.into(), parameters: vec![] });
-        revisions.truncate(motion.found.len() + 1);
-        revisions.push(stuck);
-    }
-    if let Some(c) = proven {
-        effects.push(found_contact(c, noise_sigma));
-    }
-    let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
-    let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
-    let ambiguous: Vec<Vec<String>> =
-        motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
-    // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
-    // Engines do more at contacts than any law, and a video may be lost to chaos alone.
-    let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
-    let explains = |r: &Revision| {
-        let near = r.fit.scenes.iter().filter(|s| s.reduced_chi_square < NEARLY).count();
-        let first = revisions.first().map_or(0.0, |r| r.reduced_chi_square);
-        let mostly = r.reduced_chi_square - 1.0 < (1.0 - MOSTLY) * (first - 1.0);
-        r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
-    };
-    let explained = proven.is_some() && revisions.last().is_some_and(explains);
-    // Where trajectories are followed from their start, the lens is what fails, at contacts that come too close.
-    let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
-    let followed = ended <= 1.0 + CLEAN;
-    let misfit = motion.typical > super::MISFIT && !explained && !followed;
-    let law_beside = |models: &[Model], most: usize| {
-        let (free, seen) = fit_forces(lens, models);
-        residual_law(lens, models, &free, &seen, most)
-    };
-    // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
-    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
-    // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
-    // that more than one object shows.
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
-    let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    let compromise = law_beside(&base, terms).filter(|law| beats(law, &motion));
-    // The lens takes its blows for a force.
-    let compromise = compromise.filter(|_| !(unseen && explained));
-    let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
-    // A rhythm that nobody saw repeat is none.
-    let once = motion.found.iter().any(|c| once(c, region.duration));
-    // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
-    let still = followed && motion.found.is_empty();
-    let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
-    let formula = compromise
-        .filter(|_| outside)
-        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
-        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten())
-        .map(|l| l.text);
-    let verdict = match () {
-        () if outside => Verdict::OutsideLibrary,
-        () if !ambiguous.is_empty() => Verdict::Ambiguous,
-        () if !effects.is_empty() => Verdict::EffectFound,
-        () => Verdict::Adequate,
-    };
-    let experiment = match verdict {
-        Verdict::Ambiguous => tell_apart(lens, &motion),
-        _ => None,
-    };
-    let left = match followed || unseen {
-        true => format!("reduced chi-square {ended:.2}"),
-        false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
-    };
-    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
-    let aside = revisions.last().map(unfollowed).unwrap_or_default();
-    Ok(Discovery {
-        reason: reason + &aside,
-        verdict,
-        effects,
-        ranked,
-        ambiguous,
-        experiment,
-        formula,
-        smallest: smallest(&motion),
-        noise_sigma,
-        revisions,
-    })
-}
-
-/// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the
-/// law of contact, and one for that law without the forces where there are both.
-fn borne_out<'c>(
-    lens: &Lens,
-    base: &[Model],
-    mut revisions: Vec<Revision>,
-    mut motion: FreeMotion,
-    proven: Option<&'c ContactCandidate>,
-    stop: Stop,
-) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
-    let forces = motion.found.len();
-    let with_contact = revisions.split_off(forces + 1);
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
-    if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
-        if let [alone] = alone
-            && !proof::borne_out(alone, all, added)
-            && proof::borne_out(&revisions[0], alone, c.added)
-        {
-            let motion = fewer(lens, base, &motion, forces, stop)?;
-            revisions.truncate(1);
-            revisions.push(alone.clone());
-            return Ok((revisions, motion, proven));
-        }
-        if proof::borne_out(&revisions[forces], all, c.added) {
-            revisions.push(all.clone());
-            return Ok((revisions, motion, proven));
-        }
-    }
-    // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
-    // from the start, what it saw is nothing.
-    let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.typical > super::MISFIT;
-    let mut refused = 0;
-    while let [.., before, after] = &revisions[..] {
-        let left = &motion.found[..forces - refused];
-        let own = left.last().map_or(0, |c| c.added);
-        let all = left.iter().map(|c| c.added).sum();
-        // Each step by itself, and all of them against none: one may mend what another spoilt.
-        if !blind && proof::borne_out(before, after, own) && proof::borne_out(&revisions[0], after, all) {
-            break;
-        }
-        refused += 1;
-        revisions.pop();
-    }
-    if refused > 0 {
-        motion = fewer(lens, base, &motion, refused, stop)?;
-    }
-    Ok((revisions, motion, None))
-}
-
-/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's. Where two
-/// laws of the library would be needed, a simpler one need not be better by as much.
-fn beats(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
-    let proof = if motion.found.len() > 1 && law.numbers < added { SIMPLER_PROOF } else { FORMULA_PROOF };
-    (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
-}
-
-/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
-/// of the library that lack theirs too.
-fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
-    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
-    let proof = FORMULA_PROOF * unit(law, motion);
-    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
-}
-
-fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
-}
-
-fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    (law.cost / motion.degrees_of_freedom).max(1.0)
-}
-
-/// Whether a law found is a rhythm whose period the films are too short for.
-pub(super) fn once(c: &Candidate, duration: f64) -> bool {
-    let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
-    frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
 }
 
 fn not_identifiable(lens: &Lens) -> Discovery {

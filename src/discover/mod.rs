@@ -4,6 +4,7 @@ mod account;
 mod alone;
 mod change;
 mod compare;
+mod conclude;
 mod contact;
 mod cost;
 mod experiment;
@@ -32,13 +33,14 @@ pub use change::{
 pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
 };
+pub use conclude::DiscoverOptions;
 pub use contact::{ContactCandidate, screen_contacts, with_contact};
 pub use cost::Cost;
 pub use film::{Contacts, contacts};
 pub use force::{Lens, fit_forces};
 pub use formula::{ResidualLaw, residual_law};
 pub use free::{at_values, flats, free_parameters};
-pub use inquire::{Diagnosis, DiscoverOptions, diagnose, discover};
+pub use inquire::{Diagnosis, diagnose, discover};
 pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
 pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};

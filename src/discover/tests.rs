@@ -525,5 +525,5 @@ fn a_rhythm_must_be_seen_to_repeat() {
         chi_square: 1000.0,
         models: vec![],
     };
-    assert!(inquire::once(&rhythm(0.18), 5.12) && !inquire::once(&rhythm(0.3), 5.12));
+    assert!(conclude::once(&rhythm(0.18), 5.12) && !conclude::once(&rhythm(0.3), 5.12));
 }
