@@ -174,7 +174,8 @@ pub static PRESETS: &[Preset] = &[
     },
     // An air film brakes at 0.01 to 0.1 1/s, the spin as much as the speed (a disc under uniform shear), each puck by its
     // own weight and gap; a table levelled with a spirit level is off by 1 mm/m, 0.01 m/s^2; plastics rebound with 0.3
-    // to 0.9 and rub with 0.1 to 0.3 (Bowden and Tabor, The Friction and Lubrication of Solids, part II).
+    // to 0.9 and rub with 0.1 to 0.3 (Bowden and Tabor, The Friction and Lubrication of Solids, part II), and give back up to
+    // half of a slip that they hold (Foerster et al., 1994).
     Preset {
         name: "air_table",
         doc: "Pucks on an air cushion: weak drag, a table not quite level, restitution by pair, friction at contacts.",
@@ -186,7 +187,10 @@ pub static PRESETS: &[Preset] = &[
             with("damping", &[set("linear", 0.03, 0.03, Scope::Object)]),
             with("tilt", &[set("a_x", 0.0, 0.01, Scope::Setup), set("a_y", 0.0, 0.01, Scope::Setup)]),
             with("restitution", &[set("coefficient", 0.7, 0.3, Scope::Pair)]),
-            with("contact_friction", &[set("mu", 0.2, 0.1, Scope::Setup)]),
+            with(
+                "contact_friction",
+                &[set("mu", 0.2, 0.1, Scope::Setup), set("tangential_restitution", 0.2, 0.3, Scope::Setup)],
+            ),
             // A marker is put on the middle by hand.
             with(
                 "off_centre_marker",
