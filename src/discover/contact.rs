@@ -5,14 +5,11 @@ use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::cost::Cost;
 use super::film::Contacts;
 use super::outcome::widened;
-use super::revise::{
-    agree_on, chi_squares, fit_alone, fit_together, gathered, lower, stand_as, sum, take_shared,
-    without_effect,
-};
+use super::revise::{agree_on, chi_squares, fit_alone, lower, sum, without_effect};
 use super::screen::{CERTAIN, with_effect};
 use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, estimate};
+use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -106,7 +103,7 @@ pub fn screen_contacts(
     }
     let (options, near) =
         (OPTIONS, FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..OPTIONS });
-    let base = fit_together(&films.scenes, &gathered(&films.models, &fits), &fits, &near, stop)?;
+    let base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
     let before = chi_squares(&base);
     let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
@@ -155,7 +152,7 @@ pub fn screen_contacts(
                 let alone =
                     fit_alone(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
                 fall += before[film] - sum(&chi_squares(&alone));
-                stand_as(&mut models[film], &alone.scenes[0].model);
+                models[film].stand_as(&alone.scenes[0].model);
                 tried.push(alone);
             }
             agree_on(&mut models, entry.spec.name, &tried);
@@ -197,7 +194,7 @@ pub fn screen_contacts(
                 for film in lost {
                     let begun = &films.models[film..=film];
                     let mut begun = with_contact(begun, entry, &values, object, region).remove(0);
-                    take_shared(&mut begun, &models[film]);
+                    begun.take_shared(&models[film]);
                     let alone = fit_alone(&films.scenes[film], &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
                         models[film].clone_from(&alone.scenes[0].model);

@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
+
 /// Searches what the models (one a scene, of one set-up) lack. Deterministic, whatever the number of threads.
 pub fn discover(
     scenes: &[Scene],

@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, fit};
+use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, Posterior, SceneFit, estimate};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -21,8 +21,6 @@ const WELL: f64 = 1.5;
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
-/// A scene that all together follow this many times worse than it is followed alone was driven out of its minimum.
-const DRIVEN: f64 = 1.5;
 /// Most iterations of the fit of all scenes together, which begins where each of them ended.
 const COMMON_ITERATIONS: usize = 30;
 /// The same where each of them is lost.
@@ -77,15 +75,6 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
     models
 }
 
-/// Gives a model the beliefs of another of the same effects; where it stands is left as it is.
-fn believe_as(model: &mut Model, asked: &Model) {
-    for (active, own) in model.effects.iter_mut().zip(&asked.effects) {
-        for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
-            (p.means, p.prior) = (q.means.clone(), q.prior);
-        }
-    }
-}
-
 /// Fits the models as a revision that adds `effect`. `free_motion` says whether the force lens leads.
 pub fn revise(
     lens: &Lens,
@@ -103,7 +92,7 @@ pub fn revise(
     let (mut fit_all, apart) =
         fit_set_up(true, lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
     // What led the search is no belief of the model: the next revision begins with those of this one.
-    fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
+    fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -137,11 +126,22 @@ pub fn trajectories(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
+    trajectories_from(lens, models, &vec![None; models.len()], effect, options, stop)
+}
+
+/// The same, begun where the models that have `begun` some of the scenes stand.
+pub fn trajectories_from(
+    lens: &Lens,
+    models: &[Model],
+    begun: &[Option<&Model>],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
-    let anew = vec![None; models.len()];
-    let (mut found, apart) =
-        fit_set_up(false, lens.scenes, &led(models, effect, &free, &seen), &anew, options, stop)?;
-    found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| believe_as(&mut fitted.model, asked));
+    let led = led(models, effect, &free, &seen);
+    let (mut found, apart) = fit_set_up(false, lens.scenes, &led, begun, options, stop)?;
+    found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
     Ok((found, apart))
 }
 
@@ -192,7 +192,7 @@ fn fit_set_up(
     if drawn {
         let found: Vec<Model> = joint.scenes.iter().map(|s| s.model.clone()).collect();
         let as_they_are = FitOptions { begin: Begin::Near, max_iterations: 0, ..*options };
-        joint.posterior = fit(scenes, &found, &as_they_are, stop)?.posterior;
+        joint.posterior = fit::fit(scenes, &found, &as_they_are, stop)?.posterior;
     }
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
@@ -227,16 +227,16 @@ fn common(
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
         let alone: Vec<Fit> = rest.iter().map(|&k| alone[k].clone()).collect();
-        let found = fit_together(&some, &models, &alone, &as_near, stop)?;
+        let found = fit::together(&some, &models, &alone, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
-            all.iter_mut().for_each(|model| take_shared(model, &fitted.model));
+            all.iter_mut().for_each(|model| model.take_shared(&fitted.model));
             all[k].clone_from(&fitted.model);
         }
         Ok(found)
     };
     let mut left = lost(&alone);
     if left.is_empty() {
-        return Ok((fit_together(scenes, near, &alone, &as_near, stop)?, alone));
+        return Ok((fit::together(scenes, near, &alone, &as_near, stop)?, alone));
     }
     if left.len() == scenes.len() {
         // None of them follows this model, whatever its numbers.
@@ -255,7 +255,7 @@ fn common(
             })
             .collect();
         for (&k, mut fitted) in left.iter().zip(retried?) {
-            believe_as(&mut fitted.scenes[0].model, &all[k]);
+            fitted.scenes[0].model.believe_as(&all[k]);
             if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
                 all[k].clone_from(&fitted.scenes[0].model);
                 alone[k] = fitted;
@@ -273,34 +273,11 @@ fn common(
     }
     // A lost one has no say in what they share.
     for known in &found.scenes {
-        left.iter().for_each(|&k| take_shared(&mut all[k], &known.model));
+        left.iter().for_each(|&k| all[k].take_shared(&known.model));
     }
     let as_they_are = FitOptions { max_iterations: 0, ..as_near };
     let Fit { scenes, posterior, .. } = estimate(scenes, &all, &as_they_are, stop)?;
     Ok((Fit { scenes, posterior, ..found }, alone))
-}
-
-/// Fits all scenes from `near`, where each stands as its fit `alone` has it. Where the common numbers drive a scene out of
-/// that minimum, all begin anew with those of the scene that they drive furthest: it knows them best.
-pub fn fit_together(
-    scenes: &[Scene],
-    near: &[Model],
-    alone: &[Fit],
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Fit, FitError> {
-    let found = estimate(scenes, near, options, stop)?;
-    let driven = |(k, own): (usize, &Fit)| {
-        let (with, own) = (&found.scenes[k], &own.scenes[0]);
-        let off = with.reduced_chi_square - own.reduced_chi_square;
-        (with.reduced_chi_square > f64::max(WELL, DRIVEN * own.reduced_chi_square))
-            .then_some((off * with.degrees_of_freedom as f64, k))
-    };
-    let driven = alone.iter().enumerate().filter_map(driven).max_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, furthest)) = driven else { return Ok(found) };
-    let mut models = near.to_vec();
-    models.iter_mut().for_each(|m| take_shared(m, &alone[furthest].scenes[0].model));
-    Ok(lower(found, estimate(scenes, &models, options, stop)?))
 }
 
 /// The fit of lower chi-square; the first of two equal ones.
@@ -340,29 +317,6 @@ fn believe(model: &mut Model, known: &Posterior) {
     }
 }
 
-/// Puts the bodies, and what each scene has for itself, where another model of the same effects has them; beliefs stay.
-pub fn stand_as(model: &mut Model, other: &Model) {
-    model.bodies.clone_from(&other.bodies);
-    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
-        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| !own.shares(q)) {
-            p.values.clone_from(&q.values);
-        }
-    }
-}
-
-/// Gives a model the shared numbers that another of its set-up has too.
-pub fn take_shared(model: &mut Model, other: &Model) {
-    for (active, own) in model.effects.iter_mut().zip(&other.effects) {
-        for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {
-            for (label, value) in p.labels.iter().zip(&mut p.values) {
-                if let Ok(at) = q.labels.binary_search(label) {
-                    *value = q.values[at];
-                }
-            }
-        }
-    }
-}
-
 pub fn each_alone(
     scenes: &[Scene],
     models: &[Model],
@@ -383,8 +337,8 @@ fn fit_on(
     let anew = || fit_alone(scene, model, options, stop);
     let Some(begun) = begun else { return anew() };
     let mut model = model.clone();
-    stand_as(&mut model, begun);
-    take_shared(&mut model, begun);
+    model.stand_as(begun);
+    model.take_shared(begun);
     let found = fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
     if proof::loses(&found) { Ok(lower(found, anew()?)) } else { Ok(found) }
 }
@@ -397,8 +351,8 @@ pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop)
 pub fn gathered(models: &[Model], alone: &[Fit]) -> Vec<Model> {
     let mut near = pooled(models, alone);
     for ((model, asked), fitted) in near.iter_mut().zip(models).zip(alone) {
-        stand_as(model, &fitted.scenes[0].model);
-        believe_as(model, asked);
+        model.stand_as(&fitted.scenes[0].model);
+        model.believe_as(asked);
     }
     near
 }

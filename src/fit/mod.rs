@@ -14,10 +14,12 @@ mod solve;
 mod start;
 #[cfg(test)]
 mod tests;
+mod together;
 
 pub use anchor::{Deviation, deviation};
 pub use noise::{Noise, estimate as estimate_noise};
 pub use posterior::{DRAWS, Estimate, ObjectEstimate, Posterior, SharedEstimate};
+pub use together::together;
 
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
@@ -181,7 +183,10 @@ fn fit_drawing(
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
     let best = match options.method {
         Method::GaussNewton => {
-            let found = gauss_newton(&problem, frames, options, stop)?;
+            let found = match scenes.len() {
+                1 => gauss_newton(&problem, frames, options, stop)?,
+                _ => of_set_up(&problem, frames, scenes, start, options, stop)?,
+            };
             if problem.release() {
                 refined(&problem, found, frames, options.max_iterations, stop)?
             } else {
@@ -210,6 +215,27 @@ pub fn beginning(scene: &Scene, start: &Model) -> Model {
     let mut model = start.clone();
     start::from_tracks(scene, &mut model, &noise::estimate(scene));
     model
+}
+
+/// Fits several scenes at once, and from where each by itself leads where that is not enough.
+fn of_set_up(
+    problem: &Problem,
+    frames: usize,
+    scenes: &[Scene],
+    start: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    let search =
+        |point: &[f64]| minimise(problem, point, frames, problem.negligible(), options.max_iterations, stop);
+    problem.allow(AT_ONCE);
+    let best = search(&problem.start())?;
+    problem.allow(1.0);
+    if options.begin == Begin::Near || worst_chi_square(problem, &best.point, frames) <= GOOD {
+        return Ok(best);
+    }
+    let begun = together::begun(scenes, start, options, stop)?;
+    Ok(better(best, search(&problem.at(&begun))?))
 }
 
 fn gauss_newton(

@@ -265,10 +265,20 @@ impl<'a> Problem<'a> {
 
     /// Where the search starts: the values of the models.
     pub fn start(&self) -> Vec<f64> {
+        self.point_of(self.parts.iter().map(|part| &part.base[..]))
+    }
+
+    /// Where other models of the parts stand.
+    pub fn at(&self, models: &[Model]) -> Vec<f64> {
+        let flat: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
+        self.point_of(flat.iter().map(|flat| &flat[..]))
+    }
+
+    fn point_of<'f>(&self, flat: impl Iterator<Item = &'f [f64]>) -> Vec<f64> {
         let mut point: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
-        for part in &self.parts {
+        for (part, flat) in self.parts.iter().zip(flat) {
             for &(slot, k) in &part.slots {
-                point[k] = if self.free[k].log { part.base[slot].ln() } else { part.base[slot] };
+                point[k] = if self.free[k].log { flat[slot].ln() } else { flat[slot] };
             }
         }
         point

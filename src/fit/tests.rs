@@ -4,7 +4,7 @@ use super::*;
 use crate::effects::effect;
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Preset, trace};
+use crate::world::{ActiveEffect, Owner, Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -507,4 +507,23 @@ fn bursts_are_followed_that_no_step_leads_through() {
         let found = fitted(&[burst(seed)]);
         assert!(found.scenes[0].reduced_chi_square < 1.2, "{seed}: {}", found.scenes[0].reduced_chi_square);
     }
+}
+
+#[test]
+fn videos_that_a_trace_of_a_shared_number_sets_apart_are_drawn_together() {
+    let scenes = [18, 20, 26].map(burst);
+    let worst = |fit: &Fit| fit.scenes.iter().map(|s| s.reduced_chi_square).fold(0.0, f64::max);
+    let alone = scenes.each_ref().map(|s| fitted(std::slice::from_ref(s)).scenes.remove(0).model);
+    let flat = alone.each_ref().map(Model::flatten);
+    let mean = |k: usize| flat.iter().map(|f| f[k]).sum::<f64>() / flat.len() as f64;
+    let as_on_average = |(model, flat): (&Model, &Vec<f64>)| {
+        let owners = model.owners().into_iter().enumerate();
+        let value = |(k, owner)| if owner == Owner::Shared { mean(k) } else { flat[k] };
+        model.with_values(&owners.map(value).collect::<Vec<_>>())
+    };
+    let as_on_average: Vec<Model> = alone.iter().zip(&flat).map(as_on_average).collect();
+    let near = FitOptions { begin: Begin::Near, ..FitOptions::default() };
+    let lost = estimate(&scenes, &as_on_average, &near, &never).expect("it can be fitted");
+    assert!(worst(&lost) > 10.0, "each where it stands, with the mean of their numbers: {}", worst(&lost));
+    assert!(worst(&fitted(&scenes)) < 1.2, "{}", worst(&fitted(&scenes)));
 }

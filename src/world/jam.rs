@@ -1,11 +1,15 @@
 //! Jams: bodies that something pulls harder than the ground holds rest all the same where contacts take the rest.
 
 use super::motion::{Kinematics, Mode, Rates, SETTLING_SPEED};
-use super::pressure::balance;
+use super::pressure::{PressurePoint, balance};
 use super::simulate::{Few, Run};
 use crate::body::Wrench;
 use crate::effects::Scalar;
 use crate::num::Vec2;
+
+/// How often what the ground does not take is shared out anew, and what counts as held after that.
+const SHARINGS: usize = 24;
+const HELD: f64 = 1.001;
 
 impl<T: Scalar> Run<'_, T> {
     /// Gives the bodies of a group the modes that they have once these forces act. Those that hold each other come to rest,
@@ -56,32 +60,64 @@ impl<T: Scalar> Run<'_, T> {
         }
         let modes: Few<Mode> = group.iter().map(|&j| self.bodies[j].mode).collect();
         let mut still: Few<Kinematics<T>> = k.into();
-        let mut rates: Few<Rates<T>> = group.iter().map(|_| Rates::zero()).collect();
         for (x, &j) in group.iter().enumerate().filter(|(x, _)| held[*x]) {
             self.bodies[j].mode = Mode::Slide;
             (still[x].velocity, still[x].spin, still[x].roll) = (Vec2::zero(), T::zero(), Vec2::zero());
-            rates[x].velocity = w[x].force * self.laws.inverse_mass[j];
-            rates[x].spin = w[x].torque * self.laws.inverse_inertia[j];
         }
         let mut points = self.pressure_points(group, &still);
         points.retain(|p| p.sides.iter().flatten().all(|s| held[s.at]));
         // They stay where they are, however deep.
         points.iter_mut().for_each(|p| p.bias = T::zero());
-        balance(&mut points, &mut rates);
         group.iter().zip(modes).for_each(|(&j, mode)| self.bodies[j].mode = mode);
-        for (x, &j) in group.iter().enumerate() {
-            let left = Wrench {
-                force: rates[x].velocity * (T::constant(1.0) / self.laws.inverse_mass[j]),
-                torque: rates[x].spin * (T::constant(1.0) / self.laws.inverse_inertia[j]),
-                ..w[x]
-            };
-            held[x] &= self.laws.holds(j, &left);
-        }
+        let rest = self.shared_out(group, w, &held, &mut points);
+        held.iter_mut().zip(rest).for_each(|(held, rests)| *held &= rests);
         spread(&mut held);
         for p in points.iter().filter(|p| p.force.value() > 0.0) {
             self.touching[p.contact].jams = p.sides.iter().flatten().all(|s| held[s.at]);
         }
         (0..group.len()).filter(|&x| held[x]).collect()
+    }
+
+    /// Which of the bodies that may be held rest, and the forces of the points between them. The ground takes of each what it can;
+    /// the rest goes through the contacts to others, whose ground may take more (a projected search for the friction that
+    /// leaves no acceleration).
+    fn shared_out(
+        &self,
+        group: &[usize],
+        w: &[Wrench<T>],
+        held: &[bool],
+        points: &mut [PressurePoint<T>],
+    ) -> Few<bool> {
+        let one = T::constant(1.0);
+        let mut taken: Few<(Vec2<T>, T)> = group.iter().map(|_| (Vec2::zero(), T::zero())).collect();
+        let mut rests: Few<bool> = Few::new();
+        for _ in 0..SHARINGS {
+            let mut rates: Few<Rates<T>> = group.iter().map(|_| Rates::zero()).collect();
+            for (x, &j) in group.iter().enumerate().filter(|(x, _)| held[*x]) {
+                rates[x].velocity = (w[x].force - taken[x].0) * self.laws.inverse_mass[j];
+                rates[x].spin = (w[x].torque - taken[x].1) * self.laws.inverse_inertia[j];
+            }
+            balance(points, &mut rates);
+            rests.clear();
+            for (x, &j) in group.iter().enumerate() {
+                let force = rates[x].velocity * (one / self.laws.inverse_mass[j]) + taken[x].0;
+                let torque = rates[x].spin * (one / self.laws.inverse_inertia[j]) + taken[x].1;
+                let (most, most_torque) = self.laws.hold(j, &w[x]);
+                let (asked, turned) = (force.value().norm(), torque.value().abs());
+                rests.push(most > 0.0 && asked <= most * HELD && turned <= most_torque * HELD);
+                taken[x] = (force.scaled((most / asked).min(1.0)), torque * (most_torque / turned).min(1.0));
+            }
+            if (0..group.len()).all(|x| !held[x] || rests[x]) {
+                break;
+            }
+        }
+        rests
+    }
+
+    /// Whether contacts, and not the ground, all but hold a body: no friction ends its motion, and to look for that end would take
+    /// ever smaller steps.
+    pub(super) fn creeps(&self, j: usize, k: &Kinematics<T>, w: &Wrench<T>) -> bool {
+        self.is_slow(j, k) && !self.laws.holds(j, w) && self.touching.iter().any(|t| t.a == j || t.b == j)
     }
 
     /// Whether a body on its own is so slow that it may as well rest. What friction stops of a ball is not its spin about z.
@@ -97,10 +133,11 @@ impl<T: Scalar> Run<'_, T> {
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::Scope;
     use crate::num::vec2;
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
-    use crate::world::{Ending, Limits, film, trace};
+    use crate::world::{Ending, Limits, Parameter, Prior, film, trace};
 
     /// Three balls that glide towards each other.
     fn heap(laws: &[(&str, &[f64])]) -> crate::world::Model {
@@ -132,6 +169,27 @@ mod tests {
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
             assert!(apart(a, b) > 0.4 - 1e-3, "{a} {b}: {}", apart(a, b));
         }
+    }
+
+    #[test]
+    fn one_that_the_ground_does_not_hold_leans_on_one_that_it_does() {
+        let disc = |id: u32, x: f64| body(id, Shape::Disc { radius: 0.2 }, vec2(x, 0.0), vec2(0.0, 0.0));
+        let mut m = model(
+            vec![disc(0, -0.45), disc(1, 0.0)],
+            &[("restitution", &[0.3, 1.0]), ("gliding_friction", &[0.02, 0.02]), ("tilt", &[0.3, 0.0])],
+        );
+        m.bodies[1].material = "rough".into();
+        let sliding = &mut m.effects[1].parameters[0];
+        *sliding = Parameter::new("sliding", Scope::Material, Prior { mean: 0.02, sd: 0.0 }, &m.bodies);
+        assert_eq!(sliding.labels, ["m", "rough"]);
+        sliding.values[1] = 0.06;
+        let run = film(&m, &m.flatten(), &seconds(200), &Limits::default());
+        assert_eq!(run.ending, Ending::Completed);
+        assert!(run.steps < 1500, "{} steps", run.steps);
+        let last = trace(&m, &seconds(200)).states.remove(200);
+        let at = |k: usize| last[k].expect("it is there");
+        assert!(at(1).position.x - at(0).position.x < 0.4 + 1e-3, "{last:?}");
+        assert_eq!([at(0).velocity, at(1).velocity], [vec2(0.0, 0.0); 2], "{last:?}");
     }
 
     #[test]

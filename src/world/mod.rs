@@ -19,6 +19,7 @@ mod preset;
 mod pressing;
 mod pressure;
 mod rigid;
+mod setup;
 mod simulate;
 mod trace;
 

@@ -244,13 +244,18 @@ impl<T: Scalar> Laws<T> {
 
     /// Whether dry friction holds the body where it is: at least some of it, and no force beyond it.
     pub fn holds(&self, i: usize, w: &Wrench<T>) -> bool {
-        let (force, grip, rolling) = (w.force.value().norm(), w.grip.value(), w.rolling.value());
+        let (force, torque) = self.hold(i, w);
+        force > 0.0 && w.force.value().norm() <= force && w.torque.value().abs() <= torque
+    }
+
+    /// Most force (N), and torque about z (N m), that dry friction takes of a body at rest.
+    pub fn hold(&self, i: usize, w: &Wrench<T>) -> (f64, f64) {
+        let (grip, rolling) = (w.grip.value(), w.rolling.value());
         if self.shapes[i].is_ball() {
             // Without grip it rests as a glider does.
-            rolling > 0.0 && force <= rolling && (grip <= 0.0 || 2.0 / 7.0 * force <= grip)
+            (if grip > 0.0 { rolling.min(3.5 * grip) } else { rolling }, f64::INFINITY)
         } else {
-            let arm = self.shapes[i].bounding_radius();
-            grip > 0.0 && force <= grip && w.torque.value().abs() <= grip * arm + w.pivot.value()
+            (grip, grip * self.shapes[i].bounding_radius() + w.pivot.value())
         }
     }
 

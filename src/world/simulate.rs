@@ -402,6 +402,7 @@ impl<'m, T: Scalar> Run<'m, T> {
                     None => self.laws.next_change(j, &start[x], self.bodies[j].mode, &wrenches[x], &first[x]),
                 };
                 if let Some((kind, after)) = next
+                    && !(kind == Change::Stop && self.creeps(j, &start[x], &wrenches[x]))
                     && matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll)
                     && (since + after).value() < until.value()
                 {
