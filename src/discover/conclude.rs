@@ -2,6 +2,7 @@
 
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
+use super::change::{Change, FORMULA, propose};
 use super::contact::{ContactCandidate, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
@@ -9,11 +10,12 @@ use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Verdict};
 use super::proof;
-use super::revise::{Revision, pooled_noise, revise};
+use super::revise::{Revision, held_out, pooled_noise, pooled_rmse, revise};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, mended, sticking};
 use crate::effects::Hook;
+use crate::effects::formula::Formula;
 use crate::fit::{FitError, FitOptions};
 use crate::num::Stop;
 use crate::world::Model;
@@ -169,11 +171,19 @@ pub fn conclude(
     // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
     let still = followed && motion.found.is_empty();
     let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
-    let formula = compromise
+    let alone = |law: ResidualLaw| (law.text, &base, revisions[0].held_out_rmse);
+    let beside = |law: ResidualLaw| (law.text, &motion.models, revisions[motion.found.len()].held_out_rmse);
+    let law = compromise
         .filter(|_| outside)
-        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten())
-        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten())
-        .map(|l| l.text);
+        .map(alone)
+        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten().map(beside))
+        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten().map(alone));
+    let formula = match law {
+        Some((text, models, before)) => foretells(lens, &text, models, options, stop)?
+            .is_some_and(|after| halves(before, after, noise_sigma))
+            .then_some(text),
+        None => None,
+    };
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
         () if !ambiguous.is_empty() => Verdict::Ambiguous,
@@ -278,8 +288,44 @@ fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
     (law.cost / motion.degrees_of_freedom).max(1.0)
 }
 
+/// Whether an error falls to half of what it was beyond the noise: a law that does less is shown to nobody.
+fn halves(before: f64, after: f64, noise: f64) -> bool {
+    let beyond = |error: f64| error * error - noise * noise;
+    4.0 * beyond(after) < beyond(before)
+}
+
+/// Error (m), on frames that they have not seen, of the models with a law that is written so; `None` where it has no value.
+fn foretells(
+    lens: &Lens,
+    text: &str,
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<f64>, FitError> {
+    let Ok(formula) = Formula::new(text, vec![]) else { return Ok(None) };
+    let with = propose(lens, models, &Change::Write(FORMULA.into(), formula), stop)?.models;
+    match held_out(lens.scenes, &with, Some(FORMULA), &options.fit, stop) {
+        Ok(parts) => Ok(Some(pooled_rmse(&parts))),
+        Err(FitError::Undefined { .. }) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
 /// Whether a law found is a rhythm whose period the films are too short for.
 pub(super) fn once(c: &Candidate, duration: f64) -> bool {
     let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
     frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::halves;
+
+    #[test]
+    fn a_law_is_shown_that_halves_what_is_beyond_the_noise() {
+        assert!(halves(0.0466, 0.0052, 0.005));
+        assert!(halves(0.0075, 0.0055, 0.005), "no error falls below the noise");
+        assert!(!halves(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
+        assert!(!halves(0.005, 0.005, 0.005));
+    }
 }

@@ -37,7 +37,7 @@ pub struct Discovery {
     pub ambiguous: Vec<Vec<String>>,
     /// The launch that would tell them apart.
     pub experiment: Option<Experiment>,
-    /// The law that remains, where no effect of the library is it.
+    /// The law that remains, where no effect of the library is it and it halves the error on frames that it has not seen.
     pub formula: Option<String>,
     /// The smallest effect of each kind that would have been seen.
     pub smallest: Vec<Smallest>,

@@ -103,14 +103,10 @@ pub fn revise(
     }
     let left_out = lens.left_out(models, &free, &seen.values);
     let sigma = pooled_noise(lens);
-    let whole = parts.iter().fold(HeldOut::default(), |a, b| HeldOut {
-        squares: a.squares + b.squares,
-        count: a.count + b.count,
-    });
     Ok(Revision {
         effect: effect.map(str::to_string),
         rmse: (squares / f64::max(count, 1.0)).sqrt(),
-        held_out_rmse: whole.rmse(),
+        held_out_rmse: pooled_rmse(&parts),
         left_out_rmse: sigma * (left_out / lens.degrees_of_freedom().max(1) as f64).sqrt(),
         reduced_chi_square: chi_square / f64::max(degrees, 1.0),
         fit: fit_all,
@@ -429,6 +425,12 @@ impl HeldOut {
     pub fn rmse(self) -> f64 {
         (self.squares / self.count.max(1) as f64).sqrt()
     }
+}
+
+/// Of all scenes (m).
+pub fn pooled_rmse(parts: &[HeldOut]) -> f64 {
+    let sum = |a: HeldOut, b: &HeldOut| HeldOut { squares: a.squares + b.squares, count: a.count + b.count };
+    parts.iter().fold(HeldOut::default(), sum).rmse()
 }
 
 /// Error of each scene on the last frames of a fit to the first ones.
