@@ -120,8 +120,7 @@ pub fn reason(
     written: bool,
     last: Option<&Revision>,
 ) -> String {
-    let scenes = last.map_or(&[][..], |r| &r.fit.scenes);
-    let mostly_lost = 2 * scenes.iter().filter(|s| proof::lost(s)).count() > scenes.len();
+    let mostly_lost = last.is_some_and(|r| 2 * proof::losses(&r.fit) > r.fit.scenes.len());
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {

@@ -2,8 +2,8 @@
 
 use super::film::Contacts;
 use super::force::unseen_turn;
-use super::revise::{chi_squares, each_alone, fit_alone, sum};
-use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit};
+use super::revise::{chi_squares, sum};
+use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit, estimate_each, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, trace};
@@ -28,7 +28,7 @@ pub struct Alone {
 impl Alone {
     pub fn of(films: &Contacts, stop: Stop) -> Result<Alone, FitError> {
         let films = turned(films, stop)?;
-        let fits = each_alone(&films.scenes, &films.models, &OPTIONS, stop)?;
+        let fits = estimate_each(&films.scenes, &films.models, &OPTIONS, stop)?;
         Ok(Alone { films, fits })
     }
 
@@ -106,7 +106,7 @@ fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
     let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
         let mut model = model.clone();
         if unseen(scene) {
-            let alone = fit_alone(scene, &model, &options, stop)?;
+            let alone = estimate_one(scene, &model, &options, stop)?;
             for (body, found) in
                 model.bodies.iter_mut().zip(alone.scenes.iter().flat_map(|s| &s.model.bodies))
             {
@@ -129,7 +129,7 @@ pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool
     let options = FitOptions { begin: Begin::Models, ..OPTIONS };
     // Each film by itself: what it shares with the others says nothing here.
     let cost = |models: &[Model]| -> Result<f64, FitError> {
-        let fits = each_alone(&films.scenes, models, &options, stop)?;
+        let fits = estimate_each(&films.scenes, models, &options, stop)?;
         Ok(fits.iter().map(|f| sum(&chi_squares(f))).sum())
     };
     Ok(cost(stuck)? < cost(&films.models)?)

@@ -8,7 +8,7 @@ use super::free::{Free, at_values};
 use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, pooled_noise, revise, without_effect};
-use super::screen::{Base, region, screen, with_effect, with_nuisance};
+use super::screen::{Base, beginnings, region, screen, with_effect, with_nuisance};
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
@@ -268,7 +268,8 @@ fn with_library(
     stop: Stop,
 ) -> Result<(f64, Vec<Model>), FitError> {
     let region = region(lens.scenes);
-    if let Some(candidate) = screen(lens, models, base, entry, &region) {
+    let tried = beginnings(lens, base, entry, &region);
+    if let Some(candidate) = tried.and_then(|tried| screen(lens, base, entry, &tried, &region)) {
         return Ok((candidate.gain, candidate.models));
     }
     let begun = at_values(models, &base.free, &base.seen.values);

@@ -122,7 +122,7 @@ pub fn conclude(
     // What sticks may look like another law of contact, which then does not follow what was filmed.
     let told = revisions.last().unwrap_or(last);
     let open = match proven {
-        None => room && told.reduced_chi_square > FOLLOWED,
+        None => room && told.reduced_chi_square > FOLLOWED && proof::astray(&told.fit),
         Some(_) => proof::loses(&told.fit),
     };
     if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {

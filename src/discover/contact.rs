@@ -5,11 +5,11 @@ use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::cost::Cost;
 use super::film::Contacts;
 use super::outcome::widened;
-use super::revise::{agree_on, chi_squares, fit_alone, lower, sum, without_effect};
+use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::{CERTAIN, with_effect};
 use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
-use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate};
+use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -96,16 +96,15 @@ pub fn screen_contacts(
     candidates: &[&'static EffectEntry],
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
-    let (Alone { films, fits }, lost) = alone.without_heaps(stop)?;
-    let films = &films;
+    let (Alone { mut films, fits }, mut lost) = alone.without_heaps(stop)?;
     if films.scenes.is_empty() {
         return Ok((vec![], lost));
     }
     let (options, near) =
         (OPTIONS, FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..OPTIONS });
-    let base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
-    let before = chi_squares(&base);
-    let ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
+    let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
+    let mut before = chi_squares(&base);
+    let mut ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
         match entry.spec.name {
@@ -117,7 +116,7 @@ pub fn screen_contacts(
             ),
             // One object at a time: masses that are all free take up much of what engines do at contacts.
             HEAVIER => {
-                let ids = heavier(films, &ended, &before, entry, region, &near, stop)?;
+                let ids = heavier(&films, &ended, &before, entry, region, &near, stop)?;
                 trials.extend(ids.into_iter().map(|id| (entry, vec![0.0], Some(id))));
             }
             _ if entry.uses(Hook::Contact) => {
@@ -127,9 +126,10 @@ pub fn screen_contacts(
             _ => {}
         }
     }
-    let unfollowed: Vec<usize> =
-        (0..before.len()).filter(|&film| base.scenes[film].reduced_chi_square > AT_NOISE).collect();
     let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
+    let unfollowed =
+        |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
+    let anew = unfollowed(&base);
     // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no other with
     // it, and is not searched again with all of them.
     let begun: Result<Vec<Begun>, FitError> = trials
@@ -137,8 +137,9 @@ pub fn screen_contacts(
         .map(|(entry, values, object)| {
             let mut models = with_contact(&ended, entry, &values, object, region);
             let (mut fall, mut tried) = (0.0, vec![]);
+            let mut least: Vec<f64> = fits.iter().map(|fit| off(fit, 0)).collect();
             for film in 0..models.len() {
-                let anew = unfollowed.contains(&film);
+                let anew = anew.contains(&film);
                 // What befalls one object shows where it is.
                 if !object.map_or(anew, |id| models[film].body_index(id).is_some()) {
                     continue;
@@ -150,17 +151,37 @@ pub fn screen_contacts(
                     false => models[film].clone(),
                 };
                 let alone =
-                    fit_alone(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
+                    estimate_one(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
                 fall += before[film] - sum(&chi_squares(&alone));
+                least[film] = least[film].min(off(&alone, 0));
                 models[film].stand_as(&alone.scenes[0].model);
                 tried.push(alone);
             }
             agree_on(&mut models, entry.spec.name, &tried);
-            Ok(Begun { entry, values, object, models, fall })
+            Ok(Begun { entry, values, object, models, fall, least })
         })
         .collect();
+    let mut begun = begun?;
+    // What nothing follows, even by itself, would lead all the others astray.
+    let least = |film: usize| begun.iter().map(|b| b.least[film]).fold(off(&base, film), f64::min);
+    let mut followed = followed(&base, least);
+    // Nor do those say much that are only nearer, where others are followed to the end.
+    let mended = |film: &usize| off(&base, *film) > FOLLOWED && least(*film) < FOLLOWED;
+    if followed.iter().any(mended) {
+        followed.retain(|&film| least(film) < FOLLOWED);
+    }
+    if followed.len() < films.scenes.len() {
+        (films, base, lost) = without_lost(&films, &base, &followed, lost, &near, stop)?;
+        if followed.is_empty() {
+            return Ok((vec![], lost));
+        }
+        before = chi_squares(&base);
+        ended = base.scenes.iter().map(|s| s.model.clone()).collect();
+        begun.iter_mut().for_each(|b| b.models = followed.iter().map(|&k| b.models[k].clone()).collect());
+    }
+    let (films, unfollowed) = (&films, unfollowed(&base));
     let few = FitOptions { max_iterations: FIRST_ITERATIONS, ..near };
-    let first: Result<Vec<Tried>, FitError> = finalists(begun?)
+    let first: Result<Vec<Tried>, FitError> = finalists(begun)
         .into_par_iter()
         .map(|Begun { entry, values, object, models, .. }| {
             let mut found = estimate(&films.scenes, &models, &few, stop)?;
@@ -195,7 +216,7 @@ pub fn screen_contacts(
                     let begun = &films.models[film..=film];
                     let mut begun = with_contact(begun, entry, &values, object, region).remove(0);
                     begun.take_shared(&models[film]);
-                    let alone = fit_alone(&films.scenes[film], &begun, &options, stop)?;
+                    let alone = estimate_one(&films.scenes[film], &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
                         models[film].clone_from(&alone.scenes[0].model);
                     }
@@ -216,6 +237,44 @@ struct Begun {
     models: Vec<Model>,
     /// Fall of chi-square of the films that were fitted with it, each alone.
     fall: f64,
+    /// The least reduced chi-square of each film by itself.
+    least: Vec<f64>,
+}
+
+/// The films that something follows, given the least reduced chi-square that each was brought to.
+fn followed(base: &Fit, least: impl Fn(usize) -> f64) -> Vec<usize> {
+    let follows =
+        |film: &usize| least(*film) < f64::max(FOLLOWED, NEARER * base.scenes[*film].reduced_chi_square);
+    (0..base.scenes.len()).filter(follows).collect()
+}
+
+/// The films that are `followed`, fitted without what pulled at them, and what the others cost beside what is `lost`.
+fn without_lost(
+    films: &Contacts,
+    base: &Fit,
+    followed: &[usize],
+    lost: f64,
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<(Contacts, Fit, f64), FitError> {
+    let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
+    let lost =
+        lost + left_out.map(|film| FOLLOWED * base.scenes[film].degrees_of_freedom as f64).sum::<f64>();
+    let rest = films.only(|film| followed.contains(&film));
+    let base = if followed.is_empty() { base.clone() } else { of_some(&rest, base, followed, near, stop)? };
+    Ok((rest, base, lost))
+}
+
+/// The fit of some films, from where they stand in a fit of more.
+fn of_some(
+    films: &Contacts,
+    of_more: &Fit,
+    which: &[usize],
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    let models: Vec<Model> = which.iter().map(|&film| of_more.scenes[film].model.clone()).collect();
+    estimate(&films.scenes, &models, near, stop)
 }
 
 /// Of places and objects that one law may befall, those that promise most; in the order given.
@@ -245,29 +304,19 @@ fn judged(
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
     let before = Cost::of(&base, None);
-    let follows = |film: usize| {
-        let off = |fit: &Fit| fit.scenes[film].reduced_chi_square;
-        let least = fitted.iter().map(|f| off(&f.fit)).fold(off(&base), f64::min);
-        least < f64::max(FOLLOWED, NEARER * off(&base))
-    };
-    let followed: Vec<usize> = (0..films.scenes.len()).filter(|&film| follows(film)).collect();
+    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
+    let least = |film: usize| fitted.iter().map(|f| off(&f.fit, film)).fold(off(&base, film), f64::min);
+    let followed = followed(&base, least);
     if followed.len() < films.scenes.len() {
-        let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
-        let count = |film: usize| base.scenes[film].degrees_of_freedom as f64;
-        let lost = lost + left_out.map(|film| FOLLOWED * count(film)).sum::<f64>();
+        let near = FitOptions { begin: Begin::Near, ..*options };
+        let (rest, base, lost) = without_lost(films, &base, &followed, lost, &near, stop)?;
         if followed.is_empty() {
             return Ok((vec![], lost));
         }
-        let rest = films.only(|film| followed.contains(&film));
-        // The others go on from where they are, without what pulled at them.
-        let near = FitOptions { begin: Begin::Near, ..*options };
-        let further = |old: &Fit| {
-            let models: Vec<Model> = followed.iter().map(|&f| old.scenes[f].model.clone()).collect();
-            estimate(&rest.scenes, &models, &near, stop)
-        };
-        let base = further(&base)?;
-        let fitted: Result<Vec<Tried>, FitError> =
-            fitted.into_par_iter().map(|t| Ok(Tried { fit: further(&t.fit)?, ..t })).collect();
+        let fitted: Result<Vec<Tried>, FitError> = fitted
+            .into_par_iter()
+            .map(|t| Ok(Tried { fit: of_some(&rest, &t.fit, &followed, &near, stop)?, ..t }))
+            .collect();
         return judged(&rest, base, fitted?, lost, options, stop);
     }
     let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
@@ -389,7 +438,7 @@ fn heavier(
         let models = with_contact(ended, entry, &[0.0], Some(id), region);
         let mut fall = 0.0;
         for film in (0..models.len()).filter(|&film| models[film].body_index(id).is_some()) {
-            let fitted = fit_alone(&films.scenes[film], &models[film], near, stop)?;
+            let fitted = estimate_one(&films.scenes[film], &models[film], near, stop)?;
             fall += before[film] - sum(&chi_squares(&fitted));
         }
         Ok((fall, id))
@@ -483,6 +532,7 @@ mod tests {
             object: Some(object),
             models: vec![],
             fall,
+            least: vec![],
         };
         let all = vec![
             begun(HEAVIER, 1, 5.0),

@@ -6,7 +6,7 @@ use super::path::{Path, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Kinematics, Model, Snapshot, accelerations};
+use crate::world::{Kinematics, Model, Snapshot, accelerations, accelerations_of, affected};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -154,14 +154,27 @@ impl<'a> Lens<'a> {
     pub fn residual(&self, models: &[Model], flats: &[Vec<f64>]) -> DVector<f64> {
         let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
         for scene in 0..self.scenes.len() {
-            self.scene_residual(scene, &models[scene], &flats[scene], &mut out);
+            self.scene_residual(scene, &models[scene], &flats[scene], None, &mut out);
         }
         out
     }
 
-    fn scene_residual(&self, scene: usize, model: &Model, flat: &[f64], out: &mut DVector<f64>) {
-        let accelerations = accelerations(model, flat, &self.instants[scene]);
-        for s in self.stretches.iter().filter(|s| s.scene == scene) {
+    /// Writes the rows of one scene, or of some of its bodies.
+    fn scene_residual(
+        &self,
+        scene: usize,
+        model: &Model,
+        flat: &[f64],
+        of: Option<&[bool]>,
+        out: &mut DVector<f64>,
+    ) {
+        let instants = &self.instants[scene];
+        let accelerations = match of {
+            Some(of) => accelerations_of(model, flat, instants, of),
+            None => accelerations(model, flat, instants),
+        };
+        let written = |s: &&Stretch| s.scene == scene && of.is_none_or(|of| of[s.body]);
+        for s in self.stretches.iter().filter(written) {
             let sigma = self.noises[scene].position;
             let measured = |f: usize| {
                 let sample = &self.scenes[scene].tracks[s.body].samples;
@@ -203,7 +216,7 @@ impl<'a> Lens<'a> {
                 let mut trial_residual = residual.clone();
                 let at = flats(models, free, &trial);
                 for &scene in &counted {
-                    self.scene_residual(scene, &models[scene], &at[scene], &mut trial_residual);
+                    self.scene_residual(scene, &models[scene], &at[scene], None, &mut trial_residual);
                 }
                 let trial_cost = self.cost(&trial_residual, free, &trial, without);
                 if trial_cost < cost {
@@ -278,7 +291,9 @@ impl<'a> Lens<'a> {
                     for &(_, slot) in f.slots.iter().filter(|s| s.0 == scene) {
                         flat[slot] = value;
                     }
-                    self.scene_residual(scene, &models[scene], &flat, &mut moved);
+                    // What moves as before leaves its rows as they are.
+                    let moves = affected(&models[scene], &flats[scene], &flat);
+                    self.scene_residual(scene, &models[scene], &flat, Some(&moves), &mut moved);
                 }
                 moved
             };

@@ -11,9 +11,9 @@ use super::force::{Lens, fit_forces};
 use super::outcome::{Discovery, Ranked, Verdict};
 use super::path::Jump;
 use super::proof;
-use super::revise::{pooled_noise, trajectories};
+use super::revise::{Revision, pooled_noise, trajectories};
 use super::screen::{region, sought, with_nuisance};
-use super::search::{fewer, search, search_on};
+use super::search::{FreeMotion, fewer, search, search_on};
 use super::whole::{STICKING, spinning, stuck};
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
@@ -21,6 +21,7 @@ use crate::fit::{Fit, FitError};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Residuals in free motion below which nothing can be said.
@@ -45,41 +46,70 @@ pub fn discover(
     {
         return Ok(found);
     }
-    let mut seen: Vec<Reading> = vec![];
+    let mut known: Vec<Known> = vec![];
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
-        let motion = search(&lens, &models, stop)?;
-        seen.push(Reading { models, motion, contacts: vec![], films: 0.0 });
+        let first = search(&lens, &models, stop)?;
+        known.push(Known { models, first, further: None });
     }
-    keep_best(&mut seen);
-    let mut films = vec![];
-    for reading in &mut seen {
-        let motion = reading.motion.clone();
-        reading.motion = search_on(&lens, &reading.models, motion, options.max_effects, stop)?;
-        films.push(Alone::of(&contacts(&lens, &reading.motion.models), stop)?);
+    let mut looked: Vec<(usize, f64, bool)> = vec![];
+    for reading in nearest(known.iter().map(|k| k.first.priced())) {
+        let (motion, films) = known[reading].look(&lens, options, stop)?;
+        looked.push((reading, motion.priced() + films.cost(), films.at_noise()));
     }
-    let known = |(r, films): (&Reading, &Alone)| (r.motion.priced() + films.cost(), films.at_noise());
-    let known: Vec<(f64, bool)> = seen.iter().zip(&films).map(known).collect();
     // Where one reading follows all contacts to the noise, no law of contact makes another the better one.
-    let settled = known.iter().filter(|k| k.1).map(|k| k.0).fold(f64::INFINITY, f64::min);
-    for ((reading, films), (cost, _)) in seen.iter_mut().zip(&films).zip(known) {
-        reading.films = f64::INFINITY;
-        if cost < settled + SAME {
-            let sought = sought(&reading.motion.models, scenes);
-            let (screened, lost) = screen_contacts(films, &region(scenes), &sought, stop)?;
-            reading.films =
-                lost + screened.iter().find(|c| c.proven()).map_or(films_cost(&screened), |c| c.after);
-            reading.contacts = screened;
-        }
-    }
-    keep_best(&mut seen);
+    let settled = looked.iter().filter(|k| k.2).map(|k| k.1).fold(f64::INFINITY, f64::min);
+    looked.retain(|k| k.1 < settled + SAME);
+    let seen: Result<Vec<Reading>, FitError> =
+        looked.iter().map(|k| known[k.0].screened(&lens, options, stop)).collect();
+    let seen = seen?;
+    let near = nearest(seen.iter().map(|r| r.motion.priced() + r.films));
+    let seen = seen.into_iter().enumerate().filter(|(k, _)| near.contains(k)).map(|(_, r)| r).collect();
     match by_trajectories(&lens, seen, options, stop)? {
         Some(reading) => {
             let found = conclude(&lens, reading, options, stop)?;
-            let found = reread(&lens, models, found, options, stop)?;
-            unseen(&lens, models, found, options, stop)
+            let found = reread(&lens, &mut known, found, options, stop)?;
+            unseen(&lens, &mut known, found, options, stop)
         }
         None => Ok(not_identifiable(&lens)),
+    }
+}
+
+/// One reading of the base, with what was seen of it so far.
+struct Known {
+    models: Vec<Model>,
+    /// With the first law of force.
+    first: FreeMotion,
+    /// With all laws of force, and the short films of contacts beside these.
+    further: Option<(FreeMotion, Alone)>,
+}
+
+impl Known {
+    fn look(
+        &mut self,
+        lens: &Lens,
+        options: &DiscoverOptions,
+        stop: Stop,
+    ) -> Result<&(FreeMotion, Alone), FitError> {
+        let further = match self.further.take() {
+            Some(further) => further,
+            None => {
+                let motion = search_on(lens, &self.models, self.first.clone(), options.max_effects, stop)?;
+                let films = Alone::of(&contacts(lens, &motion.models), stop)?;
+                (motion, films)
+            }
+        };
+        Ok(self.further.insert(further))
+    }
+
+    /// With the laws of contact.
+    fn screened(&mut self, lens: &Lens, options: &DiscoverOptions, stop: Stop) -> Result<Reading, FitError> {
+        let models = self.models.clone();
+        let (motion, films) = self.look(lens, options, stop)?;
+        let sought = sought(&motion.models, lens.scenes);
+        let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &sought, stop)?;
+        let films = lost + contacts.iter().find(|c| c.proven()).map_or(films_cost(&contacts), |c| c.after);
+        Ok(Reading { models, motion: motion.clone(), contacts, films })
     }
 }
 
@@ -97,20 +127,19 @@ fn distance(found: &Discovery) -> f64 {
 /// hidden law may make the wrong reading look the better one.
 fn reread(
     lens: &Lens,
-    models: &[Model],
+    known: &mut [Known],
     found: Discovery,
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
     let mut best = found;
-    for models in readings(lens.scenes, models) {
-        let models = with_nuisance(&models);
-        let Some(last) = best.revisions.last().filter(|_| loses(&best)) else { break };
-        let (known, asked) = (&last.fit.scenes[0].model.preset, &models[0].preset);
-        if known == asked {
+    for reading in known {
+        let astray = |r: &&Revision| proof::loses(&r.fit) && proof::astray(&r.fit);
+        let Some(last) = best.revisions.last().filter(astray) else { break };
+        if last.fit.scenes[0].model.preset == reading.models[0].preset {
             continue;
         }
-        let mut with_laws = models.clone();
+        let mut with_laws = reading.models.clone();
         for (model, fitted) in with_laws.iter_mut().zip(&last.fit.scenes) {
             let laws = best.effects.iter().filter_map(|e| fitted.model.effect(&e.effect));
             model.effects.extend(laws.cloned());
@@ -120,7 +149,7 @@ fn reread(
         // What sticks may look like another law of contact.
         if law.is_some_and(|law| law.uses(Hook::Contact) && law.spec.name != STICKING) {
             let sticking = effect(STICKING);
-            tried.extend(sticking.map(|law| (stuck(&models, law, &region(lens.scenes)), sticking)));
+            tried.extend(sticking.map(|law| (stuck(&reading.models, law, &region(lens.scenes)), sticking)));
         }
         let mut nearer = false;
         for (models, law) in tried {
@@ -133,12 +162,7 @@ fn reread(
         if !nearer {
             continue;
         }
-        let motion = search(lens, &models, stop)?;
-        let motion = search_on(lens, &models, motion, options.max_effects, stop)?;
-        let films = Alone::of(&contacts(lens, &motion.models), stop)?;
-        let sought = sought(&motion.models, lens.scenes);
-        let (contacts, _) = screen_contacts(&films, &region(lens.scenes), &sought, stop)?;
-        let other = conclude(lens, Reading { models, motion, contacts, films: 0.0 }, options, stop)?;
+        let other = conclude(lens, reading.screened(lens, options, stop)?, options, stop)?;
         if distance(&other) < distance(&best) {
             best = other;
         }
@@ -150,25 +174,27 @@ fn reread(
 /// look like a force or like another reading of the base.
 fn unseen(
     lens: &Lens,
-    models: &[Model],
+    known: &mut [Known],
     found: Discovery,
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
-    let known = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
-    if options.max_effects == 0 || known || !loses(&found) {
+    let told = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
+    if options.max_effects == 0 || told || !loses(&found) {
         return Ok(found);
     }
     let of_bodies = |models: &[Model]| -> Vec<_> {
         sought(models, lens.scenes).into_iter().filter(|e| e.uses(Hook::Bodies)).collect()
     };
     let mut best = found;
-    for models in readings(lens.scenes, models) {
-        let models = with_nuisance(&models);
-        let motion = search(lens, &models, stop)?;
-        let motion = fewer(lens, &models, &motion, motion.found.len(), stop)?;
-        let films = Alone::of(&contacts(lens, &models), stop)?;
-        let (contacts, _) = screen_contacts(&films, &region(lens.scenes), &of_bodies(&models), stop)?;
+    for reading in known {
+        let models = reading.models.clone();
+        let motion = fewer(lens, &models, &reading.first, reading.first.found.len(), stop)?;
+        let films = match &reading.further {
+            Some((further, films)) if further.found.is_empty() => films,
+            _ => &Alone::of(&contacts(lens, &motion.models), stop)?,
+        };
+        let (contacts, _) = screen_contacts(films, &region(lens.scenes), &of_bodies(&models), stop)?;
         if !contacts.iter().any(ContactCandidate::proven) {
             continue;
         }
@@ -222,11 +248,11 @@ pub fn diagnose(
     })
 }
 
-/// Drops readings that are worse than the best by more than chance.
-fn keep_best(seen: &mut Vec<Reading>) {
-    let cost = |r: &Reading| r.motion.priced() + r.films;
-    let least = seen.iter().map(cost).fold(f64::INFINITY, f64::min);
-    seen.retain(|r| cost(r) < least + SAME);
+/// Indices of the readings that are not worse than the best by more than chance.
+fn nearest(costs: impl Iterator<Item = f64>) -> Vec<usize> {
+    let costs: Vec<f64> = costs.collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    (0..costs.len()).filter(|&k| costs[k] < least + SAME).collect()
 }
 
 fn films_cost(screened: &[ContactCandidate]) -> f64 {
@@ -243,16 +269,13 @@ fn by_trajectories(
     if seen.len() < 2 {
         return Ok(seen.pop());
     }
-    let mut best: Option<(f64, Reading)> = None;
-    for reading in seen {
+    let misfit = |reading: &Reading| -> Result<f64, FitError> {
         let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
         let (fit, _) = trajectories(lens, &reading.motion.models, effect, &options.fit, stop)?;
-        let misfit: f64 = fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum();
-        if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
-            best = Some((misfit, reading));
-        }
-    }
-    Ok(best.map(|(_, reading)| reading))
+        Ok(fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum())
+    };
+    let misfits: Vec<f64> = seen.par_iter().map(misfit).collect::<Result<_, _>>()?;
+    Ok(seen.into_iter().zip(misfits).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(reading, _)| reading))
 }
 
 /// The models, and the other reading of the same scenes where the preset has one.

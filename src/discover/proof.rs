@@ -21,9 +21,14 @@ pub fn lost(scene: &SceneFit) -> bool {
     scene.reduced_chi_square > LOST
 }
 
+/// How many of its scenes a fit loses.
+pub fn losses(fit: &Fit) -> usize {
+    fit.scenes.iter().filter(|s| lost(s)).count()
+}
+
 /// Whether a fit loses one of its scenes.
 pub fn loses(fit: &Fit) -> bool {
-    fit.scenes.iter().any(lost)
+    losses(fit) > 0
 }
 
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
@@ -50,6 +55,12 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
 fn gain(before: &SceneFit, after: &SceneFit) -> f64 {
     let ratio = before.reduced_chi_square / after.reduced_chi_square.max(f64::MIN_POSITIVE);
     after.degrees_of_freedom as f64 * ratio.ln()
+}
+
+/// Whether half of the scenes, or more, are off their noise: chaos alone loses one or the other of several.
+pub fn astray(fit: &Fit) -> bool {
+    let off = fit.scenes.iter().filter(|s| s.reduced_chi_square > WELL).count();
+    2 * off >= fit.scenes.len()
 }
 
 /// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
@@ -93,28 +104,43 @@ mod tests {
     use super::*;
     use crate::world::Model;
 
+    fn fits(chi_squares: [f64; 3]) -> [SceneFit; 3] {
+        chi_squares.map(|reduced_chi_square| SceneFit {
+            name: String::new(),
+            model: Model {
+                preset: String::new(),
+                bodies: vec![],
+                walls: vec![],
+                effects: vec![],
+                mass_sd: 0.0,
+                spin_sd: 0.0,
+                anchors: vec![],
+            },
+            noise_sigma: 0.005,
+            noise_yaw: None,
+            rmse: 0.005,
+            reduced_chi_square,
+            degrees_of_freedom: 100,
+            adequate: reduced_chi_square < WELL,
+        })
+    }
+
+    #[test]
+    fn one_video_of_three_may_be_lost_to_chaos() {
+        let fit = |chi_squares| Fit {
+            scenes: fits(chi_squares).to_vec(),
+            posterior: Default::default(),
+            iterations: 0,
+            outcome: crate::fit::Outcome::Converged,
+            losses: vec![],
+        };
+        let (one, two) = (fit([1.0, 90.0, 1.2]), fit([1.0, 90.0, 1.7]));
+        assert_eq!((losses(&one), astray(&one)), (1, false));
+        assert_eq!((losses(&two), astray(&two)), (1, true));
+    }
+
     #[test]
     fn two_videos_must_be_mended_and_what_stays_lost_tenfold() {
-        let fits = |chi_squares: [f64; 3]| {
-            chi_squares.map(|reduced_chi_square| SceneFit {
-                name: String::new(),
-                model: Model {
-                    preset: String::new(),
-                    bodies: vec![],
-                    walls: vec![],
-                    effects: vec![],
-                    mass_sd: 0.0,
-                    spin_sd: 0.0,
-                    anchors: vec![],
-                },
-                noise_sigma: 0.005,
-                noise_yaw: None,
-                rmse: 0.005,
-                reduced_chi_square,
-                degrees_of_freedom: 100,
-                adequate: reduced_chi_square < WELL,
-            })
-        };
         let mended = |before, after| mends(&fits(before), &fits(after));
         assert!(mended([9.0, 1.0, 2.5], [1.1, 1.0, 1.0]));
         assert!(!mended([9.0, 1.0, 1.4], [1.1, 1.0, 0.6]), "what was at the noise needs no law");

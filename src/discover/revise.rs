@@ -3,7 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, Posterior, SceneFit, estimate};
+use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
@@ -25,8 +25,6 @@ const LOST: f64 = 2.0;
 const COMMON_ITERATIONS: usize = 30;
 /// The same where each of them is lost.
 const LOST_ITERATIONS: usize = 5;
-/// A scene tells nothing of a number whose deviation it leaves at this share of what was believed.
-const UNTOLD: f64 = 0.95;
 /// Samples that a track needs before the held-out frames.
 const FEWEST: usize = 5;
 /// Samples that tell how an object begins as well as all of its track does.
@@ -175,7 +173,7 @@ fn fit_set_up(
         .map(|(scene, model, alone)| match alone.scenes.first() {
             // The lost come last, with what the others agree on.
             Some(s) if !right || s.reduced_chi_square < WELL || proof::lost(s) => Ok(None),
-            _ => fit_alone(scene, model, options, stop).map(Some),
+            _ => estimate_one(scene, model, options, stop).map(Some),
         })
         .collect();
     let better = |(a, b): (Fit, Option<Fit>)| match b {
@@ -183,8 +181,7 @@ fn fit_set_up(
         _ => a,
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
-    let near = gathered(models, &alone);
-    let (mut joint, alone) = common(scenes, &near, alone, begun, options, stop)?;
+    let (mut joint, alone) = common(scenes, models, alone, begun, options, stop)?;
     if drawn {
         let found: Vec<Model> = joint.scenes.iter().map(|s| s.model.clone()).collect();
         let as_they_are = FitOptions { begin: Begin::Near, max_iterations: 0, ..*options };
@@ -203,11 +200,11 @@ fn fit_set_up(
     Ok((joint, apart))
 }
 
-/// Fits all scenes from `near`, and gives the fits of each alone. One that its own fit has lost says nothing of the common
+/// Fits all scenes from where each is `alone`, and gives the fits of each alone. One that its own fit has lost says nothing of the common
 /// numbers, and would be searched without end: it is fitted with those of the others, and counts again where that helps.
 fn common(
     scenes: &[Scene],
-    near: &[Model],
+    models: &[Model],
     mut alone: Vec<Fit>,
     begun: &[Option<&Model>],
     options: &FitOptions,
@@ -217,7 +214,6 @@ fn common(
         |alone: &[Fit]| -> Vec<usize> { (0..scenes.len()).filter(|&k| proof::loses(&alone[k])).collect() };
     let most = options.max_iterations.min(COMMON_ITERATIONS);
     let as_near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
-    let mut all = near.to_vec();
     let together = |all: &mut [Model], alone: &[Fit], lost: &[usize]| -> Result<Fit, FitError> {
         let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
@@ -232,12 +228,13 @@ fn common(
     };
     let mut left = lost(&alone);
     if left.is_empty() {
-        return Ok((fit::together(scenes, near, &alone, &as_near, stop)?, alone));
+        return Ok((fit::together(scenes, models, &alone, &as_near, stop)?, alone));
     }
+    let mut all = gathered(models, &alone);
     if left.len() == scenes.len() {
         // None of them follows this model, whatever its numbers.
         let most = most.min(LOST_ITERATIONS);
-        return Ok((estimate(scenes, near, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
+        return Ok((estimate(scenes, &all, &FitOptions { max_iterations: most, ..as_near }, stop)?, alone));
     }
     let mut found = together(&mut all, &alone, &left)?;
     // Each that is found again knows more of what the next one lacks: how a kind of pair rebounds.
@@ -313,15 +310,6 @@ fn believe(model: &mut Model, known: &Posterior) {
     }
 }
 
-pub fn each_alone(
-    scenes: &[Scene],
-    models: &[Model],
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Vec<Fit>, FitError> {
-    scenes.par_iter().zip(models).map(|(scene, model)| fit_alone(scene, model, options, stop)).collect()
-}
-
 /// Fits one scene, from where another model of it stands if there is one; anew where that loses it.
 fn fit_on(
     scene: &Scene,
@@ -330,17 +318,13 @@ fn fit_on(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    let anew = || fit_alone(scene, model, options, stop);
+    let anew = || estimate_one(scene, model, options, stop);
     let Some(begun) = begun else { return anew() };
     let mut model = model.clone();
     model.stand_as(begun);
     model.take_shared(begun);
-    let found = fit_alone(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
+    let found = estimate_one(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
     if proof::loses(&found) { Ok(lower(found, anew()?)) } else { Ok(found) }
-}
-
-pub fn fit_alone(scene: &Scene, model: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
-    estimate(std::slice::from_ref(scene), std::slice::from_ref(model), options, stop)
 }
 
 /// The models where each scene's own fit has put them, with the shared numbers that these agree on.
@@ -388,9 +372,7 @@ fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
         let Some(p) = shared(&scene.model) else { continue };
         for label in &p.labels {
             let name = p.full_name(&scene.model.effects[active], label);
-            // What a scene does not tell it repeats from where it began.
-            let tells = |e: &&Estimate| e.name == name && e.sd < UNTOLD * p.prior.sd;
-            if let Some(e) = fitted.posterior.estimates.iter().find(tells) {
+            if let Some(e) = fitted.posterior.told(&name, p.prior.sd) {
                 let sd = e.sd.max(1e-9) * scene.reduced_chi_square.max(1.0);
                 let sum = sums.entry(label.clone()).or_default();
                 *sum = (sum.0 + e.value / (sd * sd), sum.1 + 1.0 / (sd * sd));

@@ -1,6 +1,6 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::force::{Lens, PROOFS, Seen};
+use super::force::{Lens, PROOFS, Projector, Seen};
 use super::free::{Free, at_values, flats, free_parameters, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
 use crate::num::vec2;
@@ -141,31 +141,34 @@ pub struct Base {
     pub free: Vec<Free>,
     pub seen: Seen,
     alone: Vec<Seen>,
+    /// The models at these numbers, and what projects the numbers out of a law's columns.
+    fitted: Vec<Model>,
+    projector: Option<Projector>,
 }
 
 impl Base {
     pub fn new(lens: &Lens, models: &[Model], free: Vec<Free>, seen: Seen) -> Self {
         let one = |fold| lens.solve(models, &free, &seen.values, PROOFS, &lens.rest(fold));
         let alone = lens.folds.iter().map(|fold| one(fold)).collect();
-        Base { free, seen, alone }
+        let fitted = at_values(models, &free, &seen.values);
+        let projector = lens.projector(&fitted, &free, &seen.values);
+        Base { free, seen, alone, fitted, projector }
     }
 }
 
-/// The best that one effect can do beside the models' free parameters, as `base` has them. `None` where the lens is
-/// blind to it.
-pub fn screen(
+/// Where one effect beside the models' free parameters, as `base` has them, may best begin: its numbers, and by how much it
+/// lowers the cost there if it is linear; best first. `None` where the lens is blind to it.
+pub fn beginnings(
     lens: &Lens,
-    models: &[Model],
     base: &Base,
     entry: &'static EffectEntry,
     region: &Region,
-) -> Option<Candidate> {
+) -> Option<Vec<(f64, Vec<f64>)>> {
     if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
         return None;
     }
-    let Base { free, seen, alone } = base;
-    let fitted = at_values(models, free, &seen.values);
-    let projector = lens.projector(&fitted, free, &seen.values)?;
+    let Base { seen, fitted, .. } = base;
+    let projector = base.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
     let at = |seed: &[f64]| -> Option<(f64, Vec<f64>)> {
         let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
@@ -173,7 +176,7 @@ pub fn screen(
             let mut probe = seed.to_vec();
             probe[..entry.amplitudes].fill(0.0);
             probe[k] = PROBE;
-            let probed = with_effect(&fitted, entry, &probe, region);
+            let probed = with_effect(fitted, entry, &probe, region);
             let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
             columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
         }
@@ -182,11 +185,11 @@ pub fn screen(
         };
         // Where a bound holds the base back, what the law would free it to do counts too.
         let freed = || {
-            let (cost, amplitudes) = lens.joint(&projector, seen.cost, &columns)?;
+            let (cost, amplitudes) = lens.joint(projector, seen.cost, &columns)?;
             Some((seen.cost - cost, amplitudes))
         };
         let (gain, amplitudes) =
-            lens.gain(&projector, &columns).filter(inside).or_else(|| freed().filter(inside))?;
+            lens.gain(projector, &columns).filter(inside).or_else(|| freed().filter(inside))?;
         let mut values = seed.to_vec();
         values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
         Some((gain, values))
@@ -201,7 +204,20 @@ pub fn screen(
         tried.sort_by(|a, b| b.0.total_cmp(&a.0));
         tried.dedup_by(|a, b| (a.0 - b.0).abs() < SAME_PEAK * b.0);
     }
-    let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, &fitted, entry, values, region));
+    (!tried.is_empty()).then_some(tried)
+}
+
+/// The best that the effect can do from these beginnings.
+pub fn screen(
+    lens: &Lens,
+    base: &Base,
+    entry: &'static EffectEntry,
+    tried: &[(f64, Vec<f64>)],
+    region: &Region,
+) -> Option<Candidate> {
+    let Base { seen, alone, fitted, .. } = base;
+    let projector = base.projector.as_ref()?;
+    let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, fitted, entry, values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
     // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that

@@ -2,7 +2,8 @@
 
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values, flats};
-use super::screen::{Base, Candidate, region, screen, sought};
+use super::screen::{Base, Candidate, beginnings, region, screen, sought};
+use crate::effects::EffectEntry;
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -24,6 +25,8 @@ const AGREED: f64 = 2.0;
 /// chi-square) remains.
 const MOSTLY: f64 = 0.7;
 pub const CLEAN: f64 = 0.15;
+/// Laws that are tried beside another: those that promise most.
+const PROMISING: usize = 8;
 /// First choices that are tried with a second effect beside them.
 const FIRST_CHOICES: usize = 3;
 
@@ -164,14 +167,18 @@ fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
     score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.elsewhere > ELSEWHERE))
 }
 
-/// All candidates beside the models, best first.
-fn round(lens: &Lens, models: &[Model], base: &Base) -> Vec<(f64, Candidate)> {
+/// Candidates beside the models, best first: at most so many, those that promise most.
+fn round(lens: &Lens, models: &[Model], base: &Base, most: usize) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let candidates: Vec<Candidate> = sought(models, lens.scenes)
+    let mut begun: Vec<(&EffectEntry, Vec<(f64, Vec<f64>)>)> = sought(models, lens.scenes)
         .into_par_iter()
-        .filter_map(|entry| screen(lens, models, base, entry, &region))
+        .filter_map(|entry| Some((entry, beginnings(lens, base, entry, &region)?)))
         .collect();
+    begun.sort_by(|a, b| b.1[0].0.total_cmp(&a.1[0].0));
+    begun.truncate(most);
+    let candidates: Vec<Candidate> =
+        begun.par_iter().filter_map(|(entry, tried)| screen(lens, base, entry, tried, &region)).collect();
     // What remains is in units of the best that holds elsewhere: a law that suits one object alone is none.
     let holds = |c: &&Candidate| lens.folds.len() < 2 || c.elsewhere > ELSEWHERE;
     let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);
@@ -219,7 +226,9 @@ fn one_after_another(
             Some(candidate) => candidate.clone(),
             None => {
                 let base = Base::new(lens, &state.models, free, seen);
-                let ranked = round(lens, &state.models, &base);
+                // The first round ranks the library.
+                let most = if number == 0 { usize::MAX } else { PROMISING };
+                let ranked = round(lens, &state.models, &base, most);
                 let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c)).cloned();
                 if number == 0 || state.ranked.is_empty() {
                     state.ranked = ranked.clone();

@@ -8,15 +8,15 @@ use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
 use super::revise::{
-    Revision, chi_squares, each_alone, pooled_noise, revise, sum, trajectories, trajectories_from,
-    without_effect,
+    Revision, chi_squares, pooled_noise, revise, sum, trajectories, trajectories_from, without_effect,
 };
 use super::screen::region;
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate, estimate_each};
 use crate::num::Stop;
+use crate::scene::Scene;
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
 use std::f64::consts::LN_2;
@@ -60,7 +60,7 @@ pub fn mended(
         return Ok(None);
     }
     let without = without_effect(&found.fit, law.spec.name);
-    let without = each_alone(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
+    let without = estimate_each(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
     Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
 }
@@ -87,12 +87,11 @@ pub fn asked(
     let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
     let few = FitOptions { max_iterations: options.max_iterations.min(TRIED_ITERATIONS), ..*options };
     let mut trials = fading(base, models);
-    if !trials.is_empty() && base.apart.is_empty() && !promises(lens, base, &with(&trials[0]), &few, stop)? {
+    if !trials.is_empty() && !promises(lens, base, &with(&trials[0]), &few, stop)? {
         trials.clear();
     }
     // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
-    let lost = base.fit.scenes.iter().filter(|s| proof::lost(s)).count();
-    if lost > usize::from(base.effect.is_some()) {
+    if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
@@ -108,7 +107,6 @@ pub fn asked(
     let found =
         revise(lens, &with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name), options, stop)?;
     let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
-    let lost = found.fit.scenes.iter().filter(|s| proof::lost(s)).count();
     let gained = proof::gained(&base.fit, &found.fit);
     let added =
         best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
@@ -117,7 +115,7 @@ pub fn asked(
     let fades = |fade: f64| usual_speed(base).is_some_and(|usual| 1.0 - (-fade * usual).exp() > FADES);
     if !certain
         || (best.entry.spec.name == FADING && !fades(values[0]))
-        || 2 * lost > found.fit.scenes.len()
+        || 2 * proof::losses(&found.fit) > found.fit.scenes.len()
         || gained < found.fit.scenes.len().min(2)
         || !proof::borne_out(base, &found, added)
     {
@@ -175,7 +173,8 @@ fn fading(base: &Revision, models: &[Model]) -> Vec<Trial> {
     }
 }
 
-/// Whether a law without which all scenes are followed with common numbers brings them nearer from where they are.
+/// Whether a law brings the scenes nearer from where they are, those that are followed with common numbers. Where no force
+/// acts and some are not, only a search can tell.
 fn promises(
     lens: &Lens,
     base: &Revision,
@@ -183,14 +182,22 @@ fn promises(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<bool, FitError> {
-    let mut near = models.to_vec();
-    for (model, fitted) in near.iter_mut().zip(&base.fit.scenes) {
-        model.take_shared(&fitted.model);
-        model.stand_as(&fitted.model);
+    let common = |k: &usize| !base.apart.contains(&base.fit.scenes[*k].name);
+    let kept: Vec<usize> = (0..models.len()).filter(common).collect();
+    if kept.len() < models.len() && (base.effect.is_none() || kept.len() < 2) {
+        return Ok(true);
+    }
+    let scenes: Vec<Scene> = kept.iter().map(|&k| lens.scenes[k].clone()).collect();
+    let known: Vec<Model> = kept.iter().map(|&k| base.fit.scenes[k].model.clone()).collect();
+    let mut near: Vec<Model> = kept.iter().map(|&k| models[k].clone()).collect();
+    for (model, fitted) in near.iter_mut().zip(&known) {
+        model.take_shared(fitted);
+        model.stand_as(fitted);
     }
     let from_there = FitOptions { begin: Begin::Near, ..*options };
-    let found = estimate(lens.scenes, &near, &from_there, stop)?;
-    Ok(proof::distance(&found) < proof::distance(&base.fit) - PROMISING)
+    let found = estimate(&scenes, &near, &from_there, stop)?;
+    let known = estimate(&scenes, &known, &FitOptions { max_iterations: 0, ..from_there }, stop)?;
+    Ok(proof::distance(&found) < proof::distance(&known) - PROMISING)
 }
 
 /// The median speed with which objects begin (m/s).

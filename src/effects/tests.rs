@@ -358,7 +358,7 @@ fn reports_join_vectors_and_turn_amplitudes_into_the_quantities_of_the_field() {
         &[
             ("a", Number(0.5)),
             ("f", Number(1.2)),
-            ("phi", Number((std::f64::consts::PI - 1.0).sin().atan2((std::f64::consts::PI - 1.0).cos()))),
+            ("phi", Number(std::f64::consts::PI - 1.0)),
             ("direction", Vector([0.6, 0.8])),
         ],
     );

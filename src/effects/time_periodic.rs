@@ -57,7 +57,7 @@ impl Effect for TimePeriodic {
     const SEEDS: Seeds =
         &[("f", Seed::Frequency), ("phi", Seed::Values(&[0.0, std::f64::consts::FRAC_PI_2]))];
 
-    /// The direction points to positive x (or along y); the phase is in -pi..=pi.
+    /// The direction points to positive x (or along y); the phase is in 0..2 pi.
     fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
         let size = p[0].hypot(p[1]);
         let turned = if p[0] < 0.0 || (p[0] == 0.0 && p[1] < 0.0) { -1.0 } else { 1.0 };
@@ -66,7 +66,7 @@ impl Effect for TimePeriodic {
         vec![
             ("a", Quantity::Number(size)),
             ("f", Quantity::Number(p[2])),
-            ("phi", Quantity::Number(phase.sin().atan2(phase.cos()))),
+            ("phi", Quantity::Number(phase.rem_euclid(std::f64::consts::TAU))),
             ("direction", Quantity::Vector(direction)),
         ]
     }

@@ -3,6 +3,7 @@
 use super::problem::{Coordinate, Free, HUBER, LIMITS, Normal, Part, Window, rho};
 use crate::num::{Jet, LANES, Real, Stop};
 use crate::world::{Event, Owner, Rollout, film};
+use rayon::prelude::*;
 
 /// Frames over which residuals are taken together.
 const BLOCK: usize = 25;
@@ -21,9 +22,9 @@ impl Part<'_> {
         // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
-        for first in (0..width).step_by(LANES) {
+        let pass = |first: usize| -> Vec<(usize, [f64; LANES])> {
             if stop(0.0).is_err() {
-                break;
+                return vec![];
             }
             let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
             for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
@@ -32,18 +33,26 @@ impl Part<'_> {
             }
             let run = film(&self.model, &jets, self.times(window), &LIMITS);
             self.worked(&run, JET);
-            let count = LANES.min(width - first);
+            let mut rows = vec![];
             self.each_sample(window, |m, row| {
                 let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
-                for lane in 0..count {
-                    let at = row * width + first + lane;
-                    let [x, y] = m.whitener.apply(k.position.x.d[lane], k.position.y.d[lane]);
-                    (jacobian[at], jacobian[at + width]) = (x, y);
-                    if let Some((_, sigma)) = m.yaw {
-                        jacobian[at + 2 * width] = k.yaw.d[lane] / sigma;
-                    }
+                let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
+                for lane in 0..LANES {
+                    [xs[lane], ys[lane]] = m.whitener.apply(k.position.x.d[lane], k.position.y.d[lane]);
                 }
+                rows.extend([(row, xs), (row + 1, ys)]);
+                rows.extend(m.yaw.map(|(_, sigma)| (row + 2, k.yaw.d.map(|d| d / sigma))));
             });
+            rows
+        };
+        let firsts: Vec<usize> = (0..width).step_by(LANES).collect();
+        let passes: Vec<Vec<(usize, [f64; LANES])>> = firsts.par_iter().map(|&first| pass(first)).collect();
+        for (&first, rows) in firsts.iter().zip(&passes) {
+            let count = LANES.min(width - first);
+            for (row, derivatives) in rows {
+                let at = row * width + first;
+                jacobian[at..at + count].copy_from_slice(&derivatives[..count]);
+            }
         }
         // Each body's rows meet only the parameters of its component and the shared ones.
         let columns: Vec<Vec<(usize, usize)>> = (0..self.model.bodies.len())

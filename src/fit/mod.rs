@@ -26,8 +26,10 @@ use crate::scene::Scene;
 use crate::world::{Ending, Model};
 use grow::grow;
 use problem::Problem;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use solve::{NEGLIGIBLE, Solution, minimise};
+use std::slice;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
@@ -161,6 +163,21 @@ pub fn estimate(
     stop: Stop,
 ) -> Result<Fit, FitError> {
     fit_drawing(0, scenes, start, options, stop)
+}
+
+/// The same of one scene.
+pub fn estimate_one(scene: &Scene, start: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    estimate(slice::from_ref(scene), slice::from_ref(start), options, stop)
+}
+
+/// The same of each scene by itself; they share nothing.
+pub fn estimate_each(
+    scenes: &[Scene],
+    start: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<Fit>, FitError> {
+    (scenes, start).into_par_iter().map(|(scene, start)| estimate_one(scene, start, options, stop)).collect()
 }
 
 fn fit_drawing(

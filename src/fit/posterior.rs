@@ -22,6 +22,8 @@ const SHRINKS: usize = 6;
 /// How often a draw is led back to the data before it is pulled in.
 const CORRECTIONS: usize = 3;
 
+/// They tell nothing of a parameter whose deviation they leave at this share of what was believed.
+const UNTOLD: f64 = 0.95;
 /// The data identify a parameter when they leave less than this share of the prior's deviation.
 const IDENTIFIED: f64 = 0.5;
 
@@ -80,6 +82,11 @@ pub struct SharedEstimate {
 }
 
 impl Posterior {
+    /// The parameter of that full name, if the data tell of it: else it repeats what was `believed` (a deviation).
+    pub fn told(&self, name: &str, believed: f64) -> Option<&Estimate> {
+        self.estimates.iter().find(|e| e.name == name && e.sd < UNTOLD * believed)
+    }
+
     /// With so many draws.
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
         let parts = problem.linearised(point, window);

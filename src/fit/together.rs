@@ -5,13 +5,12 @@
 //! follow (quadratic penalty and consensus: Nocedal and Wright, Numerical Optimization, ch. 17; Boyd et al., Foundations and
 //! Trends in Machine Learning 3 (2011) ch. 7).
 
-use super::{Begin, Estimate, Fit, FitError, FitOptions, GOOD, estimate};
+use super::{Begin, Fit, FitError, FitOptions, GOOD, estimate, estimate_each, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Parameter};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::slice;
 
 /// The spread that numbers are allowed falls to this share of itself with each step; most steps, and iterations of each.
 const CLOSER: f64 = 0.25;
@@ -22,8 +21,6 @@ const PARTED: f64 = 10.0;
 const PARTED_ITERATIONS: usize = 5;
 /// They are as good as common within this share of the least deviation that a video leaves.
 const COMMON: f64 = 0.001;
-/// A video tells nothing of a number whose deviation it leaves at this share of what was believed.
-const UNTOLD: f64 = 0.95;
 
 /// Models near the joint fit of all scenes: each is fitted by itself, and one that is lost once more with what the others say.
 pub(super) fn begun(
@@ -33,12 +30,7 @@ pub(super) fn begun(
     stop: Stop,
 ) -> Result<Vec<Model>, FitError> {
     let near = FitOptions { begin: Begin::Near, ..*options };
-    let one = |scene: &Scene, model: &Model| {
-        estimate(slice::from_ref(scene), slice::from_ref(model), options, stop)
-    };
-    let alone: Result<Vec<Fit>, FitError> =
-        (scenes, models).into_par_iter().map(|(scene, model)| one(scene, model)).collect();
-    let mut alone = alone?;
+    let mut alone = estimate_each(scenes, models, options, stop)?;
     let drawn = drawn_together(scenes, models, &alone, &near, stop)?;
     let lost = |fit: &Fit| fit.scenes[0].reduced_chi_square > GOOD;
     let followed = alone.iter().filter(|fit| !lost(fit)).count();
@@ -50,7 +42,7 @@ pub(super) fn begun(
         .map(|(scene, model, drawn, alone)| {
             let mut model = model.clone();
             model.take_shared(drawn);
-            lost(alone).then(|| one(scene, &model)).transpose()
+            lost(alone).then(|| estimate_one(scene, &model, options, stop)).transpose()
         })
         .collect();
     for (known, tried) in alone.iter_mut().zip(again?) {
@@ -151,11 +143,7 @@ fn drawn_together(
             model
         });
         let held: Vec<Model> = held.collect();
-        let fits: Result<Vec<Fit>, FitError> = (scenes, &held)
-            .into_par_iter()
-            .map(|(scene, model)| estimate(slice::from_ref(scene), slice::from_ref(model), &few, stop))
-            .collect();
-        let fits = fits?;
+        let fits = estimate_each(scenes, &held, &few, stop)?;
         parted = misfit(&fits) > PARTED * misfit(alone);
         stand = fits.into_iter().flat_map(|f| f.scenes).map(|s| s.model).collect();
         for (scene, model) in stand.iter_mut().enumerate() {
@@ -185,8 +173,7 @@ fn told(alone: &[Fit]) -> BTreeMap<String, Common> {
         let found = &fit.scenes[0];
         each_shared(&mut found.model.clone(), |_, p, names| {
             for (value, name) in p.values.iter().zip(names) {
-                let tells = |e: &&Estimate| e.name == *name && e.sd > 0.0 && e.sd < UNTOLD * p.prior.sd;
-                if let Some(e) = fit.posterior.estimates.iter().find(tells) {
+                if let Some(e) = fit.posterior.told(name, p.prior.sd).filter(|e| e.sd > 0.0) {
                     let sd = e.sd * found.reduced_chi_square.max(1.0);
                     common.entry(name.clone()).or_default().told.push((scene, *value, sd));
                 }

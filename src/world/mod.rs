@@ -24,7 +24,7 @@ mod simulate;
 mod trace;
 
 pub use anchor::Anchor;
-pub use field::{Snapshot, accelerations};
+pub use field::{Snapshot, accelerations, accelerations_of, affected};
 pub use film::film;
 pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};

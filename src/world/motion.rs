@@ -167,6 +167,16 @@ impl<T: Scalar> Laws<T> {
         }
     }
 
+    /// Whether nothing that acts on body `i` alone has another number than in `other`, which is of the same model.
+    pub fn same(&self, other: &Self, i: usize) -> bool
+    where
+        T: PartialEq,
+    {
+        let forces = self.forces.iter().zip(&other.forces).all(|(a, b)| a.of(i) == b.of(i));
+        let formulas = self.formulas.iter().zip(&other.formulas).all(|(a, b)| a.1[i] == b.1[i]);
+        forces && formulas && self.mass[i] == other.mass[i] && self.shapes[i] == other.shapes[i]
+    }
+
     /// Whether bodies act on each other at a distance.
     pub fn has_pair_forces(&self) -> bool {
         !self.pairs.is_empty()
@@ -208,10 +218,11 @@ impl<T: Scalar> Laws<T> {
 
     /// Adds the pair forces among `members`.
     pub fn add_pair_forces(&self, members: &[usize], k: &[Kinematics<T>], out: &mut [Wrench<T>]) {
+        let bodies: Vec<Body<T>> = members.iter().zip(k).map(|(&i, k)| self.body(i, k)).collect();
         for law in &self.pairs {
             for (x, &i) in members.iter().enumerate() {
-                for (y, &j) in members.iter().enumerate().skip(x + 1) {
-                    let f = (law.hooks.pair)(law.of(i), &self.body(i, &k[x]), &self.body(j, &k[y]));
+                for y in x + 1..members.len() {
+                    let f = (law.hooks.pair)(law.of(i), &bodies[x], &bodies[y]);
                     out[x].force += f;
                     out[y].force -= f;
                 }

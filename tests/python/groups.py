@@ -52,7 +52,7 @@ def laws(rng, s):
         "magnus": ({"S": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(w) * perp(v)),
         "pair_attraction": (pairs, lambda x, v, w, m, t: pairs_force(x, 0.116 * u, 0.3)),
         "pair_repulsion": (pairs, lambda x, v, w, m, t: pairs_force(x, -0.116 * u, 0.3)),
-        "time_periodic": ({"a": 0.12 * u, "f": f, "phi": phase}, lambda x, v, w, m, t: np.outer(m, swing) * math.cos(2 * math.pi * f * t + phase)),
+        "time_periodic": ({"a": 0.12 * u, "f": f, "phi": (phase + math.pi * (swing[0] < 0)) % (2 * math.pi)}, lambda x, v, w, m, t: np.outer(m, swing) * math.cos(2 * math.pi * f * t + phase)),
         # No library lists these.
         "cubic_drag": ({"c": 0.3 * u}, lambda x, v, w, m, t: -0.3 * u * col(speed(v) ** 2) * v),
         "saddle": ({"k": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(m) * (2 * turned(x) - x)),
