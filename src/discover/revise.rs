@@ -87,10 +87,8 @@ pub fn revise(
     let begun = fit_shown(&shown, models, effect, options, stop)?;
     let parts = errors(lens.scenes, &shown, &begun);
     let begun: Vec<Option<&Model>> = shown.iter().zip(&begun.scenes).map(|(s, f)| follows(s, f)).collect();
-    let (mut fit_all, apart) =
-        fit_set_up(true, lens.scenes, &led(models, effect, &free, &seen), &begun, options, stop)?;
-    // What led the search is no belief of the model: the next revision begins with those of this one.
-    fit_all.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
+    let led = led(models, effect, &free, &seen);
+    let (fit_all, apart) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -134,7 +132,7 @@ pub fn trajectories_from(
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
     let led = led(models, effect, &free, &seen);
-    let (mut found, apart) = fit_set_up(false, lens.scenes, &led, begun, options, stop)?;
+    let (mut found, apart) = fit_set_up(None, lens.scenes, &led, begun, options, stop)?;
     found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
     Ok((found, apart))
 }
@@ -151,9 +149,10 @@ fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Ve
 }
 
 /// Fits each scene alone, then all together from there: a scene that leads astray takes no other with it. A scene begins
-/// where the model that has `begun` it stands, if there is one. Only a fit that predictions begin with is `drawn` from.
+/// where the model that has `begun` it stands, if there is one. A fit that predictions begin with ends with the beliefs that were
+/// `asked`, as what led the search is no belief of the model, and is drawn from.
 fn fit_set_up(
-    drawn: bool,
+    asked: Option<&[Model]>,
     scenes: &[Scene],
     models: &[Model],
     begun: &[Option<&Model>],
@@ -182,10 +181,14 @@ fn fit_set_up(
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let (mut joint, alone) = common(scenes, models, alone, begun, options, stop)?;
-    if drawn {
+    if let Some(asked) = asked {
+        joint.scenes.iter_mut().zip(asked).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
         let found: Vec<Model> = joint.scenes.iter().map(|s| s.model.clone()).collect();
-        let as_they_are = FitOptions { begin: Begin::Near, max_iterations: 0, ..*options };
-        joint.posterior = fit::fit(scenes, &found, &as_they_are, stop)?.posterior;
+        // What is lost has no say.
+        let most = if proof::loses(&joint) { 0 } else { options.max_iterations.min(COMMON_ITERATIONS) };
+        let near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
+        let Fit { scenes, posterior, .. } = fit::fit(scenes, &found, &near, stop)?;
+        joint = Fit { scenes, posterior, ..joint };
     }
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
     let mut apart = vec![];
