@@ -156,21 +156,27 @@ impl Base {
     }
 }
 
-/// Where one effect beside the models' free parameters, as `base` has them, may best begin: its numbers, and by how much it
-/// lowers the cost there if it is linear; best first. `None` where the lens is blind to it.
+/// Numbers of a law to begin with, and by how much it lowers the cost there if it is linear.
+pub struct Beginning {
+    pub gain: f64,
+    values: Vec<f64>,
+}
+
+/// Where one effect beside the models' free parameters, as `base` has them, may best begin; best first. `None` where the
+/// lens is blind to it.
 pub fn beginnings(
     lens: &Lens,
     base: &Base,
     entry: &'static EffectEntry,
     region: &Region,
-) -> Option<Vec<(f64, Vec<f64>)>> {
+) -> Option<Vec<Beginning>> {
     if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
         return None;
     }
     let Base { seen, fitted, .. } = base;
     let projector = base.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
-    let at = |seed: &[f64]| -> Option<(f64, Vec<f64>)> {
+    let at = |seed: &[f64]| -> Option<Beginning> {
         let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
         for k in 0..entry.amplitudes {
             let mut probe = seed.to_vec();
@@ -192,17 +198,17 @@ pub fn beginnings(
             lens.gain(projector, &columns).filter(inside).or_else(|| freed().filter(inside))?;
         let mut values = seed.to_vec();
         values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
-        Some((gain, values))
+        Some(Beginning { gain, values })
     };
-    let mut tried: Vec<(f64, Vec<f64>)> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
-    tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut tried: Vec<Beginning> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
+    tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     if entry.seeds.iter().any(|(_, s)| *s == Seed::PlaceX) {
         tried.truncate(PLACED);
         for best in &mut tried {
             climb(entry, region, best, &at);
         }
-        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
-        tried.dedup_by(|a, b| (a.0 - b.0).abs() < SAME_PEAK * b.0);
+        tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        tried.dedup_by(|a, b| (a.gain - b.gain).abs() < SAME_PEAK * b.gain);
     }
     (!tried.is_empty()).then_some(tried)
 }
@@ -212,12 +218,12 @@ pub fn screen(
     lens: &Lens,
     base: &Base,
     entry: &'static EffectEntry,
-    tried: &[(f64, Vec<f64>)],
+    tried: &[Beginning],
     region: &Region,
 ) -> Option<Candidate> {
     let Base { seen, alone, fitted, .. } = base;
     let projector = base.projector.as_ref()?;
-    let refined = tried.iter().take(REFINED).map(|(_, values)| refine(lens, fitted, entry, values, region));
+    let refined = tried.iter().take(REFINED).map(|b| refine(lens, fitted, entry, &b.values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
     // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
@@ -257,33 +263,33 @@ pub fn screen(
 fn climb(
     entry: &EffectEntry,
     region: &Region,
-    best: &mut (f64, Vec<f64>),
-    at: &impl Fn(&[f64]) -> Option<(f64, Vec<f64>)>,
+    best: &mut Beginning,
+    at: &impl Fn(&[f64]) -> Option<Beginning>,
 ) {
     let spacing = (region.high - region.low).scaled(1.0 / region.places.max(1) as f64);
-    let (mut level, mut sweeps, mut before) = (1, 0, best.0);
+    let (mut level, mut sweeps, mut before) = (1, 0, best.gain);
     while level <= CLIMBS {
         let share = 0.5f64.powi(level);
         for (k, p) in entry.spec.params.iter().enumerate() {
             let Some((_, seed)) = entry.seeds.iter().find(|(name, _)| *name == p.name) else { continue };
             for side in [-1.0, 1.0] {
-                let mut moved = best.1.clone();
+                let mut moved = best.values.clone();
                 moved[k] = match seed {
                     Seed::PlaceX => moved[k] + side * share * spacing.x,
                     Seed::PlaceY => moved[k] + side * share * spacing.y,
                     _ => moved[k] * (1.0 + share).powf(side),
                 }
                 .clamp(p.min, p.max);
-                if let Some(better) = at(&moved).filter(|b| b.0 > best.0) {
+                if let Some(better) = at(&moved).filter(|b| b.gain > best.gain) {
                     *best = better;
                 }
             }
         }
         sweeps += 1;
-        if best.0 <= before * (1.0 + SAME_PEAK) || sweeps == SWEEPS {
+        if best.gain <= before * (1.0 + SAME_PEAK) || sweeps == SWEEPS {
             (level, sweeps) = (level + 1, 0);
         }
-        before = best.0;
+        before = best.gain;
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values, flats};
-use super::screen::{Base, Candidate, beginnings, region, screen, sought};
+use super::screen::{Base, Beginning, Candidate, beginnings, region, screen, sought};
 use crate::effects::EffectEntry;
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
@@ -171,11 +171,11 @@ fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
 fn round(lens: &Lens, models: &[Model], base: &Base, most: usize) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let mut begun: Vec<(&EffectEntry, Vec<(f64, Vec<f64>)>)> = sought(models, lens.scenes)
+    let mut begun: Vec<(&EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
         .into_par_iter()
         .filter_map(|entry| Some((entry, beginnings(lens, base, entry, &region)?)))
         .collect();
-    begun.sort_by(|a, b| b.1[0].0.total_cmp(&a.1[0].0));
+    begun.sort_by(|a, b| b.1[0].gain.total_cmp(&a.1[0].gain));
     begun.truncate(most);
     let candidates: Vec<Candidate> =
         begun.par_iter().filter_map(|(entry, tried)| screen(lens, base, entry, tried, &region)).collect();

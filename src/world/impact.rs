@@ -324,6 +324,17 @@ pub(super) fn resolve<T: Real>(
     normal
 }
 
+/// The normal impulse by which two bodies part faster (m/s) than they do.
+pub(super) fn push_apart<T: Real>(a: &mut Side<T>, b: &mut Side<T>, near: &Proximity<T>, by: T) {
+    let point = (near.on_a + near.on_b).scaled(0.5);
+    let impulse = near.normal * (by * effective_mass(a, b, near));
+    for (side, sign) in [(a, -1.0), (b, 1.0)] {
+        let k = &mut side.kinematics;
+        k.velocity += impulse * (side.inverse_mass * sign);
+        k.spin += (point - k.position).cross(impulse) * (side.inverse_inertia * sign);
+    }
+}
+
 /// A ball against the edge of a wall, and the normal impulse (N s).
 ///
 /// The edge touches the ball `law.edge` radii above its centre, so the common normal leans by the arc sine of that and
