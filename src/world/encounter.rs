@@ -1,9 +1,8 @@
 //! Encounters: bodies brought to where they meet, and what their impulses do.
 
+use super::blow::BLOW_SPEED;
 use super::geometry::{Pose, Proximity, manifold};
-use super::impact::{
-    APPROACH, Side, against_edge, effective_mass, facing, point_velocity, push_apart, resolve,
-};
+use super::impact::{APPROACH, Side, against_edge, effective_mass, facing, point_velocity, resolve};
 use super::motion::{Change, Kinematics, Mode};
 use super::pressing::Touching;
 use super::rigid::cling;
@@ -15,16 +14,13 @@ use crate::scene::Shape;
 use std::borrow::Cow;
 
 /// Contacts slower than this do not rebound (m/s): the hop would be under 0.2 mm.
-const REBOUND_SPEED: f64 = 0.01;
+pub(super) const REBOUND_SPEED: f64 = 0.01;
 /// Impacts of one pair within this time (s) are told as one event.
 pub(super) const SAME_CONTACT: f64 = 0.1;
-/// Rounds of blows among kept contacts at one impact, and the approach speed that still counts (m/s).
-const BLOWS: usize = 64;
-const BLOW_SPEED: f64 = 1e-7;
-/// The same while a contact lasts, whose own forces see to what is slower.
+/// Approach speed that still counts at a blow while a contact lasts, whose own forces see to what is slower (m/s).
 pub(super) const CUT_IN_SPEED: f64 = 1e-4;
 /// Gap at which a kept contact's point takes part in blows (m).
-const CLOSED: f64 = 1e-5;
+pub(super) const CLOSED: f64 = 1e-5;
 
 /// A body before it moved to an impact.
 struct Before<T> {
@@ -104,7 +100,7 @@ impl<T: Scalar> Run<'_, T> {
         }
     }
 
-    fn facing_now(&self, a: usize, b: usize) -> (Proximity<T>, T) {
+    pub(super) fn facing_now(&self, a: usize, b: usize) -> (Proximity<T>, T) {
         let (near, rate) = facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b));
         (self.grown(near, (a, &self.bodies[a].from), (b, &self.kinematics(b))), rate)
     }
@@ -297,49 +293,8 @@ impl<T: Scalar> Run<'_, T> {
         self.go_on(a, b);
     }
 
-    /// Two bodies that meet press on what does not move where they stand against it.
-    fn lean(&mut self, a: usize, b: usize) {
-        let bodies = self.bodies.len();
-        for i in [a, b].into_iter().filter(|i| *i < bodies) {
-            for wall in bodies..bodies + self.walls.len() {
-                let known = self.touching.iter().any(|t| (t.a, t.b) == (i, wall));
-                let solid = self.obstacle(i, wall).is_none_or(|(presence, _)| presence.value() >= 1.0);
-                if known || !solid || wall == b {
-                    continue;
-                }
-                let (near, rate) = self.facing_now(i, wall);
-                if near.gap.value() < CLOSED && rate.value() < REBOUND_SPEED {
-                    let approach = self.approach_at(i, wall, &near);
-                    let friction = self.law(i, wall, &near, approach).friction;
-                    self.touching.push(Touching::new(i, wall, friction));
-                }
-            }
-        }
-    }
-
-    /// Two bodies, one of which stands against something that does not move, part as fast as their contact says, however much
-    /// of the blow goes through to that: all three meet at once.
-    fn hold_off(&mut self, time: f64, a: usize, b: usize, apart: T) {
-        let held = |t: &Touching<T>| t.b >= self.bodies.len() && (t.a == a || t.a == b);
-        if b >= self.bodies.len() || !self.touching.iter().any(held) {
-            return;
-        }
-        for _ in 0..BLOWS {
-            let (near, _) = self.facing_now(a, b);
-            let lacking = apart + self.approach_at(a, b, &near);
-            if lacking.value() <= BLOW_SPEED {
-                return;
-            }
-            let (mut side_a, mut side_b) = (self.side(a), self.side(b));
-            push_apart(&mut side_a, &mut side_b, &near, lacking);
-            self.receive(a, side_a.kinematics, Some(Mode::Slide));
-            self.receive(b, side_b.kinematics, Some(Mode::Slide));
-            self.pass_on(time, &self.involved(a, b), BLOW_SPEED);
-        }
-    }
-
     /// Presence and restitution that an obstacle has for body `a`.
-    fn obstacle(&self, a: usize, b: usize) -> Option<(T, T)> {
+    pub(super) fn obstacle(&self, a: usize, b: usize) -> Option<(T, T)> {
         let wall = b.checked_sub(self.bodies.len()).and_then(|w| self.walls.get(w))?;
         wall.obstacle.as_ref()?.get(a).copied()
     }
@@ -366,29 +321,7 @@ impl<T: Scalar> Run<'_, T> {
         self.refresh(&changed);
     }
 
-    /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow, until
-    /// nothing approaches faster than `quiet_speed` (m/s).
-    pub(super) fn pass_on(&mut self, time: f64, group: &[usize], quiet_speed: f64) {
-        let kept: Vec<Touching<T>> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
-        for _ in 0..BLOWS {
-            let mut quiet = true;
-            for t in &kept {
-                for point in 0..2 {
-                    let Some(near) = self.points_now(t.a, t.b)[point] else { continue };
-                    let approach = self.approach_at(t.a, t.b, &near);
-                    if near.gap.value() < CLOSED && approach.value() > quiet_speed {
-                        self.bounce(time, t.a, t.b, &near);
-                        quiet = false;
-                    }
-                }
-            }
-            if quiet {
-                return;
-            }
-        }
-    }
-
-    fn points_now(&self, a: usize, b: usize) -> [Option<Proximity<T>>; 2] {
+    pub(super) fn points_now(&self, a: usize, b: usize) -> [Option<Proximity<T>>; 2] {
         let (sa, sb) = (self.shape(a), self.shape(b));
         let (ka, kb) = (self.kinematics(a), self.kinematics(b));
         let points = manifold(&Pose::of(&ka, sa), sa, &Pose::of(&kb, sb), sb);
@@ -396,7 +329,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// Speed at which the gap closes (m/s).
-    fn approach_at(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
+    pub(super) fn approach_at(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
         let velocity = |i: usize, point| point_velocity(&self.kinematics(i), point);
         near.normal.dot(velocity(a, near.on_a) - velocity(b, near.on_b))
     }
@@ -407,7 +340,7 @@ impl<T: Scalar> Run<'_, T> {
         near.normal.dot(velocity(b) - velocity(a))
     }
 
-    fn involved(&self, a: usize, b: usize) -> Vec<usize> {
+    pub(super) fn involved(&self, a: usize, b: usize) -> Vec<usize> {
         let mut all = self.bodies[a].group.clone();
         if let Some(other) = self.bodies.get(b) {
             all.extend(other.group.iter().filter(|j| !self.bodies[a].group.contains(j)));
@@ -416,7 +349,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// Applies the impulses of the contact, notes the event, and gives the contact's law.
-    fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) -> ContactLaw<T> {
+    pub(super) fn bounce(&mut self, time: f64, a: usize, b: usize, near: &Proximity<T>) -> ContactLaw<T> {
         let approach = self.approach_at(a, b, near);
         let point = (near.on_a + near.on_b).scaled(0.5);
         let mut law = self.law(a, b, near, approach);
@@ -465,7 +398,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// What the contact effects say of this contact.
-    fn law(&self, a: usize, b: usize, near: &Proximity<T>, approach: T) -> ContactLaw<T> {
+    pub(super) fn law(&self, a: usize, b: usize, near: &Proximity<T>, approach: T) -> ContactLaw<T> {
         let body = |i: usize| self.laws.body(i, &self.bodies[i].from);
         let other = (b < self.bodies.len()).then(|| body(b));
         let point = (near.on_a + near.on_b).scaled(0.5);
@@ -483,7 +416,7 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// How body `i`, with what sticks to it, answers an impulse.
-    fn side(&self, i: usize) -> Side<T> {
+    pub(super) fn side(&self, i: usize) -> Side<T> {
         if let Some(rigid) = self.rigid(i, |j| self.bodies[j].from) {
             return rigid.side();
         }
@@ -523,38 +456,6 @@ mod tests {
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
     use crate::world::trace;
-
-    /// Two balls, the first of which rolls to a dead wall, or stays where it is, and is met there by the second one.
-    #[test]
-    fn what_a_wall_holds_is_left_as_fast_as_its_contact_says() {
-        let (e, radius) = (0.8, 0.2);
-        let ball = Shape::Ball { radius };
-        // Head-on, and from the side: the line of centres is at 45 degrees to the wall.
-        for (offset, speed) in [(0.0, [-1.0, 0.0]), (0.4 * 0.5f64.sqrt(), [-1.0, -0.6])] {
-            let x = -1.0 + radius + if offset == 0.0 { 0.4 } else { offset };
-            let at = vec2(x - speed[0] * 1.5, offset - speed[1] * 1.5);
-            let bodies = vec![
-                body(0, ball, vec2(-0.6, 0.0), vec2(-0.5, 0.0)),
-                body(1, ball, at, vec2(speed[0], speed[1])),
-            ];
-            let wall = [1.0, -1.0, 0.0, 0.0];
-            let mut model = model(bodies, &[("restitution", &[e, 1.0]), ("hidden_wall", &wall)]);
-            model.bodies.iter_mut().for_each(|b| b.start.rolling = false);
-            let t = trace(&model, &seconds(50));
-            let velocity = |frame: usize, body: usize| t.states[frame][body].expect("it is there").velocity;
-            let met = t.events.iter().find(|event| event.objects.len() == 2).expect("they meet");
-            assert!((met.time - 1.5).abs() < 1e-6, "{}", met.time);
-            let n = met.normal.expect("a contact has one");
-            let (before, after) = (37, 38);
-            assert!(velocity(before, 0).norm() < 1e-12, "it rests at the wall");
-            let approach = n.dot(velocity(before, 0) - velocity(before, 1)).abs();
-            let apart = n.dot(velocity(after, 1) - velocity(after, 0)).abs();
-            assert!((apart - e * approach).abs() < 1e-6, "{apart} {approach}");
-            assert!(velocity(after, 0).x.abs() < 1e-6, "the wall gives nothing back");
-            let along = velocity(after, 0).y + velocity(after, 1).y - speed[1];
-            assert!(along.abs() < 1e-9, "nothing holds them along the wall: {along}");
-        }
-    }
 
     #[test]
     fn outlines_touch_at_their_distance() {

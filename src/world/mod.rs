@@ -2,6 +2,7 @@
 
 mod agenda;
 mod anchor;
+mod blow;
 mod encounter;
 mod field;
 mod film;
