@@ -120,7 +120,7 @@ pub fn reason(
     written: bool,
     last: Option<&Revision>,
 ) -> String {
-    let mostly_lost = last.is_some_and(|r| 2 * proof::losses(&r.fit) > r.fit.scenes.len());
+    let mostly_lost = last.is_some_and(|r| proof::loses_most(&r.fit));
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {

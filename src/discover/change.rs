@@ -249,7 +249,7 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
             let mut best: Option<(f64, Proposal)> = None;
             let absent = |e: &&EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
             for entry in named(name).filter(absent) {
-                let (gain, with) = with_library(lens, &models, &base, entry, stop)?;
+                let (gain, with) = with_library(lens, &base, entry, stop)?;
                 if best.as_ref().is_none_or(|b| gain > b.0) {
                     best = Some((gain, Proposal { models: with, added: Some(entry.spec.name.into()) }));
                 }
@@ -262,7 +262,6 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
 /// The models with an effect of the library where the lens that sees it finds it, and the fall of that lens's cost.
 fn with_library(
     lens: &Lens,
-    models: &[Model],
     base: &Base,
     entry: &'static EffectEntry,
     stop: Stop,
@@ -272,17 +271,17 @@ fn with_library(
     if let Some(candidate) = tried.and_then(|tried| screen(lens, base, entry, &tried, &region)) {
         return Ok((candidate.gain, candidate.models));
     }
-    let begun = at_values(models, &base.free, &base.seen.values);
+    let begun = &base.fitted;
     let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
     if entry.spec.name == "sticky_contact" {
-        return Ok((0.0, stuck(&begun, entry, &region)));
+        return Ok((0.0, stuck(begun, entry, &region)));
     }
     if !(entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
-        return Ok((0.0, with_effect(&begun, entry, &seed(), &region)));
+        return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
     }
-    let (found, _) = screen_contacts(&Alone::of(&contacts(lens, &begun), stop)?, &region, &[entry], stop)?;
+    let (found, _) = screen_contacts(&Alone::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
     let (gain, values) = found.into_iter().next().map_or((0.0, seed()), |c| (c.before - c.after, c.values));
-    Ok((gain, with_contact(&begun, entry, &values, None, &region)))
+    Ok((gain, with_contact(begun, entry, &values, None, &region)))
 }
 
 /// The models with a user's law, its parameters free within their bounds.

@@ -63,6 +63,11 @@ pub fn astray(fit: &Fit) -> bool {
     2 * off >= fit.scenes.len()
 }
 
+/// Whether a fit loses more than half of its scenes.
+pub fn loses_most(fit: &Fit) -> bool {
+    2 * losses(fit) > fit.scenes.len()
+}
+
 /// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
 pub fn distance(fit: &Fit) -> f64 {
     let of = |s: &SceneFit| s.degrees_of_freedom as f64 * s.reduced_chi_square.ln();

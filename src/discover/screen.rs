@@ -142,7 +142,7 @@ pub struct Base {
     pub seen: Seen,
     alone: Vec<Seen>,
     /// The models at these numbers, and what projects the numbers out of a law's columns.
-    fitted: Vec<Model>,
+    pub fitted: Vec<Model>,
     projector: Option<Projector>,
 }
 

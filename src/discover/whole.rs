@@ -115,7 +115,7 @@ pub fn asked(
     let fades = |fade: f64| usual_speed(base).is_some_and(|usual| 1.0 - (-fade * usual).exp() > FADES);
     if !certain
         || (best.entry.spec.name == FADING && !fades(values[0]))
-        || 2 * proof::losses(&found.fit) > found.fit.scenes.len()
+        || proof::loses_most(&found.fit)
         || gained < found.fit.scenes.len().min(2)
         || !proof::borne_out(base, &found, added)
     {

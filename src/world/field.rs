@@ -20,7 +20,8 @@ pub fn accelerations(model: &Model, flat: &[f64], instants: &[Snapshot]) -> Vec<
     accelerations_of(model, flat, instants, &vec![true; model.bodies.len()])
 }
 
-/// The same of some bodies, chosen by their index; those of the others are zero.
+/// The same of some bodies, chosen by their index; those of the others are zero, but where bodies act on each other at a
+/// distance, which needs them all.
 pub fn accelerations_of(
     model: &Model,
     flat: &[f64],
