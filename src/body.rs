@@ -111,6 +111,8 @@ pub struct ContactLaw<T> {
     pub edge: T,
     /// Share of the slip that comes back reversed where friction holds; below 0: that is left.
     pub shear: T,
+    /// Share of a ball's rolling that does not rub: 1 where contacts know the plane only.
+    pub planar: T,
     /// Share of two bodies' relative motion that the blow takes; from 1 on they stick together.
     pub stick: T,
     /// One over the pull that parts bodies that stick (1/N); 0: nothing does.
@@ -130,6 +132,7 @@ impl<T: Real> ContactLaw<T> {
             presence: T::constant(1.0),
             edge: zero,
             shear: zero,
+            planar: zero,
             stick: zero,
             weakness: zero,
         }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Derivatives that one [`Jet`] carries; N parameters take `ceil(N / LANES)` passes.
 pub const LANES: usize = 8;
@@ -388,6 +389,25 @@ impl<T: Real> SubAssign for Vec2<T> {
 /// Asks whether to go on: long work calls it once an iteration with its progress in 0..=1.
 pub type Stop<'a> = &'a (dyn Fn(f64) -> Result<(), Stopped> + Sync);
 
+/// For work that is the part from `from` to `to` of the whole.
+pub fn part<'s>(stop: Stop<'s>, [from, to]: [f64; 2]) -> impl Fn(f64) -> Result<(), Stopped> + Sync + 's {
+    move |progress| stop(from + (to - from) * progress.clamp(0.0, 1.0))
+}
+
+/// The same where the part is made of about so many pieces, each of which tells its own progress up to 1.
+pub fn counted<'s>(
+    stop: Stop<'s>,
+    [from, to]: [f64; 2],
+    pieces: usize,
+) -> impl Fn(f64) -> Result<(), Stopped> + Sync + 's {
+    let done = AtomicUsize::new(0);
+    move |progress| {
+        let ended = usize::from(progress >= 1.0);
+        let share = (done.fetch_add(ended, Ordering::Relaxed) + ended) as f64 / pieces.max(1) as f64;
+        stop(from + (to - from) * share.min(1.0))
+    }
+}
+
 /// The caller no longer wants the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("stopped by the caller")]
@@ -418,6 +438,17 @@ mod tests {
         let (a, b) = (x * y + 0.5, (x / y).sin());
         let n = (a * a + b * b).sqrt();
         (n + 1.0).ln() * (x * 0.3).exp() - (y - x).tanh() / (a / n) + (y * y + x.cos()).sqrt()
+    }
+
+    #[test]
+    fn parts_of_work_tell_how_far_the_whole_is() {
+        let told = std::sync::Mutex::new(vec![]);
+        let stop =
+            |f: f64| -> Result<(), Stopped> { told.lock().map(|mut t| t.push(f)).map_err(|_| Stopped) };
+        let half = part(&stop, [0.5, 1.0]);
+        let pieces = counted(&half, [0.0, 0.5], 2);
+        assert_eq!([half(0.5), pieces(0.9), pieces(1.0), pieces(1.0), pieces(1.0)], [Ok(()); 5]);
+        assert_eq!(*told.lock().expect("nobody panicked"), [0.75, 0.5, 0.625, 0.75, 0.75]);
     }
 
     proptest! {

@@ -54,12 +54,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
     match args.json.as_deref() {
         Some(target) => output::json(target, &to_json(&found, &names))?,
-        None => output::print(&text(&found))?,
+        None => output::print(&text(&found, names.len()))?,
     }
     connection.close().await
 }
 
-fn text(found: &Diagnosis) -> String {
+fn text(found: &Diagnosis, videos: usize) -> String {
     let summary = found.comparison.as_ref().map_or("", |c| c.summary.as_str());
     let mut text =
         format!("{summary}\n  between contacts: reduced chi-square {:.2}\n", found.free_motion_chi_square);
@@ -70,7 +70,7 @@ fn text(found: &Diagnosis) -> String {
             jump.frame, at.x, at.y, jump.sigmas
         );
     }
-    text + &study::ranking(&found.ranked, SHOWN)
+    text + &study::ranking(&found.ranked, SHOWN, videos)
 }
 
 fn to_json(found: &Diagnosis, names: &[String]) -> Value {

@@ -92,7 +92,7 @@ pub fn text(found: &Discovery) -> String {
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
-    text + &study::ranking(&found.ranked, SHOWN)
+    text + &study::ranking(&found.ranked, SHOWN, found.courses.len())
 }
 
 /// A parameter with its interval as a person reads it.
@@ -100,9 +100,12 @@ pub fn parameter(p: &FoundParameter) -> String {
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
     match p.value.len() {
         0 => format!("{} {}", p.name, p.word),
-        _ => format!("{} {} [{} to {}] {}", p.name, list(&p.value), list(&p.low), list(&p.high), p.unit)
-            .trim_end()
-            .to_string(),
+        _ => {
+            let unit = if p.unit == "1" { "" } else { &p.unit };
+            format!("{} {} [{} to {}] {unit}", p.name, list(&p.value), list(&p.low), list(&p.high))
+                .trim_end()
+                .to_string()
+        }
     }
 }
 

@@ -134,7 +134,10 @@ enum Command {
     Health,
 }
 
-/// Parses the arguments and runs the command: 0 done, 2 bad input or usage, 1 anything else.
+/// What a shell says of a program that was interrupted.
+const INTERRUPTED: u8 = 130;
+
+/// Parses the arguments and runs the command: 0 done, 2 bad input or usage, 130 interrupted, 1 anything else.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     if cli.target.quiet {
@@ -147,11 +150,26 @@ pub fn main() -> ExitCode {
             return ExitCode::from(1);
         }
     };
-    match runtime.block_on(run(cli)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
+    // These two end in their own way.
+    let ends_itself = matches!(cli.command, Command::Serve(_) | Command::Replay(_));
+    let done = runtime.block_on(async {
+        tokio::select! {
+            done = run(cli) => Some(done),
+            // What is dropped then deletes its temporary store.
+            _ = serve::interrupted(), if !ends_itself => None,
+        }
+    });
+    // Work that nobody waits for any more does not keep the program.
+    runtime.shutdown_background();
+    match done {
+        Some(Ok(())) => ExitCode::SUCCESS,
+        Some(Err(failure)) => {
             output::tell(&format!("error: {failure}"));
             ExitCode::from(failure.status())
+        }
+        None => {
+            output::tell("interrupted");
+            ExitCode::from(INTERRUPTED)
         }
     }
 }

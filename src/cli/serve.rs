@@ -59,7 +59,8 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     service.stop().await
 }
 
-async fn interrupted() -> Result<(), Failure> {
+/// Waits for SIGTERM or Ctrl-C.
+pub async fn interrupted() -> Result<(), Failure> {
     use tokio::signal::unix::{SignalKind, signal};
     let mut terminate = signal(SignalKind::terminate()).map_err(Failure::other)?;
     tokio::select! {

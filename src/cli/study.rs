@@ -66,14 +66,17 @@ pub async fn last<M, T>(
     found.ok_or_else(|| Failure::other("the service ended its reply without a result; try again"))
 }
 
-/// The best candidates as a table.
-pub fn ranking(ranked: &[RankedEffect], most: usize) -> String {
+/// The best candidates as a table; of a single video no other tells how well they foretell.
+pub fn ranking(ranked: &[RankedEffect], most: usize, videos: usize) -> String {
     if ranked.is_empty() {
         return String::new();
     }
+    let columns = if videos > 1 { 3 } else { 2 };
     let row = |r: &RankedEffect| {
-        vec![r.effect.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)]
+        let cells =
+            [r.effect.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)];
+        cells[..columns].to_vec()
     };
     let rows: Vec<Vec<String>> = ranked.iter().take(most).map(row).collect();
-    format!("\n{}", output::table(&["candidate", "log evidence", "other videos mm"], &rows))
+    format!("\n{}", output::table(&["candidate", "log evidence", "other videos mm"][..columns], &rows))
 }

@@ -1,6 +1,6 @@
 //! The account of a search: what was found with its intervals, the ranking, what would have been seen, and why.
 
-use super::contact::{ContactCandidate, estimates_of};
+use super::contact::{ContactCandidate, estimates_of, pooled};
 use super::force::Lens;
 use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported, widened};
 use super::proof;
@@ -71,8 +71,10 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
     }
 }
 
-/// A law of contact with its numbers, on one object if it has one.
-pub fn found_contact(c: &ContactCandidate, noise_sigma: f64) -> Found {
+/// A law of contact with its numbers, on one object if it has one: those of the trajectories where these are followed and tell
+/// more than short films. Near where surfaces stick a fit's own deviation is too small: the interval holds how far the short
+/// films disagree, up to a point.
+pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&Revision>) -> Found {
     let object = c.object.map(f64::from).map(Value::Number);
     let object = object.map(|id| Reported {
         name: "object_id".into(),
@@ -86,8 +88,23 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64) -> Found {
         "m" | "rad" => SURFACE * noise_sigma,
         _ => 0.0,
     };
-    let sd: Vec<f64> = c.sd.iter().enumerate().map(|(k, sd)| f64::max(scale * sd, least(k))).collect();
-    let mut parameters = reported(c.entry, &c.values, &sd);
+    let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
+    let mut values = c.values.clone();
+    let followed = |r: &&Revision| r.apart.is_empty() && r.reduced_chi_square < FOLLOWED;
+    for (k, p) in c.entry.spec.params.iter().enumerate() {
+        let of = revision.filter(followed).and_then(|r| pooled(&estimates_of(&r.fit, c.entry, p.name)));
+        match of {
+            Some((value, own)) if own < sd[k] => {
+                let apart = (value - values[k]).abs();
+                sd[k] = widened(own, sd[k].hypot(apart.min(AGREE * sd[k])));
+                values[k] = value;
+            }
+            Some((_, own)) => sd[k] = sd[k].hypot(own.min(AGREE * sd[k])),
+            None => {}
+        }
+        sd[k] = sd[k].max(least(k));
+    }
+    let mut parameters = reported(c.entry, &values, &sd);
     parameters.extend(object);
     Found { kind: c.entry.kind.to_string(), effect: c.entry.spec.name.to_string(), parameters }
 }
@@ -124,7 +141,8 @@ pub fn reason(
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
-            format!("{} explains the motion; {left} remains", names.join(" and "))
+            let what = if mostly_lost { "a part of the motion" } else { "the motion" };
+            format!("{} explains {what}; {left} remains", names.join(" and "))
         }
         Verdict::Ambiguous => format!(
             "{} explain the motion equally well; film the launch given as experiment",
@@ -143,9 +161,11 @@ pub fn reason(
             "between contacts the motion is explained, what contacts do is not; film single contacts".into()
         }
         Verdict::OutsideLibrary => {
-            format!(
-                "no law of the library is the one; {left} remains after its best, and the formula says more"
-            )
+            let formula = match written {
+                true => "the formula says more",
+                false => "no formula that was tried halves the error on frames that it has not seen",
+            };
+            format!("no law of the library is the one; {left} remains after its best, and {formula}")
         }
         Verdict::NotIdentifiable => String::new(),
     }

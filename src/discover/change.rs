@@ -7,18 +7,17 @@ use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
-use super::revise::{Revision, pooled_noise, revise, without_effect};
+use super::revise::{Revision, fits_of_revision, pooled_noise, revise, without_effect};
 use super::screen::{Base, beginnings, region, screen, with_effect, with_nuisance};
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
-use crate::num::{Stop, Stopped};
+use crate::num::{Stop, counted, part};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Kind of the laws that users write.
 pub const FORMULA: &str = "formula";
@@ -181,27 +180,19 @@ pub fn change(
     // The base is read as the motion with the change has it: what a base lacks misleads about it.
     let mut best: Option<(f64, Vec<Model>, Proposal)> = None;
     for models in readings {
-        let proposal = propose(&lens, &models, change, &|f| stop(0.1 * f))?;
+        let proposal = propose(&lens, &models, change, &part(stop, [0.0, 0.1]))?;
         let cost = fit_forces(&lens, &proposal.models).1.cost;
         if best.as_ref().is_none_or(|b| cost < b.0) {
             best = Some((cost, models, proposal));
         }
     }
     let Some((_, models, proposal)) = best else { return Err(FitError::NoScene) };
-    let half = |k: usize| {
-        // Each scene alone, perhaps again, and all together; and the same without the last frames.
-        let (done, fits) = (AtomicUsize::new(0), 4 * scenes.len() + 2);
-        move |fraction: f64| -> Result<(), Stopped> {
-            let ended = usize::from(fraction >= 1.0);
-            let share = (done.fetch_add(ended, Ordering::Relaxed) + ended) as f64 / fits as f64;
-            stop(0.1 + 0.45 * (k as f64 + share.min(1.0)))
-        }
-    };
+    let half = |half: [f64; 2]| counted(stop, half, fits_of_revision(scenes));
     let before = match origin {
-        Origin::Start(_) => Some(revise(&lens, &models, None, options, &half(0))?),
+        Origin::Start(_) => Some(revise(&lens, &models, None, options, &half([0.1, 0.55]))?),
         Origin::Revision(..) => None,
     };
-    let after = revise(&lens, &proposal.models, proposal.added.as_deref(), options, &half(1))?;
+    let after = revise(&lens, &proposal.models, proposal.added.as_deref(), options, &half([0.55, 1.0]))?;
     let (fits, unseen): (Vec<&SceneFit>, Unseen) = match (&before, origin) {
         (Some(first), _) => (first.fit.scenes.iter().collect(), first.unseen()),
         (None, Origin::Revision(fits, unseen)) => (fits.to_vec(), *unseen),

@@ -10,14 +10,14 @@ use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::outcome::{Discovery, Found, Verdict};
 use super::proof;
-use super::revise::{Revision, held_out, pooled_noise, pooled_rmse, revise};
+use super::revise::{Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, mended, sticking};
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
 use crate::fit::{FitError, FitOptions};
-use crate::num::Stop;
+use crate::num::{Stop, counted, part};
 use crate::world::Model;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -26,7 +26,8 @@ use serde::{Deserialize, Serialize};
 const NEARLY: f64 = 2.0;
 /// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.
 const MOSTLY: f64 = 0.9;
-
+/// Share of the work that the revisions take.
+const REVISIONS: f64 = 0.7;
 /// Laws that few short films speak for and trajectories are asked about.
 const SUGGESTIONS: usize = 2;
 /// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
@@ -87,8 +88,12 @@ pub fn conclude(
             steps.push((name, with_contact(&base, c.entry, &c.values, c.object, &region)));
         }
     }
-    let revisions: Result<Vec<Revision>, FitError> =
-        steps.par_iter().map(|(effect, models)| revise(lens, models, *effect, &options.fit, stop)).collect();
+    let fits = steps.len() * fits_of_revision(lens.scenes);
+    let told = counted(stop, [0.0, REVISIONS], fits);
+    let revise =
+        |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
+    let revisions: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
+    let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     if proven.is_none() && room {
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
@@ -101,6 +106,16 @@ pub fn conclude(
             }
         }
     }
+    let other = match proven {
+        Some(c) => otherwise(lens, c, &motion.models, revisions.last(), &options.fit, stop)?,
+        None => None,
+    };
+    let other = other.map(|(law, revision)| {
+        revisions.pop();
+        revisions.push(revision);
+        law
+    });
+    proven = other.as_ref().or(proven);
     let whole = match proven {
         None if room && motion.typical < super::MISFIT => {
             asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
@@ -132,7 +147,7 @@ pub fn conclude(
         revisions.push(stuck);
     }
     if let Some(c) = proven {
-        effects.push(found_contact(c, noise_sigma));
+        effects.push(found_contact(c, noise_sigma, revisions.last()));
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
@@ -212,6 +227,30 @@ pub fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.
+fn otherwise(
+    lens: &Lens,
+    law: &ContactCandidate,
+    models: &[Model],
+    known: Option<&Revision>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    // Whether rolling rubs shows where balls roll.
+    let roll = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling);
+    let Some(known) = known.filter(|r| roll && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
+    let region = region(lens.scenes);
+    let mut best = None;
+    for values in law.entry.choices(&law.values, &region) {
+        let with = with_contact(models, law.entry, &values, law.object, &region);
+        let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
+        if proof::distance(&revision.fit) < proof::distance(&known.fit) {
+            best = Some((ContactCandidate { values, ..law.clone() }, revision));
+        }
+    }
+    Ok(best)
 }
 
 /// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the

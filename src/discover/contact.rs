@@ -120,8 +120,7 @@ pub fn screen_contacts(
                 trials.extend(ids.into_iter().map(|id| (entry, vec![0.0], Some(id))));
             }
             _ if entry.uses(Hook::Contact) => {
-                let default: Vec<f64> = entry.spec.params.iter().map(|p| p.default).collect();
-                trials.push((entry, default, None));
+                trials.extend(entry.seeds(region).into_iter().map(|values| (entry, values, None)));
             }
             _ => {}
         }
@@ -502,6 +501,8 @@ pub fn with_contact(
         {
             match p.name.as_str() {
                 "presence" => p.prior = Prior { mean: 1.0, sd: 0.0 },
+                // One or the other: between them is nothing.
+                "planar" => p.prior.sd = 0.0,
                 // Faces and edges rebound differently, and an engine's cylinders may not rebound at all.
                 "restitution" => {
                     let prior = Prior { mean: p.values.first().copied().unwrap_or(0.5), sd: RESTITUTION_SD };

@@ -18,7 +18,7 @@ use super::whole::{STICKING, spinning, stuck};
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError};
-use crate::num::Stop;
+use crate::num::{Stop, part};
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
@@ -28,6 +28,14 @@ use serde::{Deserialize, Serialize};
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
+/// Parts of the whole, as progress tells them: about what they take.
+const SPINNING: [f64; 2] = [0.0, 0.05];
+const SEARCH: [f64; 2] = [0.05, 0.4];
+const FILMS: [f64; 2] = [0.4, 0.5];
+const CONTACTS: [f64; 2] = [0.5, 0.55];
+const READING: [f64; 2] = [0.55, 0.6];
+const TRAJECTORIES: [f64; 2] = [0.6, 0.9];
+const DOUBTS: [f64; 2] = [0.9, 1.0];
 
 /// Searches what the models (one a scene, of one set-up) lack. Deterministic, whatever the number of threads.
 pub fn discover(
@@ -42,34 +50,35 @@ pub fn discover(
         return Ok(not_identifiable(&lens));
     }
     if options.max_effects > 0
-        && let Some(found) = spinning(&lens, models, &options.fit, stop)?
+        && let Some(found) = spinning(&lens, models, &options.fit, &part(stop, SPINNING))?
     {
         return Ok(found);
     }
     let mut known: Vec<Known> = vec![];
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
-        let first = search(&lens, &models, stop)?;
+        let first = search(&lens, &models, &part(stop, SEARCH))?;
         known.push(Known { models, first, further: None });
     }
     let mut looked: Vec<(usize, f64, bool)> = vec![];
     for reading in nearest(known.iter().map(|k| k.first.priced())) {
-        let (motion, films) = known[reading].look(&lens, options, stop)?;
+        let (motion, films) = known[reading].look(&lens, options, &part(stop, FILMS))?;
         looked.push((reading, motion.priced() + films.cost(), films.at_noise()));
     }
     // Where one reading follows all contacts to the noise, no law of contact makes another the better one.
     let settled = looked.iter().filter(|k| k.2).map(|k| k.1).fold(f64::INFINITY, f64::min);
     looked.retain(|k| k.1 < settled + SAME);
     let seen: Result<Vec<Reading>, FitError> =
-        looked.iter().map(|k| known[k.0].screened(&lens, options, stop)).collect();
+        looked.iter().map(|k| known[k.0].screened(&lens, options, &part(stop, CONTACTS))).collect();
     let seen = seen?;
     let near = nearest(seen.iter().map(|r| r.motion.priced() + r.films));
     let seen = seen.into_iter().enumerate().filter(|(k, _)| near.contains(k)).map(|(_, r)| r).collect();
-    match by_trajectories(&lens, seen, options, stop)? {
+    match by_trajectories(&lens, seen, options, &part(stop, READING))? {
         Some(reading) => {
-            let found = conclude(&lens, reading, options, stop)?;
-            let found = reread(&lens, &mut known, found, options, stop)?;
-            unseen(&lens, &mut known, found, options, stop)
+            let found = conclude(&lens, reading, options, &part(stop, TRAJECTORIES))?;
+            let last = &part(stop, DOUBTS);
+            let found = reread(&lens, &mut known, found, options, last)?;
+            unseen(&lens, &mut known, found, options, last)
         }
         None => Ok(not_identifiable(&lens)),
     }

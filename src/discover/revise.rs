@@ -48,6 +48,12 @@ pub struct Revision {
     pub apart: Vec<String>,
 }
 
+/// About how many fits a revision takes: each scene alone, perhaps again, and all together; and the same without the last
+/// frames.
+pub fn fits_of_revision(scenes: &[Scene]) -> usize {
+    4 * scenes.len() + 2
+}
+
 /// The models with beliefs about what acts between contacts as the lens has them.
 pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
     let mut models = at_values(models, free, &seen.values);

@@ -1,6 +1,6 @@
 //! Coulomb friction between objects that touch.
 
-use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds};
 use crate::body::{Contact, ContactLaw};
 use crate::num::Real;
 
@@ -31,13 +31,24 @@ impl Effect for ContactFriction {
                 scope: Scope::Setup,
                 doc: "share of the slip that comes back reversed where friction holds; below 0: that is left",
             },
+            ParamSpec {
+                name: "planar",
+                unit: "1",
+                default: 0.0,
+                min: 0.0,
+                max: 1.0,
+                scope: Scope::Setup,
+                doc: "share of a ball's rolling that does not rub where it touches others: 1 in engines whose contacts know the plane only",
+            },
         ],
     };
+    const SEEDS: Seeds = &[("planar", Seed::Values(&[0.0, 1.0]))];
 
     fn contact<T: Real>(pa: &[T], _pb: &[T], contact: &Contact<T>, out: &mut ContactLaw<T>) {
         if contact.b.is_some() {
             out.friction += pa[0];
             out.shear += pa[1];
+            out.planar += pa[2];
         }
     }
 }

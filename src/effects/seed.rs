@@ -74,6 +74,16 @@ impl Seed {
 }
 
 impl EffectEntry {
+    /// The parameters with those that a law of contact has seeds for, which are choices, chosen otherwise.
+    pub fn choices(&self, parameters: &[f64], region: &Region) -> Vec<Vec<f64>> {
+        let chosen = |name: &str| self.seeds.iter().any(|(seeded, _)| *seeded == name);
+        let one = |seed: Vec<f64>| -> Vec<f64> {
+            let of = self.spec.params.iter().zip(seed).zip(parameters);
+            of.map(|((p, seed), &value)| if chosen(p.name) { seed } else { value }).collect()
+        };
+        self.seeds(region).into_iter().map(one).filter(|values| values != parameters).collect()
+    }
+
     /// Every combination of the seeds, as parameter values in the spec's order with the amplitudes at zero.
     pub fn seeds(&self, region: &Region) -> Vec<Vec<f64>> {
         let mut all = vec![self.spec.params.iter().map(|p| p.default).collect::<Vec<f64>>()];

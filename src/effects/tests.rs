@@ -66,11 +66,12 @@ fn contact<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
             presence,
             edge,
             shear,
+            planar,
             stick,
             weakness,
         } = law;
         all.extend([restitution, friction, fading, softness, damping, presence - 1.0, edge, shear]);
-        all.extend([stick, weakness]);
+        all.extend([planar, stick, weakness]);
     }
     all
 }

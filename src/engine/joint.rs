@@ -3,7 +3,7 @@
 use super::memo::Waiting;
 use super::pool::Control;
 use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit, figures, trace};
-use crate::fit::{FitOptions, fit};
+use crate::fit::{FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, canonical_digest};
 use crate::store::Kind;
@@ -18,6 +18,17 @@ pub enum Others {
     Named(Vec<String>),
     /// All that are stored and name the same set-up.
     Setup,
+}
+
+/// Refuses, under the name of the field, videos that cannot share their physics.
+pub(super) fn one_set_up(field: &str, scenes: &[Scene], models: &[Model]) -> Result<(), EngineError> {
+    match crate::fit::check(scenes, models) {
+        Err(error @ (FitError::Worlds { .. } | FitError::Twice { .. })) => {
+            Err(EngineError::invalid(field, error.to_string()))
+        }
+        // What else is wrong is told by the fit.
+        _ => Ok(()),
+    }
 }
 
 impl Engine {
@@ -67,6 +78,7 @@ impl Engine {
             let message = format!("are of the set-ups {setups:?}; only videos of one share its physics");
             return Err(EngineError::invalid("others", message));
         }
+        one_set_up("others", &scenes, &models)?;
         let id = canonical_digest("joint", &(&videos, &models, &options, env!("CARGO_PKG_VERSION")));
         let (engine, first) = (self.clone(), videos.first().cloned().unwrap_or_default());
         let work = {

@@ -2,6 +2,7 @@
 //! makes become models of the videos, to be simulated, asked and revised like any other.
 
 use super::check;
+use super::joint::one_set_up;
 use super::memo::Waiting;
 use super::pool::Control;
 use super::revision::{self, Step};
@@ -97,6 +98,7 @@ impl Engine {
             }
             scenes.push(Scene::clone(&scene));
         }
+        one_set_up("study.videos", &scenes, &models)?;
         if let Inquiry::Change(change) = &inquiry {
             change.check(&models).map_err(|error| revision::refused(change, &error))?;
         }

@@ -129,6 +129,12 @@ pub enum FitError {
         "scene {scene}: the model has {model} bodies, the scene {objects} objects; use a model of this scene"
     )]
     Mismatch { scene: String, model: usize, objects: usize },
+    #[error(
+        "scenes {scene} and {other}: begin with the presets {presets:?}; videos that share their physics need one: fit them apart, or name one model for all"
+    )]
+    Worlds { scene: String, other: String, presets: [String; 2] },
+    #[error("scenes {scene} and {other}: hold the same measurements; give each video once")]
+    Twice { scene: String, other: String },
     #[error(transparent)]
     Stopped(#[from] Stopped),
 }
@@ -152,6 +158,7 @@ const BROKEN_OFF: f64 = 1e9;
 /// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
 /// `ShapePair` are shared by all scenes. Deterministic.
 pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    check(scenes, start)?;
     fit_drawing(DRAWS, scenes, start, options, stop)
 }
 
@@ -187,7 +194,7 @@ fn fit_drawing(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    check(scenes, start)?;
+    check_each(scenes, start)?;
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let mut models = start.to_vec();
     models.iter_mut().for_each(|m| m.anchors.clear());
@@ -360,8 +367,25 @@ fn better(known: Solution, tried: Solution) -> Solution {
     Solution { iterations, ..best }
 }
 
-/// Whether the models can be fitted to the scenes at all.
+/// Whether the scenes, each filmed once, can share the physics of the models.
 pub fn check(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
+    check_each(scenes, models)?;
+    let (first, preset) = (&scenes[0].name, &models[0].preset);
+    if let Some(k) = models.iter().position(|m| m.preset != *preset) {
+        let presets = [preset.clone(), models[k].preset.clone()];
+        return Err(FitError::Worlds { scene: first.clone(), other: scenes[k].name.clone(), presets });
+    }
+    for (k, scene) in scenes.iter().enumerate() {
+        let same = |s: &&Scene| s.times == scene.times && s.tracks == scene.tracks;
+        if let Some(other) = scenes[k + 1..].iter().find(same) {
+            return Err(FitError::Twice { scene: scene.name.clone(), other: other.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// Whether the models can be fitted to the scenes at all.
+fn check_each(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
     if scenes.is_empty() {
         return Err(FitError::NoScene);
     }

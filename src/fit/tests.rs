@@ -226,6 +226,14 @@ fn what_cannot_be_fitted_says_why() {
     let refused =
         fit(&[short], std::slice::from_ref(&model), &options, &never).expect_err("nothing was seen");
     assert!(refused.to_string().contains("film longer"), "{refused}");
+    let (mut other, mut air) = (film("b", 2, [1.0; 3]).0, model.clone());
+    air.preset = "air_table".into();
+    let pair = |other: &Scene| [scene.clone(), other.clone()];
+    let refused = fit(&pair(&other), &[model.clone(), air], &options, &never);
+    assert!(matches!(refused, Err(FitError::Worlds { .. })), "{refused:?}");
+    other.tracks.clone_from(&scene.tracks);
+    let refused = fit(&pair(&other), &[model.clone(), model.clone()], &options, &never);
+    assert!(matches!(refused, Err(FitError::Twice { .. })), "{refused:?}");
     let mut fewer = model;
     fewer.remove_body(0);
     assert!(matches!(fit(one, &[fewer], &options, &never), Err(FitError::Mismatch { .. })));

@@ -294,7 +294,7 @@ impl Cells<'_> {
         let id = self.whole(Column::Id);
         let when = if timed { self.number(Column::Time) } else { self.whole(Column::Frame).map(f64::from) };
         if when.is_none() {
-            self.wrong(if timed { Column::Time } else { Column::Frame }, "is empty; say when it was");
+            self.wrong(if timed { Column::Time } else { Column::Frame }, "is empty or NaN; say when it was");
         }
         let visible = match self.text(Column::Visible).map(str::to_ascii_lowercase).as_deref() {
             None | Some("1" | "true" | "yes") => true,
@@ -309,11 +309,11 @@ impl Cells<'_> {
         let seen = match (x, y) {
             (Some(x), Some(y)) if visible => Some((x, y, yaw)),
             (None, Some(_)) if visible => {
-                self.wrong(Column::X, "is empty, but y is not");
+                self.wrong(Column::X, "is empty or NaN, but y is not");
                 None
             }
             (Some(_), None) if visible => {
-                self.wrong(Column::Y, "is empty, but x is not");
+                self.wrong(Column::Y, "is empty or NaN, but x is not");
                 None
             }
             _ => None,
@@ -340,7 +340,7 @@ impl Cells<'_> {
         self.record.get(*index).filter(|cell| !cell.is_empty())
     }
 
-    /// A number in SI units; `None` where the cell is empty or wrong.
+    /// A number in SI units; `None` where the cell is empty, NaN or wrong.
     fn number(&mut self, column: Column) -> Option<f64> {
         let factor = self.places.get(&column)?.1;
         let text = self.text(column)?.to_string();

@@ -25,8 +25,8 @@ impl<T: Scalar> Run<'_, T> {
                 let (near, rate) = self.facing_now(i, wall);
                 if near.gap.value() < CLOSED && rate.value() < REBOUND_SPEED {
                     let approach = self.approach_at(i, wall, &near);
-                    let friction = self.law(i, wall, &near, approach).friction;
-                    self.touching.push(Touching::new(i, wall, friction));
+                    let law = self.law(i, wall, &near, approach);
+                    self.touching.push(Touching::new(i, wall, &law));
                 }
             }
         }

@@ -282,7 +282,7 @@ impl<T: Scalar> Run<'_, T> {
             && near.gap.value() < 1e-6
             && rate.value() > -APPROACH.sqrt()
         {
-            self.touching.push(Touching::new(a, b, law.friction));
+            self.touching.push(Touching::new(a, b, &law));
             self.join(a, b);
         }
         self.lean(a, b);

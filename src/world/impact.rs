@@ -263,7 +263,7 @@ impl<T: Real> ContactLaw<T> {
 /// Newton's restitution along the normal; a tangential impulse against the slip of the touching points, of at
 /// most `friction` times the normal one and never more than turns the slip into `-shear` of it (Stronge, Impact Mechanics,
 /// ch. 3; Foerster et al., Phys. Fluids 6 (1994) 1108).
-/// The slip of balls has a vertical part, which can turn them but not lift them.
+/// The slip of balls has a vertical part, which can turn them but not lift them; of it, contacts of the plane know nothing.
 pub(super) fn resolve<T: Real>(
     a: &mut Side<T>,
     b: &mut Side<T>,
@@ -290,8 +290,10 @@ pub(super) fn resolve<T: Real>(
     if law.friction.value() > 0.0 || T::DIFFERENTIATES {
         let slip_t = t.dot(relative);
         let (mut slip_z, mut kzz) = (T::zero(), T::zero());
+        let rubs = T::constant(1.0) - law.planar;
         for side in [&*a, &*b] {
             if let Some(radius) = side.ball {
+                let radius = rubs * radius;
                 slip_z -= side.kinematics.roll.cross(n) * radius;
                 kzz += side.inverse_inertia * (radius * radius);
             }
@@ -318,6 +320,7 @@ pub(super) fn resolve<T: Real>(
         k.spin += r.cross(impulse) * (side.inverse_inertia * sign);
         if let Some(radius) = side.ball {
             // Torque r x J z^ of the vertical impulse: both sides turn the same way.
+            let radius = (T::constant(1.0) - law.planar) * radius;
             k.roll += n.perp() * (vertical * side.inverse_inertia * radius);
         }
     }
@@ -395,6 +398,23 @@ mod tests {
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
     use crate::world::trace;
+
+    /// A ball that rolls into a resting disc: its surface moves down along the disc, and rubs, where contacts are not of the
+    /// plane.
+    #[test]
+    fn rolling_rubs_but_in_contacts_of_the_plane() {
+        let roll_after = |planar: f64| {
+            let mut ball = body(0, Shape::Ball { radius: 0.2 }, vec2(0.0, 0.0), vec2(1.0, 0.0));
+            ball.start.rolling = true;
+            let disc = body(1, Shape::Disc { radius: 0.2 }, vec2(0.4 + 1e-6, 0.0), vec2(0.0, 0.0));
+            let friction: &[f64] = &[0.3, 0.0, planar];
+            let m = model(vec![ball, disc], &[("restitution", &[0.8, 1.0]), ("contact_friction", friction)]);
+            trace(&m, &seconds(1)).states[1][0].expect("it is there").roll.norm()
+        };
+        assert!((roll_after(1.0) - 5.0).abs() < 1e-9);
+        // Unit masses: mu times the normal impulse of .9, at the radius, on 2/5 m r^2.
+        assert!((5.0 - roll_after(0.0) - 0.3 * 0.9 * 2.5 / 0.2).abs() < 1e-9, "{}", roll_after(0.0));
+    }
 
     /// Foerster et al.: the slip that is left is `-shear` of that before where friction holds; else friction gives mu times
     /// the normal impulse.

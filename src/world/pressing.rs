@@ -6,7 +6,7 @@ use super::motion::{Kinematics, Mode, Rates};
 use super::pressure::{Pressed, PressurePoint, STIFFNESS, balance};
 use super::rigid::in_group;
 use super::simulate::{Few, Run};
-use crate::body::Wrench;
+use crate::body::{ContactLaw, Wrench};
 use crate::effects::Scalar;
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
@@ -21,6 +21,8 @@ pub(super) struct Touching<T> {
     pub jams: bool,
     /// Coulomb coefficient between the two.
     pub friction: T,
+    /// Share of a ball's rolling that does not rub.
+    pub planar: T,
     /// Normal and tangential force at either end (N), as last found: where the next search begins.
     forces: [(f64, f64); 2],
     /// Whether friction was at its bound there.
@@ -28,8 +30,10 @@ pub(super) struct Touching<T> {
 }
 
 impl<T: Real> Touching<T> {
-    pub fn new(a: usize, b: usize, friction: T) -> Self {
-        Touching { a, b, pressing: true, jams: false, friction, forces: [(0.0, 0.0); 2], slides: [true; 2] }
+    pub fn new(a: usize, b: usize, law: &ContactLaw<T>) -> Self {
+        let &ContactLaw { friction, planar, .. } = law;
+        let forces = [(0.0, 0.0); 2];
+        Touching { a, b, pressing: true, jams: false, friction, planar, forces, slides: [true; 2] }
     }
 }
 
@@ -240,7 +244,9 @@ impl<T: Scalar> Run<'_, T> {
     /// The points at which kept contacts of the group press.
     pub(super) fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = Vec::with_capacity(2 * self.touching.len());
-        for (contact, &Touching { a, b, friction, forces, slides, .. }) in self.touching.iter().enumerate() {
+        for (contact, &Touching { a, b, friction, planar, forces, slides, .. }) in
+            self.touching.iter().enumerate()
+        {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };
             let y = place(b);
@@ -260,7 +266,7 @@ impl<T: Scalar> Run<'_, T> {
                 let bias = curvature(&near, ka, sa, &kb, sb)
                     + n.dot(slip) * (2.0 * STIFFNESS)
                     + near.gap * (STIFFNESS * STIFFNESS);
-                let lift = -(lift_of(ka, sa, n) + lift_of(&kb, sb, n));
+                let lift = -(lift_of(ka, sa, n) + lift_of(&kb, sb, n)) * (T::constant(1.0) - planar);
                 let slip = n.perp().dot(slip);
                 let speed = (slip * slip + lift * lift).sqrt_or_zero();
                 // A rolling ball rubs up or down, hardly aside.

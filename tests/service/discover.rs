@@ -135,11 +135,16 @@ async fn nothing_is_found_where_nothing_hides() {
 async fn broken_studies_are_refused_with_the_field() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
+    let again = service.create(video("the same", 20)).await.unwrap();
+    let elsewhere = v1::Video { world: v1::World::Table.into(), ..video("elsewhere", 21) };
+    let elsewhere = service.create(elsewhere).await.unwrap();
     let video = service.create(video("a", 20)).await.unwrap();
     let twice = vec![video.clone(), video.clone()];
     let many = v1::DiscoverEffectsRequest { max_effects: Some(0), ..request(std::slice::from_ref(&video)) };
     let cases = [
         (request(&[]), "study.videos"),
+        (request(&[video.clone(), again]), "study.videos"),
+        (request(&[video.clone(), elsewhere]), "study.videos"),
         (request(&twice), "study.videos"),
         (request(&["nonsense".into()]), "study.videos[0]"),
         (many, "max_effects"),

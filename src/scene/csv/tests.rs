@@ -64,12 +64,12 @@ fn everything_wrong_is_told_with_its_place() {
         "id,t,x,y,shape\n1,0,0,zero,disc\n1.5,0.1,0,0,disc\n1,0.2,,1,disc\n1,0.3,0,0,egg\n1,0.4,0\n1,,1,1,disc\n",
         &[
             "line 2, column 4 (y): is \"zero\"; give a number",
-            "line 2, column 4 (y): is empty, but x is not",
+            "line 2, column 4 (y): is empty or NaN, but x is not",
             "line 3, column 1 (id): is 1.5; give a whole number",
-            "line 4, column 3 (x): is empty, but y is not",
+            "line 4, column 3 (x): is empty or NaN, but y is not",
             "line 5, column 5 (shape): is \"egg\"; it must be disc, ball or cube",
             "line 6: has 3 columns; the header has 5",
-            "line 7, column 2 (t): is empty; say when it was",
+            "line 7, column 2 (t): is empty or NaN; say when it was",
         ],
     );
     check(
