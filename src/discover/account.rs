@@ -7,7 +7,7 @@ use super::proof;
 use super::revise::Revision;
 use super::screen::Candidate;
 use super::search::{FreeMotion, PROOF};
-use crate::effects::EffectEntry;
+use crate::effects::{EffectEntry, Hook};
 use crate::fit::SceneFit;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
@@ -90,7 +90,9 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
     };
     let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
     let mut values = c.values.clone();
-    let followed = |r: &&Revision| r.apart.is_empty() && r.reduced_chi_square < FOLLOWED;
+    // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
+    let law = !c.entry.uses(Hook::Bodies);
+    let followed = |r: &&Revision| law && r.apart.is_empty() && r.reduced_chi_square < FOLLOWED;
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let of = revision.filter(followed).and_then(|r| pooled(&estimates_of(&r.fit, c.entry, p.name)));
         match of {

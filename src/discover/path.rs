@@ -29,8 +29,10 @@ const JUMP: f64 = 6.0;
 const SURE_JUMP: f64 = 4.0;
 /// How often a track is searched for jumps.
 const LOOKS: usize = 3;
-/// Samples on either side of a possible jump; and where others are near, as the next one may soon follow.
+/// Samples on either side of a possible jump, and of one that shows only against more; and where others are near, as the next
+/// one may soon follow.
 const WING: usize = 8;
+const WIDE_WING: usize = 12;
 const NARROW_WING: usize = 5;
 const FEWEST_WING: usize = 4;
 
@@ -261,8 +263,8 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
 
 /// Frames after which the velocity jumps: the largest of each neighbourhood.
 fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
-    let candidates = segment.clone().filter_map(|f| {
-        let window = f.saturating_sub(WING - 1).max(segment.start)..(f + WING + 1).min(segment.end);
+    let within = |f: usize, wing: usize| {
+        let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
         let before = f + 1 - window.start;
         let after = window.end - f - 1;
         if before < FEWEST_WING || after < FEWEST_WING {
@@ -271,7 +273,8 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
         let (change, sigmas) = jump(scene, noise, own, f, window.clone(), Wings::Bent)?;
         let sure = sigmas > JUMP && jump(scene, noise, own, f, window, Wings::BentApart)?.1 > SURE_JUMP;
         sure.then_some(Jump { frame: f, position: own[f]?, change, sigmas })
-    });
+    };
+    let candidates = segment.clone().filter_map(|f| within(f, WING).or_else(|| within(f, WIDE_WING)));
     largest(candidates, WING)
 }
 

@@ -29,6 +29,9 @@ const FADING: &str = "speed_dependent_restitution";
 const MISSED: f64 = 1.15;
 /// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
 const FADES: f64 = 0.1;
+/// The law that holds touching surfaces, and a coefficient with which most do not slip.
+const RUBBING: &str = "contact_friction";
+const GRIP: f64 = 0.3;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
 const PROMISING: f64 = 10.0;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
@@ -74,8 +77,8 @@ struct Trial {
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; the mass of one object, or a thing that nobody saw, where others were near
-/// whenever it showed.
+/// rebound differently explain each film as well; friction between objects, the mass of one, or a thing that nobody saw, where
+/// others were near whenever it showed.
 pub fn asked(
     lens: &Lens,
     base: &Revision,
@@ -92,6 +95,7 @@ pub fn asked(
     }
     // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
     if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
+        trials.extend(rubbing(models, &region));
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
@@ -171,6 +175,16 @@ fn fading(base: &Revision, models: &[Model]) -> Vec<Trial> {
         }
         _ => vec![],
     }
+}
+
+/// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
+fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
+    let trials = |entry: &'static EffectEntry| -> Vec<Trial> {
+        let seeds = entry.seeds(region).into_iter();
+        let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
+        seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
+    };
+    absent(models, RUBBING).map(trials).unwrap_or_default()
 }
 
 /// Whether a law brings the scenes nearer from where they are, those that are followed with common numbers. Where no force
