@@ -3,7 +3,7 @@
 use super::anchor::Anchor;
 use super::trace::State;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
-use crate::effects::{EffectEntry, EffectSpec, Hook, Scope, effect};
+use crate::effects::{EffectEntry, EffectSpec, Hook, ParamSpec, Scope, effect};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 use serde::{Deserialize, Serialize};
@@ -59,6 +59,7 @@ pub struct Wall {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(from = "WrittenEffect")]
 pub struct ActiveEffect {
     pub name: String,
     pub on: bool,
@@ -67,6 +68,27 @@ pub struct ActiveEffect {
     /// The law itself, where the user wrote it; the name is then the user's too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formula: Option<Formula>,
+}
+
+/// An active effect as a store or a trace has it: one of an earlier build lacks the parameters that the law has got since.
+#[derive(Deserialize)]
+struct WrittenEffect {
+    name: String,
+    on: bool,
+    parameters: Vec<Parameter>,
+    #[serde(default)]
+    formula: Option<Formula>,
+}
+
+impl From<WrittenEffect> for ActiveEffect {
+    fn from(written: WrittenEffect) -> Self {
+        let WrittenEffect { name, on, mut parameters, formula } = written;
+        let entry = effect(&name).filter(|_| formula.is_none());
+        let got_since = entry.into_iter().flat_map(|e| e.spec.params).skip(parameters.len());
+        let default = |p: &ParamSpec| Prior { mean: p.default, sd: 0.0 };
+        parameters.extend(got_since.map(|p| Parameter::new(p.name, p.scope, default(p), &[])));
+        ActiveEffect { name, on, parameters, formula }
+    }
 }
 
 /// One parameter of an effect: a value for each label of its scope (materials, object ids, pairs "1-3").
@@ -352,5 +374,20 @@ impl fmt::Write for Label {
     fn write_str(&mut self, part: &str) -> fmt::Result {
         self.0.extend_from_slice(part.as_bytes());
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_an_earlier_build_wrote_has_the_parameters_that_its_laws_got_since() {
+        let now = effect("contact_friction").map(|e| ActiveEffect::new(&e.spec, &[]));
+        let now = now.expect("it is in the library");
+        let mut before = now.clone();
+        before.parameters.truncate(1);
+        let written = serde_json::to_string(&before).expect("it is plain data");
+        assert_eq!(serde_json::from_str::<ActiveEffect>(&written).expect("it was written so"), now);
     }
 }
