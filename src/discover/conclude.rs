@@ -240,7 +240,9 @@ fn otherwise(
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
     // Whether rolling rubs shows where balls roll.
     let roll = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling);
-    let Some(known) = known.filter(|r| roll && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
+    // Seeds of an unseen thing are places, and no choice.
+    let asks = roll && !law.entry.uses(Hook::Bodies);
+    let Some(known) = known.filter(|r| asks && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
     let region = region(lens.scenes);
     let mut best = None;
     for values in law.entry.choices(&law.values, &region) {
