@@ -8,7 +8,7 @@ use super::free::{Free, at_values};
 use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, without_effect};
-use super::screen::{Base, beginnings, region, screen, with_effect, with_nuisance};
+use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
@@ -258,11 +258,15 @@ fn with_library(
     stop: Stop,
 ) -> Result<(f64, Vec<Model>), FitError> {
     let region = region(lens.scenes);
-    let tried = beginnings(lens, base, entry, &region);
-    if let Some(candidate) = tried.and_then(|tried| screen(lens, base, entry, &tried, &region)) {
-        return Ok((candidate.gain, candidate.models));
+    let fitted = &base.fitted;
+    let tried = beginnings(lens, fitted, entry, &region);
+    if let Some(mut found) = tried.and_then(|tried| screen(lens, base, fitted, entry, &tried, &region)) {
+        if found.chi_square > super::MISFIT * lens.degrees_of_freedom() as f64 {
+            anew(lens, base, &base.believed(lens), &region, &mut found);
+        }
+        return Ok((found.gain, found.models));
     }
-    let begun = &base.fitted;
+    let begun = &fitted.models;
     let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
     if entry.spec.name == "sticky_contact" {
         return Ok((0.0, stuck(begun, entry, &region)));

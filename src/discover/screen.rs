@@ -141,18 +141,41 @@ pub struct Base {
     pub free: Vec<Free>,
     pub seen: Seen,
     alone: Vec<Seen>,
-    /// The models at these numbers, and what projects the numbers out of a law's columns.
-    pub fitted: Vec<Model>,
-    projector: Option<Projector>,
+    pub fitted: Stand,
 }
 
 impl Base {
     pub fn new(lens: &Lens, models: &[Model], free: Vec<Free>, seen: Seen) -> Self {
         let one = |fold| lens.solve(models, &free, &seen.values, PROOFS, &lens.rest(fold));
         let alone = lens.folds.iter().map(|fold| one(fold)).collect();
-        let fitted = at_values(models, &free, &seen.values);
-        let projector = lens.projector(&fitted, &free, &seen.values);
-        Base { free, seen, alone, fitted, projector }
+        let fitted = Stand::new(lens, models, &free, &seen, true);
+        Base { free, seen, alone, fitted }
+    }
+
+    /// Where the numbers are what was believed of them: numbers that stand in for a law that is missing bend far, and a
+    /// search for the law need not find the way back.
+    pub fn believed(&self, lens: &Lens) -> Stand {
+        let means: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
+        let seen = lens.solve(&self.fitted.models, &self.free, &means, 0, &[]);
+        Stand::new(lens, &self.fitted.models, &self.free, &seen, false)
+    }
+}
+
+/// Where the numbers of models stand while a law is sought beside them.
+pub struct Stand {
+    pub models: Vec<Model>,
+    cost: f64,
+    /// What projects the numbers out of a law's columns.
+    projector: Option<Projector>,
+    /// Whether they are the best without the law.
+    best: bool,
+}
+
+impl Stand {
+    fn new(lens: &Lens, models: &[Model], free: &[Free], seen: &Seen, best: bool) -> Self {
+        let models = at_values(models, free, &seen.values);
+        let projector = lens.projector(&models, free, &seen.values);
+        Stand { models, cost: seen.cost, projector, best }
     }
 }
 
@@ -162,19 +185,17 @@ pub struct Beginning {
     values: Vec<f64>,
 }
 
-/// Where one effect beside the models' free parameters, as `base` has them, may best begin; best first. `None` where the
-/// lens is blind to it.
+/// Where one effect beside the models' free parameters may best begin; best first. `None` where the lens is blind to it.
 pub fn beginnings(
     lens: &Lens,
-    base: &Base,
+    stand: &Stand,
     entry: &'static EffectEntry,
     region: &Region,
 ) -> Option<Vec<Beginning>> {
     if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
         return None;
     }
-    let Base { seen, fitted, .. } = base;
-    let projector = base.projector.as_ref()?;
+    let projector = stand.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
     let at = |seed: &[f64]| -> Option<Beginning> {
         let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
@@ -182,7 +203,7 @@ pub fn beginnings(
             let mut probe = seed.to_vec();
             probe[..entry.amplitudes].fill(0.0);
             probe[k] = PROBE;
-            let probed = with_effect(fitted, entry, &probe, region);
+            let probed = with_effect(&stand.models, entry, &probe, region);
             let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
             columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
         }
@@ -191,11 +212,11 @@ pub fn beginnings(
         };
         // Where a bound holds the base back, what the law would free it to do counts too.
         let freed = || {
-            let (cost, amplitudes) = lens.joint(projector, seen.cost, &columns)?;
-            Some((seen.cost - cost, amplitudes))
+            let (cost, amplitudes) = lens.joint(projector, stand.cost, &columns)?;
+            Some((stand.cost - cost, amplitudes))
         };
-        let (gain, amplitudes) =
-            lens.gain(projector, &columns).filter(inside).or_else(|| freed().filter(inside))?;
+        let held = || lens.gain(projector, &columns).filter(|_| stand.best).filter(inside);
+        let (gain, amplitudes) = held().or_else(|| freed().filter(inside))?;
         let mut values = seed.to_vec();
         values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
         Some(Beginning { gain, values })
@@ -213,17 +234,18 @@ pub fn beginnings(
     (!tried.is_empty()).then_some(tried)
 }
 
-/// The best that the effect can do from these beginnings.
+/// The best that the effect can do from these beginnings, beside numbers that stand as there.
 pub fn screen(
     lens: &Lens,
     base: &Base,
+    stand: &Stand,
     entry: &'static EffectEntry,
     tried: &[Beginning],
     region: &Region,
 ) -> Option<Candidate> {
-    let Base { seen, alone, fitted, .. } = base;
-    let projector = base.projector.as_ref()?;
-    let refined = tried.iter().take(REFINED).map(|b| refine(lens, fitted, entry, &b.values, region));
+    let Base { seen, alone, .. } = base;
+    let projector = base.fitted.projector.as_ref()?;
+    let refined = tried.iter().take(REFINED).map(|b| refine(lens, &stand.models, entry, &b.values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
     // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
@@ -257,6 +279,15 @@ pub fn screen(
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })
+}
+
+/// Looks for the same effect from what was believed, and keeps the better.
+pub fn anew(lens: &Lens, base: &Base, believed: &Stand, region: &Region, known: &mut Candidate) {
+    let begun = beginnings(lens, believed, known.entry, region);
+    let found = begun.and_then(|tried| screen(lens, base, believed, known.entry, &tried, region));
+    if let Some(found) = found.filter(|f| f.gain > known.gain) {
+        *known = found;
+    }
 }
 
 /// Moves the seeded numbers one at a time to where the gain is larger, by smaller and smaller steps.

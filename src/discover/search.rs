@@ -2,7 +2,7 @@
 
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values, flats};
-use super::screen::{Base, Beginning, Candidate, beginnings, region, screen, sought};
+use super::screen::{Base, Beginning, Candidate, anew, beginnings, region, screen, sought};
 use crate::effects::EffectEntry;
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
@@ -27,6 +27,8 @@ const MOSTLY: f64 = 0.7;
 pub const CLEAN: f64 = 0.15;
 /// Laws that are tried beside another: those that promise most.
 const PROMISING: usize = 8;
+/// Where none of them explains the motion, those that explain most are sought anew from what was believed.
+const ANEW: usize = 3;
 /// First choices that are tried with a second effect beside them.
 const FIRST_CHOICES: usize = 3;
 
@@ -171,14 +173,22 @@ fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
 fn round(lens: &Lens, models: &[Model], base: &Base, most: usize) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let mut begun: Vec<(&EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
+    let mut begun: Vec<(&'static EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
         .into_par_iter()
-        .filter_map(|entry| Some((entry, beginnings(lens, base, entry, &region)?)))
+        .filter_map(|entry| Some((entry, beginnings(lens, &base.fitted, entry, &region)?)))
         .collect();
     begun.sort_by(|a, b| b.1[0].gain.total_cmp(&a.1[0].gain));
     begun.truncate(most);
-    let candidates: Vec<Candidate> =
-        begun.par_iter().filter_map(|(entry, tried)| screen(lens, base, entry, tried, &region)).collect();
+    let best = |(entry, tried): &(&'static EffectEntry, Vec<Beginning>)| {
+        screen(lens, base, &base.fitted, entry, tried, &region)
+    };
+    let mut candidates: Vec<Candidate> = begun.par_iter().filter_map(best).collect();
+    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    if candidates.first().is_some_and(|c| c.chi_square > super::MISFIT * degrees) {
+        let believed = base.believed(lens);
+        let most = candidates.par_iter_mut().take(ANEW);
+        most.for_each(|c| anew(lens, base, &believed, &region, c));
+    }
     // What remains is in units of the best that holds elsewhere: a law that suits one object alone is none.
     let holds = |c: &&Candidate| lens.folds.len() < 2 || c.elsewhere > ELSEWHERE;
     let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);

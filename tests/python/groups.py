@@ -1,11 +1,11 @@
-"""Writes groups of videos with one hidden effect, simulated by MuJoCo and pymunk: `pip install mujoco pymunk numpy`.
+"""Writes groups of videos with one hidden effect, simulated by MuJoCo, pymunk and Bullet: `pip install mujoco pymunk pybullet numpy`.
 
-    groups.py DIR [--engine mujoco|pymunk] [--kinds a,b|library|outside|control] [--strength 1.0] [--seeds 1,2]
+    groups.py DIR [--engine mujoco,pymunk,bullet] [--kinds a,b|library|outside|control] [--strength 1.0] [--seeds 1,2]
     groups.py --check        what the simulations do at contacts and on the table, without any hidden effect
 
 A group is four videos of 128 frames of 4 to 6 discs, balls and cubes, 5 mm noise; the layout is that of the benchmark's
-`effects` worlds. The engines do what happens at contacts. The table under the objects is the same in both: Coulomb
-friction at the points of each foot, balls that slide until they roll, or an air table; nothing else is hidden.
+`effects` worlds. The engines do what happens at contacts. The table under the objects is Coulomb friction at the points of each
+foot, balls that slide until they roll, or an air table; nothing else is hidden. Bullet, in space, has a table of its own.
 """
 import argparse, itertools, json, math, pathlib
 import numpy as np
@@ -75,7 +75,7 @@ def laws(rng, s):
 
 
 OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "anisotropic_drag"]
-ONLY = {"mujoco": ["soft_contact"], "pymunk": ["speed_dependent_restitution", "sticky_contact"]}
+ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk"], "sticky_contact": ["pymunk"]}
 
 
 class MuJoCo:
@@ -177,7 +177,71 @@ class Pymunk:
         self.space.step(self.dt)
 
 
-ENGINES = {"mujoco": MuJoCo, "pymunk": Pymunk}
+class Bullet:
+    """Bodies in space, on a plane with friction; contacts are impulses. Friction and restitution are products of both bodies'."""
+    def __init__(self, bodies, world, kind, params):
+        import pybullet
+        self.dt = 0.002
+        self.pb, self.client = pybullet, pybullet.connect(pybullet.DIRECT)
+        self.call("setGravity", 0, 0, -G)
+        self.call("setPhysicsEngineParameter", fixedTimeStep=self.dt, numSolverIterations=50, restitutionVelocityThreshold=0.01,
+                  contactERP=0.02)
+        self.mu, self.params = world["mu"], params if kind == "friction_patch" else None
+        root, self.rub = math.sqrt(world["restitution"]), math.sqrt(params.get("mu", 0))
+        plane = self.still(self.call("createCollisionShape", self.pb.GEOM_PLANE), 0)
+        # The same friction for all, where that of contacts is asked for.
+        self.call("changeDynamics", plane, -1, lateralFriction=self.mu["metal"] / self.rub if self.rub else 1)
+        box = lambda *half: self.call("createCollisionShape", self.pb.GEOM_BOX, halfExtents=half)
+        round_ = lambda r: self.call("createCollisionShape", self.pb.GEOM_CYLINDER, radius=r, height=2 * SIZE)
+        if kind == "hidden_wall":
+            n, turn = np.array(params["normal"]), math.atan2(params["normal"][1], params["normal"][0])
+            self.still(box(0.5, 9, 1), params["restitution"] / root, np.array(params["point"]) - 0.5 * n, turn)
+        if kind == "hidden_object":
+            self.still(round_(params["radius"]), params["restitution"] / root, params["center"])
+        shapes = {"cube": lambda: box(SIZE, SIZE, SIZE), "cylinder": lambda: round_(SIZE),
+                  "sphere": lambda: self.call("createCollisionShape", self.pb.GEOM_SPHERE, radius=SIZE)}
+        self.bodies, self.looks = [], bodies
+        for b in bodies:
+            turn = self.pb.getQuaternionFromEuler([0, 0, b["yaw"]])
+            body = self.call("createMultiBody", b["mass"], shapes[b["shape"]](), -1, [*b["x"], SIZE], turn)
+            self.call("changeDynamics", body, -1, restitution=root, linearDamping=0, angularDamping=0, contactProcessingThreshold=0)
+            if b["shape"] == "sphere" and not b["rolls"]:
+                self.call("changeDynamics", body, -1, localInertiaDiagonal=[0, 0, 0])
+            spin = [*perp(b["v"]) / SIZE] if b["rolls"] else [0, 0]
+            self.call("resetBaseVelocity", body, [*b["v"], 0], [*spin, b["w"]])
+            self.bodies.append(body)
+            self.rubs(b, body, 1)
+
+    def call(self, name, *words, **named):
+        return getattr(self.pb, name)(*words, **named, physicsClientId=self.client)
+
+    def still(self, shape, restitution, at=(0, 0), turn=0.0):
+        body = self.call("createMultiBody", 0, shape, -1, [*at, 0], self.pb.getQuaternionFromEuler([0, 0, turn]))
+        self.call("changeDynamics", body, -1, lateralFriction=0.0, restitution=restitution, contactProcessingThreshold=0)
+        return body
+
+    def rubs(self, b, body, factor):
+        mu = factor * self.mu[b["material"]]
+        slide = SLIDE_MU if b["rolls"] else mu
+        self.call("changeDynamics", body, -1, lateralFriction=self.rub or slide, rollingFriction=1.4 * SIZE * mu if b["rolls"] else 0)
+
+    def state(self):
+        places = [self.call("getBasePositionAndOrientation", b) for b in self.bodies]
+        speeds = [self.call("getBaseVelocity", b) for b in self.bodies]
+        x, v = (np.array([p[0][:2] for p in rows]) for rows in (places, speeds))
+        return x, np.array([self.pb.getEulerFromQuaternion(q)[2] for _, q in places]), v, np.array([w[2] for _, w in speeds])
+
+    def step(self, force, torque):
+        for b, body, push in zip(self.looks, self.bodies, force):
+            at = self.call("getBasePositionAndOrientation", body)[0]
+            if self.params:
+                inside = math.dist(at[:2], self.params["center"]) < self.params["radius"]
+                self.rubs(b, body, self.params["k"] if inside else 1)
+            self.call("applyExternalForce", body, -1, [*push, 0], at, self.pb.WORLD_FRAME)
+        self.call("stepSimulation")
+
+
+ENGINES = {"mujoco": MuJoCo, "pymunk": Pymunk, "bullet": Bullet}
 CORNERS = SIZE * np.array(list(itertools.product([1, -1], [1, -1])))
 RIM = SIZE * np.array([(r * math.cos(a), r * math.sin(a)) for r in (0.35, 0.65, 0.92) for a in np.arange(8) * math.pi / 4])
 RIM_SHARE = np.repeat(np.array([0.25, 0.42, 0.84]), 8) / (8 * 1.51)
@@ -225,7 +289,10 @@ def simulate(engine, bodies, world, kind, law, frames=FRAMES, seen=None):
         if kind == "friction_patch":
             inside = np.linalg.norm(x - np.array(params["center"]), axis=1) < params["radius"]
             mu = np.where(inside, params["k"] * plain, plain)
-        force, torque = table_friction(heavy, x, yaw, v, w, roll, mu, run.dt)
+        if engine == "bullet":
+            force, torque = np.zeros_like(x), None
+        else:
+            force, torque = table_friction(heavy, x, yaw, v, w, roll, mu, run.dt)
         if push:
             force = force + push(x, v, w, mass, k * run.dt)
         run.step(force, torque)
@@ -262,6 +329,9 @@ def group(folder, engine, kind, strength, seed):
     params, air = law[0], rng.random() < 0.25
     world = {"mu": {"rubber": 0.002 if air else rng.uniform(0.03, 0.045), "metal": 0.001 if air else rng.uniform(0.009, 0.02)},
              "restitution": rng.uniform(0.6, 0.9), "sphere_motion": "roll" if rng.random() < 0.5 else "glide"}
+
+    if kind == "contact_friction" and engine == "bullet":
+        world["mu"] = dict.fromkeys(world["mu"], world["mu"]["metal"])
 
     def avoid(x):
         if kind == "hidden_wall":
@@ -301,8 +371,8 @@ def check():
             levels = []
             thrown = throw(np.random.default_rng(seed), False, lambda x: 9.0)
             simulate(engine, thrown, world, "none", plain, 64, lambda *state: levels.append(energy(*state)))
-            # A spring gives back what it took: what is left at the end must be less.
-            grown = max(grown, (levels[-1] if engine == "mujoco" else max(np.diff(levels) + levels[0])) / levels[0] - 1)
+            # What a contact takes it may give back later: what is left at the end must be less.
+            grown = max(grown, (levels[-1] if engine != "pymunk" else max(np.diff(levels) + levels[0])) / levels[0] - 1)
         print(f"{engine}: energy grows by {max(grown, 0):.1e} of the whole at most")
         for a, b in itertools.combinations_with_replacement(DENSITY, 2):
             hit = lambda v: simulate(engine, [one(a, 0.0, 0.0), one(b, -0.6, v)], world, "none", plain, 40)[-1][:, 3] @ [1, -1] / v
@@ -328,8 +398,7 @@ def main():
     if unknown := [kind for kind in kinds if kind not in everything]:
         words.error(f"unknown kinds {unknown}; known: {', '.join([*sets, *everything])}")
     for engine, seed in itertools.product(asked.engine.split(","), map(int, asked.seeds.split(","))):
-        alien = [k for e, only in ONLY.items() if e != engine for k in only]
-        for kind in (k for k in kinds if k not in alien):
+        for kind in (k for k in kinds if engine in ONLY.get(k, [engine])):
             name = f"{engine}_{kind}_{asked.strength}_{seed}"
             group(asked.folder / name, engine, kind, float(asked.strength), seed)
             print(name, flush=True)
