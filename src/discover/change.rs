@@ -9,6 +9,7 @@ use super::inquire::readings;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
+use super::search::leaves_something;
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, Hook};
@@ -261,7 +262,7 @@ fn with_library(
     let fitted = &base.fitted;
     let tried = beginnings(lens, fitted, entry, &region);
     if let Some(mut found) = tried.and_then(|tried| screen(lens, base, fitted, entry, &tried, &region)) {
-        if found.chi_square > super::MISFIT * lens.degrees_of_freedom() as f64 {
+        if leaves_something(found.chi_square, lens.degrees_of_freedom() as f64) {
             anew(lens, base, &base.believed(lens), &region, &mut found);
         }
         return Ok((found.gain, found.models));

@@ -46,7 +46,7 @@ pub(super) fn film(launches: &[Vec<Launch>], law: Option<(&str, &[(&str, f64)])>
 }
 
 /// The same under the base that `change` has changed.
-fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) -> Vec<Scene> {
+pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) -> Vec<Scene> {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let mut noise = |sd: f64| {
         let z: f64 = StandardNormal.sample(&mut random);

@@ -106,7 +106,13 @@ pub fn asked(
     let tried = tried?;
     let nearest =
         trials.iter().zip(&tried).min_by(|a, b| proof::distance(a.1).total_cmp(&proof::distance(b.1)));
-    let Some((best, fit)) = nearest.filter(|(_, fit)| proof::nearer(&base.fit, fit)) else { return Ok(None) };
+    // Less of a fading restitution than contacts differ by anyway is none.
+    let fades = |t: &Trial, fit: &Fit| {
+        let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
+        t.entry.spec.name != FADING || usual_speed(base).is_some_and(faded)
+    };
+    let near = |(t, fit): &(&Trial, &Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
+    let Some((best, fit)) = nearest.filter(near) else { return Ok(None) };
     let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
     let found =
         revise(lens, &with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name), options, stop)?;
@@ -116,9 +122,8 @@ pub fn asked(
         best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
-    let fades = |fade: f64| usual_speed(base).is_some_and(|usual| 1.0 - (-fade * usual).exp() > FADES);
     if !certain
-        || (best.entry.spec.name == FADING && !fades(values[0]))
+        || !fades(best, &found.fit)
         || proof::loses_most(&found.fit)
         || gained < found.fit.scenes.len().min(2)
         || !proof::borne_out(base, &found, added)
@@ -188,7 +193,7 @@ fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
 }
 
 /// Whether a law brings the scenes nearer from where they are, those that are followed with common numbers. Where no force
-/// acts and some are not, only a search can tell.
+/// acts and some are not, only a search can tell; with one that holds in none, there is nothing to bring nearer.
 fn promises(
     lens: &Lens,
     base: &Revision,
@@ -198,8 +203,11 @@ fn promises(
 ) -> Result<bool, FitError> {
     let common = |k: &usize| !base.apart.contains(&base.fit.scenes[*k].name);
     let kept: Vec<usize> = (0..models.len()).filter(common).collect();
-    if kept.len() < models.len() && (base.effect.is_none() || kept.len() < 2) {
+    if kept.len() < models.len() && base.effect.is_none() {
         return Ok(true);
+    }
+    if kept.len() < 2 {
+        return Ok(false);
     }
     let scenes: Vec<Scene> = kept.iter().map(|&k| lens.scenes[k].clone()).collect();
     let known: Vec<Model> = kept.iter().map(|&k| base.fit.scenes[k].model.clone()).collect();

@@ -263,7 +263,8 @@ impl<T: Real> ContactLaw<T> {
 /// Newton's restitution along the normal; a tangential impulse against the slip of the touching points, of at
 /// most `friction` times the normal one and never more than turns the slip into `-shear` of it (Stronge, Impact Mechanics,
 /// ch. 3; Foerster et al., Phys. Fluids 6 (1994) 1108).
-/// The slip of balls has a vertical part, which can turn them but not lift them; of it, contacts of the plane know nothing.
+/// The slip of balls has a vertical part, which turns them and lifts the one that it pushes up, off a table that holds the other;
+/// of it, contacts of the plane know nothing.
 pub(super) fn resolve<T: Real>(
     a: &mut Side<T>,
     b: &mut Side<T>,
@@ -297,6 +298,11 @@ pub(super) fn resolve<T: Real>(
                 slip_z -= side.kinematics.roll.cross(n) * radius;
                 kzz += side.inverse_inertia * (radius * radius);
             }
+        }
+        // Friction pushes a up where b's surface rises past it.
+        let lifted = if slip_z.value() > 0.0 { &*a } else { &*b };
+        if lifted.ball.is_some() {
+            kzz += rubs * lifted.inverse_mass;
         }
         let (ktt, knt) = (response(t, t), response(n, t));
         let slip = (slip_t * slip_t + slip_z * slip_z).sqrt_or_zero();
@@ -403,17 +409,21 @@ mod tests {
     /// plane.
     #[test]
     fn rolling_rubs_but_in_contacts_of_the_plane() {
-        let roll_after = |planar: f64| {
+        let roll_after = |mu: f64, planar: f64| {
             let mut ball = body(0, Shape::Ball { radius: 0.2 }, vec2(0.0, 0.0), vec2(1.0, 0.0));
             ball.start.rolling = true;
             let disc = body(1, Shape::Disc { radius: 0.2 }, vec2(0.4 + 1e-6, 0.0), vec2(0.0, 0.0));
-            let friction: &[f64] = &[0.3, 0.0, planar];
+            let friction: &[f64] = &[mu, 0.0, planar];
             let m = model(vec![ball, disc], &[("restitution", &[0.8, 1.0]), ("contact_friction", friction)]);
             trace(&m, &seconds(1)).states[1][0].expect("it is there").roll.norm()
         };
-        assert!((roll_after(1.0) - 5.0).abs() < 1e-9);
+        assert!((roll_after(0.3, 1.0) - 5.0).abs() < 1e-9);
         // Unit masses: mu times the normal impulse of .9, at the radius, on 2/5 m r^2.
-        assert!((5.0 - roll_after(0.0) - 0.3 * 0.9 * 2.5 / 0.2).abs() < 1e-9, "{}", roll_after(0.0));
+        let slips = roll_after(0.3, 0.0);
+        assert!((5.0 - slips - 0.3 * 0.9 * 2.5 / 0.2).abs() < 1e-9, "{slips}");
+        // Where friction holds, the ball rises as fast as its surface turns down.
+        let holds = roll_after(0.5, 0.0);
+        assert!((5.0 - holds - 1.0 / 3.5 * 2.5 / 0.2).abs() < 1e-9, "{holds}");
     }
 
     /// Foerster et al.: the slip that is left is `-shear` of that before where friction holds; else friction gives mu times
