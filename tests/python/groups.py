@@ -212,6 +212,9 @@ class Bullet:
             self.bodies.append(body)
             self.rubs(b, body, 1)
 
+    def __del__(self):
+        self.pb.disconnect(self.client)
+
     def call(self, name, *words, **named):
         return getattr(self.pb, name)(*words, **named, physicsClientId=self.client)
 
