@@ -61,6 +61,7 @@ pub struct Wrench<T> {
 }
 
 impl<T: Real> Wrench<T> {
+    #[inline(always)]
     pub fn zero() -> Self {
         let zero = T::zero();
         Wrench {

@@ -11,14 +11,22 @@ const BLOCK: usize = 25;
 const JET: u64 = 5;
 
 impl Part<'_> {
-    pub fn linearised(&self, free: &[Free], point: &[f64], window: Window, stop: Stop) -> Linear {
+    /// With derivatives by the free parameters that are `wanted`.
+    pub fn linearised(
+        &self,
+        free: &[Free],
+        wanted: impl Fn(usize) -> bool,
+        point: &[f64],
+        window: Window,
+        stop: Stop,
+    ) -> Linear {
         let flat = self.flat(free, point);
         let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
         self.worked(&rollout, 1);
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
         let components = self.components(&rollout);
-        let lanes = self.lanes(free, &rollout, &components);
+        let lanes = self.lanes(wanted, &rollout, &components);
         // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
@@ -33,7 +41,7 @@ impl Part<'_> {
             }
             let run = film(&self.model, &jets, self.times(window), &LIMITS);
             self.worked(&run, JET);
-            let mut rows = vec![];
+            let mut rows = Vec::with_capacity(residuals.len());
             self.each_sample(window, |m, row| {
                 let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
                 let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
@@ -131,12 +139,17 @@ impl Part<'_> {
 
     /// A lane for each slot that can matter; lanes are shared by slots of components that never meet, so that
     /// one pass carries several of them (column compression: Curtis, Powell and Reid, 1974).
-    fn lanes(&self, free: &[Free], rollout: &Rollout<f64>, components: &[usize]) -> Vec<Lane> {
+    fn lanes(
+        &self,
+        wanted: impl Fn(usize) -> bool,
+        rollout: &Rollout<f64>,
+        components: &[usize],
+    ) -> Vec<Lane> {
         let owners = self.model.owners();
         let meetings = self.meetings(rollout);
         let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
         let component = |s: usize| match owners[self.slots[s].0] {
-            _ if free[self.slots[s].1].held => None,
+            _ if !wanted(self.slots[s].1) => None,
             Owner::Body(a) => Some(Some(components[a])),
             Owner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
             Owner::Shared => Some(None),
@@ -169,6 +182,7 @@ impl Part<'_> {
 }
 
 /// Residuals of one scene with their Jacobian, compressed: of each row only what can differ from zero.
+#[derive(Debug, Clone)]
 pub(super) struct Linear {
     pub residuals: Vec<f64>,
     /// Body of each row.
@@ -181,6 +195,22 @@ pub(super) struct Linear {
 }
 
 impl Linear {
+    /// The same with the derivatives by further parameters.
+    pub fn with(self, further: &Linear) -> Linear {
+        let width = self.width + further.width;
+        let mut jacobian = Vec::with_capacity(self.residuals.len() * width);
+        for row in 0..self.residuals.len() {
+            for part in [&self, further] {
+                jacobian.extend_from_slice(&part.jacobian[row * part.width..(row + 1) * part.width]);
+            }
+        }
+        let mut columns = self.columns;
+        for (columns, further) in columns.iter_mut().zip(&further.columns) {
+            columns.extend(further.iter().map(|&(k, lane)| (k, self.width + lane)));
+        }
+        Linear { jacobian, width, columns, ..self }
+    }
+
     fn rows(&self) -> impl Iterator<Item = (f64, &[f64], &[(usize, usize)])> {
         let row = |(row, (&r, &body)): (usize, (&f64, &usize))| {
             (r, &self.jacobian[row * self.width..(row + 1) * self.width], self.columns[body].as_slice())
@@ -225,18 +255,31 @@ impl Linear {
 
     /// What the residuals become after a step, were they linear.
     pub fn predicted(&self, step: &[f64]) -> Vec<f64> {
-        let along = |j: &[f64], columns: &[(usize, usize)]| {
-            columns.iter().map(|&(k, lane)| j[lane] * step[k]).sum::<f64>()
-        };
-        self.rows().map(|(r, j, columns)| r + along(j, columns)).collect()
+        let (mut after, mut along) = (Vec::with_capacity(self.residuals.len()), vec![0.0; self.width]);
+        for of_body in self.bodies.chunk_by(|a, b| a == b) {
+            along.fill(0.0);
+            self.columns[of_body[0]].iter().for_each(|&(k, lane)| along[lane] = step[k]);
+            for _ in of_body {
+                let row = after.len();
+                let slopes = &self.jacobian[row * self.width..(row + 1) * self.width];
+                let off: f64 = slopes.iter().zip(&along).map(|(slope, step)| slope * step).sum();
+                after.push(self.residuals[row] + off);
+            }
+        }
+        after
     }
 
     /// Adds the transposed Jacobian's product with `difference`.
     pub fn pull_back(&self, difference: &[f64], gradient: &mut nalgebra::DVector<f64>) {
-        for ((_, j, columns), d) in self.rows().zip(difference) {
-            for &(k, lane) in columns {
-                gradient[k] += j[lane] * d;
+        let (mut row, mut sums) = (0, vec![0.0; self.width]);
+        for of_body in self.bodies.chunk_by(|a, b| a == b) {
+            sums.fill(0.0);
+            for d in &difference[row..row + of_body.len()] {
+                let slopes = &self.jacobian[row * self.width..(row + 1) * self.width];
+                sums.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope * d);
+                row += 1;
             }
+            self.columns[of_body[0]].iter().for_each(|&(k, lane)| gradient[k] += sums[lane]);
         }
     }
 }

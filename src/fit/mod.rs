@@ -28,7 +28,7 @@ use grow::grow;
 use problem::Problem;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use solve::{NEGLIGIBLE, Solution, minimise};
+use solve::{NEGLIGIBLE, Solution, minimise, minimise_from};
 use std::slice;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -205,14 +205,15 @@ fn fit_drawing(
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
-    let best = match options.method {
+    let mut best = match options.method {
         Method::GaussNewton => {
             let found = match scenes.len() {
                 1 => gauss_newton(&problem, frames, options, stop)?,
                 _ => of_set_up(&problem, frames, scenes, start, options, stop)?,
             };
-            if problem.release() {
-                refined(&problem, found, frames, options.max_iterations, stop)?
+            let released = problem.release();
+            if released.contains(&true) {
+                refined(&problem, found, &released, frames, options.max_iterations, stop)?
             } else {
                 found
             }
@@ -227,7 +228,8 @@ fn fit_drawing(
             return Err(FitError::Undefined { scene: part.scene.name.clone() });
         }
     }
-    let posterior = Posterior::at(&problem, &best.point, frames, draws);
+    let linear = best.linear.take().unwrap_or_else(|| problem.linearised(&best.point, frames));
+    let posterior = Posterior::at(&problem, &best.point, &linear, frames, draws);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
     let Solution { iterations, outcome, losses, .. } = best;
@@ -306,15 +308,18 @@ fn gauss_newton(
     Ok(best)
 }
 
-/// The fit from `found` on, where more parameters are free.
+/// The fit from `found` on, where the parameters that were `released` are free, too.
 fn refined(
     problem: &Problem,
     found: Solution,
+    released: &[bool],
     frames: usize,
     budget: usize,
     stop: Stop,
 ) -> Result<Solution, FitError> {
-    let refined = minimise(problem, &found.point, frames, NEGLIGIBLE, budget, stop)?;
+    let Solution { point, linear, .. } = found;
+    let linear = linear.map(|known| problem.completed(known, released, &point, frames));
+    let refined = minimise_from(problem, point, linear, frames, NEGLIGIBLE, budget, stop)?;
     let iterations = found.iterations + refined.iterations;
     let losses = [&found.losses[..], &refined.losses].concat();
     Ok(Solution { iterations, losses, ..refined })

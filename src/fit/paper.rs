@@ -76,7 +76,7 @@ pub(super) fn minimise(
     }
     let outcome = last.map_or(Outcome::IterationLimit, |l| l.outcome);
     let cost = problem.cost(&point, frames);
-    Ok(Solution { point, cost, iterations, outcome, losses })
+    Ok(Solution { point, cost, iterations, outcome, losses, linear: None })
 }
 
 /// Whether a parameter matters at contacts only: masses and contact laws.
@@ -137,6 +137,7 @@ impl Search<'_> {
                 iterations,
                 outcome: Outcome::Converged,
                 losses,
+                linear: None,
             };
             if (self.done)(&point) {
                 return Ok(ended(&point, iteration, losses));
@@ -164,10 +165,17 @@ impl Search<'_> {
             losses.push(cost);
             if fall <= TOLERANCE * cost {
                 let (iterations, outcome) = (iteration + 1, Outcome::Converged);
-                return Ok(Solution { point, cost, iterations, outcome, losses });
+                return Ok(Solution { point, cost, iterations, outcome, losses, linear: None });
             }
         }
-        Ok(Solution { point, cost, iterations: steps, outcome: Outcome::IterationLimit, losses })
+        Ok(Solution {
+            point,
+            cost,
+            iterations: steps,
+            outcome: Outcome::IterationLimit,
+            losses,
+            linear: None,
+        })
     }
 
     /// The two-loop recursion.

@@ -87,14 +87,19 @@ impl Posterior {
         self.estimates.iter().find(|e| e.name == name && e.sd < UNTOLD * believed)
     }
 
-    /// With so many draws.
-    pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
-        let parts = problem.linearised(point, window);
+    /// From the linearised parts, with so many draws.
+    pub(super) fn at(
+        problem: &Problem,
+        point: &[f64],
+        parts: &[Linear],
+        window: Window,
+        count: usize,
+    ) -> Posterior {
         let independent = vec![1.0; parts.len()];
-        let factor = problem.weighed(point, &parts, &independent).covariance_factor();
+        let factor = problem.weighed(point, parts, &independent).covariance_factor();
         let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
-        let shares: Vec<f64> = problem.parts.iter().zip(&parts).map(share).collect();
-        let factor = problem.weighed(point, &parts, &shares).covariance_factor();
+        let shares: Vec<f64> = problem.parts.iter().zip(parts).map(share).collect();
+        let factor = problem.weighed(point, parts, &shares).covariance_factor();
         let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
         let estimate = |(k, f): (usize, &Free)| {
             let value = if f.log { point[k].exp() } else { point[k] };
@@ -113,7 +118,7 @@ impl Posterior {
             estimates: problem.free.iter().enumerate().map(estimate).collect(),
             coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
             slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
-            draws: draws(count, problem, point, &parts, &shares, &factor, window),
+            draws: draws(count, problem, point, parts, &shares, &factor, window),
         }
     }
 

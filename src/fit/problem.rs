@@ -242,11 +242,9 @@ impl<'a> Problem<'a> {
         Problem { allowed: AtomicU64::new(most(&parts)), stop: self.stop, parts, free: self.free.clone() }
     }
 
-    /// Frees what was held for now; whether there is any such.
-    pub fn release(&mut self) -> bool {
-        let any = self.free.iter().any(|f| f.held);
-        self.free.iter_mut().for_each(|f| f.held = false);
-        any
+    /// Frees what was held for now; which parameters were.
+    pub fn release(&mut self) -> Vec<bool> {
+        self.free.iter_mut().map(|f| std::mem::take(&mut f.held)).collect()
     }
 
     /// A fall of the cost that is not worth another step; while something is held, the search goes on anyway.
@@ -361,7 +359,20 @@ impl<'a> Problem<'a> {
 
     /// Residuals of each part and how they change with the parameters.
     pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
-        self.of_parts(|part| part.linearised(&self.free, point, window, self.stop))
+        self.of_parts(|part| part.linearised(&self.free, |k| !self.free[k].held, point, window, self.stop))
+    }
+
+    /// The same where the derivatives by all but some parameters are `known`.
+    pub fn completed(
+        &self,
+        known: Vec<Linear>,
+        missing: &[bool],
+        point: &[f64],
+        window: Window,
+    ) -> Vec<Linear> {
+        let further =
+            self.of_parts(|part| part.linearised(&self.free, |k| missing[k], point, window, self.stop));
+        known.into_iter().zip(&further).map(|(known, further)| known.with(further)).collect()
     }
 
     /// The model of part `index` at this point.

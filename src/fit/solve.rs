@@ -1,5 +1,6 @@
 //! Levenberg-Marquardt with bounds on the whole window, then growing windows where that is not enough.
 
+use super::linear::Linear;
 use super::problem::{Problem, Window};
 use super::{FitError, Outcome};
 use crate::num::Stop;
@@ -25,6 +26,8 @@ pub(super) struct Solution {
     pub outcome: Outcome,
     /// The cost of each iteration, over the frames that it saw; last the cost at the end.
     pub losses: Vec<f64>,
+    /// Residuals of each part at the point, with derivatives that serve there.
+    pub linear: Option<Vec<Linear>>,
 }
 
 /// Minimises the cost over the frames before `window` from `start`, until it falls by no more than `negligible`. `budget`
@@ -37,13 +40,25 @@ pub(super) fn minimise(
     budget: usize,
     stop: Stop,
 ) -> Result<Solution, FitError> {
-    let mut point = start.to_vec();
+    minimise_from(problem, start.to_vec(), None, window, negligible, budget, stop)
+}
+
+/// The same from a point where the parts are linearised already.
+pub(super) fn minimise_from(
+    problem: &Problem,
+    mut point: Vec<f64>,
+    mut known: Option<Vec<Linear>>,
+    window: Window,
+    negligible: f64,
+    budget: usize,
+    stop: Stop,
+) -> Result<Solution, FitError> {
     let mut damping = FIRST_DAMPING;
     let mut cost = f64::INFINITY;
     let mut losses = vec![];
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
-        let linear = problem.linearised(&point, window);
+        let linear = known.take().unwrap_or_else(|| problem.linearised(&point, window));
         let normal = problem.weighed(&point, &linear, &vec![1.0; linear.len()]);
         cost = normal.cost;
         losses.push(cost);
@@ -54,6 +69,7 @@ pub(super) fn minimise(
                 iterations: iteration,
                 outcome: Outcome::IterationLimit,
                 losses,
+                linear: Some(linear),
             });
         }
         let mut accepted = None;
@@ -71,7 +87,7 @@ pub(super) fn minimise(
         }
         let Some(mut trial) = accepted else {
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
-            return Ok(Solution { point, cost, iterations, outcome, losses });
+            return Ok(Solution { point, cost, iterations, outcome, losses, linear: Some(linear) });
         };
         let enough = (TOLERANCE * trial.cost).max(negligible);
         let mut fall = cost - trial.cost;
@@ -97,14 +113,17 @@ pub(super) fn minimise(
         if converged {
             losses.push(cost);
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
-            return Ok(Solution { point, cost, iterations, outcome, losses });
+            let mut linear = linear;
+            linear.iter_mut().zip(trial.residuals).for_each(|(part, there)| part.residuals = there);
+            let linear = Some(linear);
+            return Ok(Solution { point, cost, iterations, outcome, losses, linear });
         }
         if damping > 1.0 {
             damping = 1.0;
         }
     }
     losses.push(cost);
-    Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit, losses })
+    Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit, losses, linear: None })
 }
 
 /// A point with its residuals, each part's.

@@ -203,7 +203,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         Run {
             plain: T::DIFFERENTIATES.then(|| Laws::new(model, &values())),
             times,
-            states: vec![vec![None; model.bodies.len()]; times.len()],
+            states: times.iter().map(|_| model.bodies.iter().map(|_| None).collect()).collect(),
             laws,
             contact_effects: contact_effects.collect(),
             met: BTreeMap::new(),
