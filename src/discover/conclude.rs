@@ -99,7 +99,7 @@ pub fn conclude(
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         for c in of_contacts.iter().filter(|c| c.suggested()).take(SUGGESTIONS) {
             let last = &revisions[motion.found.len()];
-            if let Some(mended) = mended(lens, last, c.entry, c.added, &law(c), &options.fit, stop)? {
+            if let Some(mended) = mended(lens, last, c, &law(c), &options.fit, stop)? {
                 revisions.push(mended);
                 proven = Some(c);
                 break;

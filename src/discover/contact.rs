@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
 /// bring: engines differ in their contacts by more than the noise.
 const PROOF: f64 = 40.0;
-/// One short film alone proves a law of contact when it brings this many times as much.
+/// One short film alone proves a law when it brings this many times as much.
 const STRONG: f64 = 3.0;
 /// Reduced chi-square of the short films up to which a law explains them, and the share of what is beyond noise that will do:
 /// engines do more at contacts than any law says.
@@ -35,8 +35,7 @@ pub const HEAVIER: &str = "mass_change";
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
 const FINALISTS: usize = 2;
-/// Iterations of the fit of all films together: a law that is there shows early. Of all laws at first, and how many of the
-/// laws are followed further.
+/// Iterations of the fit of all films together, the same of all laws at first, and how many laws are followed further.
 const COMMON_ITERATIONS: usize = 15;
 const FIRST_ITERATIONS: usize = 5;
 const FOLLOWED_UP: usize = 3;
@@ -71,14 +70,18 @@ impl ContactCandidate {
         self.score > PROOF && self.values[0].abs() > CERTAIN * self.sd[0]
     }
 
+    /// Whether a single short film speaks for it as clearly as several would.
+    pub fn strong(&self) -> bool {
+        self.score > STRONG * PROOF && self.remains < super::MISFIT
+    }
+
     /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
     pub fn proven(&self) -> bool {
         let law = !self.entry.uses(Hook::Bodies);
-        let strong = self.score > STRONG * PROOF && self.remains < super::MISFIT;
-        let often = self.gained > 1 || strong;
+        let often = self.gained > 1 || self.strong();
         if self.object.is_some() {
             // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them.
-            return strong && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
+            return self.strong() && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
         }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
         let acts = self.values.first().is_some_and(|a| *a != 0.0);

@@ -94,6 +94,11 @@ pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
     before.iter().zip(after).filter(mended).count() > 1
 }
 
+/// Whether a fit follows a scene to its noise that another loses.
+pub fn finds(before: &[SceneFit], after: &[SceneFit]) -> bool {
+    before.iter().zip(after).any(|(b, a)| lost(b) && a.reduced_chi_square < WELL)
+}
+
 /// How many free numbers the scenes of a revision share.
 fn shared(revision: &Revision) -> usize {
     let effects = revision.fit.scenes.first().map_or(&[][..], |s| &s.model.effects);

@@ -45,12 +45,11 @@ const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
 
 /// The revision with a law that few short films speak for, if it follows trajectories that are lost without, and still are
-/// where it led.
+/// where it led. One of them will do where a film speaks clearly.
 pub fn mended(
     lens: &Lens,
     base: &Revision,
-    law: &EffectEntry,
-    added: usize,
+    law: &ContactCandidate,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
@@ -58,14 +57,16 @@ pub fn mended(
     if !proof::loses(&base.fit) {
         return Ok(None);
     }
-    let found = revise(lens, models, Some(law.spec.name), options, stop)?;
-    if !proof::mends(&base.fit.scenes, &found.fit.scenes) || !proof::borne_out(base, &found, added) {
+    let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
+    let mends = |found: &[SceneFit]| proof::mends(lost, found) || (law.strong() && proof::finds(lost, found));
+    let found = revise(lens, models, Some(name), options, stop)?;
+    if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
         return Ok(None);
     }
-    let without = without_effect(&found.fit, law.spec.name);
+    let without = without_effect(&found.fit, name);
     let without = estimate_each(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
-    Ok((!proof::mends(&base.fit.scenes, &without)).then_some(found))
+    Ok((!mends(&without)).then_some(found))
 }
 
 /// One law tried whole, from these values of its parameters.
@@ -118,6 +119,9 @@ pub fn asked(
         revise(lens, &with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name), options, stop)?;
     let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
     let gained = proof::gained(&base.fit, &found.fit);
+    // What an object is may show in the one video in which it meets others.
+    let often = gained >= found.fit.scenes.len().min(2)
+        || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes));
     let added =
         best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
     // Whether a thing is there is no parameter.
@@ -125,7 +129,7 @@ pub fn asked(
     if !certain
         || !fades(best, &found.fit)
         || proof::loses_most(&found.fit)
-        || gained < found.fit.scenes.len().min(2)
+        || !often
         || !proof::borne_out(base, &found, added)
     {
         return Ok(None);

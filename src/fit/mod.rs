@@ -205,7 +205,7 @@ fn fit_drawing(
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
     let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
-    let mut best = match options.method {
+    let best = match options.method {
         Method::GaussNewton => {
             let found = match scenes.len() {
                 1 => gauss_newton(&problem, frames, options, stop)?,
@@ -228,8 +228,7 @@ fn fit_drawing(
             return Err(FitError::Undefined { scene: part.scene.name.clone() });
         }
     }
-    let linear = best.linear.take().unwrap_or_else(|| problem.linearised(&best.point, frames));
-    let posterior = Posterior::at(&problem, &best.point, &linear, frames, draws);
+    let posterior = Posterior::at(&problem, &best.point, frames, draws);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
     let Solution { iterations, outcome, losses, .. } = best;

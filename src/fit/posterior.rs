@@ -87,14 +87,10 @@ impl Posterior {
         self.estimates.iter().find(|e| e.name == name && e.sd < UNTOLD * believed)
     }
 
-    /// From the linearised parts, with so many draws.
-    pub(super) fn at(
-        problem: &Problem,
-        point: &[f64],
-        parts: &[Linear],
-        window: Window,
-        count: usize,
-    ) -> Posterior {
+    /// With so many draws.
+    pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
+        // What the search has is of a point before: where contacts are sensitive, derivatives change within a deviation.
+        let parts = &problem.linearised(point, window);
         let independent = vec![1.0; parts.len()];
         let factor = problem.weighed(point, parts, &independent).covariance_factor();
         let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);

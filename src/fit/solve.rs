@@ -26,7 +26,7 @@ pub(super) struct Solution {
     pub outcome: Outcome,
     /// The cost of each iteration, over the frames that it saw; last the cost at the end.
     pub losses: Vec<f64>,
-    /// Residuals of each part at the point, with derivatives that serve there.
+    /// Residuals of each part at the point, with derivatives that serve a further search from there.
     pub linear: Option<Vec<Linear>>,
 }
 
