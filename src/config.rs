@@ -223,14 +223,20 @@ impl Config {
         let mut security = Security::default();
         if let (Some(cert), Some(key)) = (&self.tls_cert, &self.tls_key) {
             let identity = Identity::from_pem(read("tls_cert", cert)?, read("tls_key", key)?);
-            let mut tls = ServerTlsConfig::new().identity(identity).timeout(HANDSHAKE);
+            let usable = |tls: ServerTlsConfig, key: &'static str, path: &Path| {
+                let wrong = |error: tonic::transport::Error| {
+                    let problem =
+                        std::error::Error::source(&error).map_or(error.to_string(), |e| e.to_string());
+                    ConfigError::File { key, path: path.into(), problem }
+                };
+                Server::builder().tls_config(tls.clone()).map(|_| tls).map_err(wrong)
+            };
+            let tls = ServerTlsConfig::new().identity(identity).timeout(HANDSHAKE);
+            let mut tls = usable(tls, "tls_cert", cert)?;
             if let Some(ca) = &self.tls_client_ca {
-                tls = tls.client_ca_root(Certificate::from_pem(read("tls_client_ca", ca)?));
+                let root = Certificate::from_pem(read("tls_client_ca", ca)?);
+                tls = usable(tls.client_ca_root(root), "tls_client_ca", ca)?;
             }
-            Server::builder().tls_config(tls.clone()).map_err(|error| {
-                let problem = std::error::Error::source(&error).map_or(error.to_string(), |e| e.to_string());
-                ConfigError::File { key: "tls_cert", path: cert.clone(), problem }
-            })?;
             security.tls = Some(tls);
         }
         if let Some(path) = &self.tokens {
@@ -268,6 +274,28 @@ mod tests {
             (Ok(config), Err(text)) => panic!("{config:?} instead of {text}"),
             (Err(error), Ok(_)) => panic!("{error}"),
         }
+    }
+
+    #[test]
+    fn the_file_that_is_no_certificate_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let made = rcgen::generate_simple_self_signed(["localhost".to_string()]).unwrap();
+        let file = |name: &str, text: &str| {
+            std::fs::write(folder.path().join(name), text).unwrap();
+            Some(folder.path().join(name))
+        };
+        let (cert, none) = (file("cert", &made.cert.pem()), file("none", "nothing"));
+        let key = file("key", &made.signing_key.serialize_pem());
+        let with = |tls_cert: &Option<PathBuf>, tls_client_ca: &Option<PathBuf>| {
+            let [tls_cert, tls_client_ca, tls_key] = [tls_cert, tls_client_ca, &key].map(Clone::clone);
+            Config { tls_cert, tls_key, tls_client_ca, ..Config::default() }
+                .security()
+                .map(|s| s.tls.is_some())
+        };
+        assert!(matches!(with(&cert, &cert), Ok(true)));
+        let told = |wrong: Result<bool, ConfigError>| wrong.unwrap_err().to_string();
+        assert!(told(with(&none, &cert)).contains("tls_cert"));
+        assert!(told(with(&cert, &none)).contains("tls_client_ca"));
     }
 
     #[test]

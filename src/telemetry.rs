@@ -16,7 +16,8 @@ pub struct Telemetry {
 /// Starts once; a second call changes nothing. Refuses a filter that cannot be read, and a collector (URL of its OTLP
 /// port over gRPC) where this build has no feature `otlp`. To be called inside the runtime.
 pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemetry, String> {
-    let filter = EnvFilter::try_new(filter).map_err(|e| format!("log filter {filter:?}: {e}"))?;
+    let filter = EnvFilter::try_new(filter)
+        .map_err(|e| format!("log {filter:?}: {e}; give a filter such as info or vrdp=debug"))?;
     let text = fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
     let logs = if json { text.json().boxed() } else { text.boxed() };
     let (spans, telemetry) = match collector {

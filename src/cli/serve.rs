@@ -45,11 +45,11 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let (insecure, data_dir) = (insecure.then_some(true), target.data_dir.clone());
     let flags = Flags { listen, http, insecure, data_dir, tls_cert, tls_key, tls_client_ca, tokens };
     let config = Config::load(config.as_deref(), flags).map_err(|e| Failure::input(e.to_string()))?;
+    let collector = Some(config.otlp.as_str()).filter(|url| !url.is_empty());
+    let _telemetry = telemetry::init(&config.log, config.log_json, collector).map_err(Failure::input)?;
     if print_config {
         return print(&toml::to_string(&config).map_err(Failure::other)?);
     }
-    let collector = Some(config.otlp.as_str()).filter(|url| !url.is_empty());
-    let _telemetry = telemetry::init(&config.log, config.log_json, collector).map_err(Failure::input)?;
     tracing::info!(?config, "effective configuration");
     let service = start(&config).await?;
     let http =

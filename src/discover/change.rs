@@ -59,10 +59,13 @@ pub enum ChangeError {
     Formula(#[from] FormulaError),
 }
 
-/// Names that are like one that nobody knows.
+/// Names that are like one that nobody knows, those that have a word of it first.
 fn alike(name: &str) -> String {
+    let words: Vec<&str> = name.split('_').collect();
+    let shares = |known: &str| known.split('_').any(|word| words.contains(&word));
+    let like = |known: &str| f64::from(u8::from(shares(known))) + strsim::jaro_winkler(known, name);
     let mut names: Vec<&str> = EFFECTS.iter().map(|e| e.spec.name).collect();
-    names.sort_by(|a, b| strsim::jaro_winkler(b, name).total_cmp(&strsim::jaro_winkler(a, name)));
+    names.sort_by(|a, b| like(b).total_cmp(&like(a)));
     names.truncate(SHOWN);
     names.join(", ")
 }

@@ -13,7 +13,7 @@ use super::proof;
 use super::revise::{Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, fewer};
-use super::whole::{STICKING, asked, mended, sticking};
+use super::whole::{STICKING, asked, balls_roll, mended, sticking};
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
 use crate::fit::{FitError, FitOptions};
@@ -238,17 +238,18 @@ fn otherwise(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
-    // Whether rolling rubs shows where balls roll.
-    let roll = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling);
     // Seeds of an unseen thing are places, and no choice.
-    let asks = roll && !law.entry.uses(Hook::Bodies);
+    let asks = balls_roll(models) && !law.entry.uses(Hook::Bodies);
     let Some(known) = known.filter(|r| asks && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
     let region = region(lens.scenes);
     let mut best = None;
+    let mut nearest = proof::distance(&known.fit);
     for values in law.entry.choices(&law.values, &region) {
         let with = with_contact(models, law.entry, &values, law.object, &region);
         let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
-        if proof::distance(&revision.fit) < proof::distance(&known.fit) {
+        let distance = proof::distance(&revision.fit);
+        if distance < nearest {
+            nearest = distance;
             best = Some((ContactCandidate { values, ..law.clone() }, revision));
         }
     }

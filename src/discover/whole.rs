@@ -186,10 +186,16 @@ fn fading(base: &Revision, models: &[Model]) -> Vec<Trial> {
     }
 }
 
+/// Whether a ball rolls, which shows whether rolling rubs at contacts.
+pub fn balls_roll(models: &[Model]) -> bool {
+    models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling)
+}
+
 /// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
 fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
+    let choices = if balls_roll(models) { usize::MAX } else { 1 };
     let trials = |entry: &'static EffectEntry| -> Vec<Trial> {
-        let seeds = entry.seeds(region).into_iter();
+        let seeds = entry.seeds(region).into_iter().take(choices);
         let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
         seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
     };
