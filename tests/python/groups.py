@@ -6,6 +6,7 @@
 A group is four videos of 128 frames of 4 to 6 discs, balls and cubes, 5 mm noise; the layout is that of the benchmark's
 `effects` worlds. The engines do what happens at contacts. The table under the objects is Coulomb friction at the points of each
 foot, balls that slide until they roll, or an air table; nothing else is hidden. Bullet, in space, has a table of its own.
+`cargo run --release --example discovery_figures -- DIR` tells what discovery makes of them.
 """
 import argparse, itertools, json, math, pathlib
 import numpy as np

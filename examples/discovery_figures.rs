@@ -1,0 +1,223 @@
+//! What discovery is worth on groups of videos whose hidden effect is known:
+//!
+//! `cargo run --release --example discovery_figures -- DIR...`, each a group of scene folders or a folder of groups.
+//!
+//! A scene is a folder with `observed.json` (what discovery sees) and `truth.json` (read for scoring only). Told of each group:
+//! the verdict and whether it is right, the time, how many numbers of the effect are in their 95 % interval, the error over the
+//! noise with what was found, and the error after the video beside that of the same model with the effect's true numbers. A
+//! `group.json` with `"outside": true` says that no library has the law.
+
+use nalgebra::{DMatrix, DVector};
+use serde_json::Value as Json;
+use std::error::Error;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use vrdp::discover::{DiscoverOptions, Discovery, Found, Revision, Value, Verdict, discover};
+use vrdp::effects::{Quantity, effect};
+use vrdp::fit::{Begin, FitOptions, estimate};
+use vrdp::num::{never, vec2};
+use vrdp::scene::{Scene, parse};
+use vrdp::world::{Model, Preset, trace};
+
+/// Steps by which an effect's parameters are brought to the numbers that reports give, and of a difference.
+const STEPS: usize = 30;
+const STEP: f64 = 1e-6;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let folders: Vec<PathBuf> = std::env::args().skip(1).map(PathBuf::from).collect();
+    if folders.is_empty() {
+        return Err("give folders of scenes, or of groups of them: discovery_figures DIR...".into());
+    }
+    let [mut right, mut groups, mut inside, mut numbers] = [0; 4];
+    for group in folders.iter().map(|f| groups_in(f)).collect::<Result<Vec<_>, _>>()?.concat() {
+        let told = measure(&group).map_err(|e| format!("{}: {e}", group.display()))?;
+        println!("{:44} {}", group.file_name().unwrap_or_default().to_string_lossy(), told.line);
+        right += usize::from(told.right);
+        groups += 1;
+        inside += told.inside;
+        numbers += told.numbers;
+    }
+    println!("right {right} of {groups}; numbers within their interval {inside} of {numbers}");
+    Ok(())
+}
+
+struct Told {
+    line: String,
+    right: bool,
+    inside: usize,
+    numbers: usize,
+}
+
+fn measure(group: &Path) -> Result<Told, Box<dyn Error>> {
+    let (mut scenes, mut truths): (Vec<Scene>, Vec<Json>) = (vec![], vec![]);
+    for folder in inner(group)?.iter().filter(|f| is_scene(f)) {
+        let read = |name: &str| std::fs::read_to_string(folder.join(name));
+        scenes.push(parse(&folder.display().to_string(), &read("observed.json")?)?);
+        truths.push(serde_json::from_str(&read("truth.json")?)?);
+    }
+    let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+    let began = Instant::now();
+    let found = discover(&scenes, &models, &DiscoverOptions::default(), &never)?;
+    let time = began.elapsed().as_secs_f64();
+    let hidden = &truths[0]["hidden_effects"][0];
+    let kind = hidden["kind"].as_str();
+    let outside = std::fs::read_to_string(group.join("group.json"))
+        .is_ok_and(|text| serde_json::from_str(&text).is_ok_and(|group: Json| group["outside"] == true));
+    let right = match outside {
+        true => found.verdict == Verdict::OutsideLibrary,
+        false => is_right(&found, kind),
+    };
+    let law = found.effects.iter().find(|e| Some(e.kind.as_str()) == kind);
+    let (mut inside, mut numbers) = (0, 0);
+    for p in law.iter().flat_map(|law| &law.parameters) {
+        let bounds = components(&p.low).into_iter().zip(components(&p.high));
+        for (truth, (low, high)) in components_of(&hidden["params"][&p.name]).into_iter().zip(bounds) {
+            inside += usize::from((low..=high).contains(&truth));
+            numbers += 1;
+        }
+    }
+    let names: Vec<&str> = found.effects.iter().map(|e| e.kind.as_str()).collect();
+    let verdict = format!("{:?} {}", found.verdict, names.join("+"));
+    let mut line = format!("{} {verdict:34} {time:5.1} s", if right { "right" } else { "WRONG" });
+    if let Some(last) = found.revisions.last() {
+        line += &format!("  numbers {inside}/{numbers}  error/noise {:.2}", last.rmse / found.noise_sigma);
+        if let Some(law) = law.filter(|_| right) {
+            let truly = with_truth(&scenes, last, law, &hidden["params"])?;
+            let ours: Vec<Model> = last.fit.scenes.iter().map(|s| s.model.clone()).collect();
+            let [ours, truly] = [&ours, &truly].map(|models| after(models, &scenes, &truths));
+            line += &format!(
+                "  after the video {:.1} mm, with the true numbers {:.1} mm",
+                1e3 * ours,
+                1e3 * truly
+            );
+        }
+    }
+    Ok(Told { line, right, inside, numbers })
+}
+
+fn is_right(found: &Discovery, kind: Option<&str>) -> bool {
+    let Some(kind) = kind else { return found.verdict == Verdict::Adequate };
+    match found.verdict {
+        Verdict::EffectFound => found.effects.len() == 1 && found.effects[0].kind == kind,
+        Verdict::Ambiguous => found.ambiguous.iter().flatten().any(|k| k == kind),
+        _ => false,
+    }
+}
+
+/// The models of the revision with the effect's numbers at the truth, all else fitted again.
+fn with_truth(
+    scenes: &[Scene],
+    last: &Revision,
+    law: &Found,
+    truth: &Json,
+) -> Result<Vec<Model>, Box<dyn Error>> {
+    let entry = effect(&law.effect).ok_or("no effect of the library")?;
+    let mut models: Vec<Model> = last.fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let active = |m: &Model| m.effects.iter().find(|e| e.name == law.effect).cloned();
+    let start = models.iter().find_map(active).ok_or("the effect is in no model")?;
+    let start: Vec<f64> = start
+        .parameters
+        .iter()
+        .map(|p| p.values.iter().sum::<f64>() / p.values.len().max(1) as f64)
+        .collect();
+    let values = solved(entry.report, start, truth);
+    for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == law.effect) {
+        for (p, value) in active.parameters.iter_mut().zip(&values) {
+            p.values.iter_mut().for_each(|v| *v = *value);
+            p.means.clone_from(&p.values);
+            p.prior.sd = 0.0;
+        }
+    }
+    let options = FitOptions { begin: Begin::Near, ..DiscoverOptions::default().fit };
+    let fit = estimate(scenes, &models, &options, &never)?;
+    Ok(fit.scenes.into_iter().map(|s| s.model).collect())
+}
+
+/// The parameters of which a report gives the true numbers: Gauss and Newton's steps from `values`.
+fn solved(
+    report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
+    mut values: Vec<f64>,
+    truth: &Json,
+) -> Vec<f64> {
+    let off = |values: &[f64]| -> DVector<f64> {
+        let one = |(name, quantity): (&str, Quantity)| -> Vec<f64> {
+            let told = match quantity {
+                Quantity::Number(v) => vec![v],
+                Quantity::Vector(v) => v.to_vec(),
+                Quantity::Word(_) => vec![],
+            };
+            told.into_iter().zip(components_of(&truth[name])).map(|(told, truth)| told - truth).collect()
+        };
+        DVector::from_vec(report(values).into_iter().flat_map(one).collect())
+    };
+    for _ in 0..STEPS {
+        let here = off(&values);
+        let mut slopes = DMatrix::zeros(here.len(), values.len());
+        for k in 0..values.len() {
+            let mut moved = values.clone();
+            moved[k] += STEP;
+            slopes.set_column(k, &((off(&moved) - &here) / STEP));
+        }
+        let Ok(step) = slopes.svd(true, true).solve(&here, STEP) else { break };
+        values.iter_mut().zip(step.iter()).for_each(|(v, s)| *v -= s);
+    }
+    values
+}
+
+/// Root mean square distance from the truth on the frames after the videos (m).
+fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> f64 {
+    let (mut squares, mut count) = (0.0, 0);
+    for ((model, scene), truth) in models.iter().zip(scenes).zip(truths) {
+        let rows = truth["trajectory"].as_array().map_or(&[][..], Vec::as_slice);
+        let observed = scene.times.len();
+        let further =
+            (observed..rows.len()).map(|f| scene.times[observed - 1] + (f + 1 - observed) as f64 / scene.fps);
+        let times: Vec<f64> = scene.times.iter().copied().chain(further).collect();
+        for (row, states) in rows.iter().zip(&trace(model, &times).states).skip(observed) {
+            for (k, object) in truth["objects"].as_array().into_iter().flatten().enumerate() {
+                let body = object["object_id"].as_u64().and_then(|id| scene.object_index(id as u32));
+                let Some(state) = body.and_then(|b| states[b]) else { continue };
+                let at = components_of(&row[k]);
+                if let [x, y, ..] = at[..] {
+                    squares += (state.position - vec2(x, y)).norm_squared();
+                    count += 1;
+                }
+            }
+        }
+    }
+    (squares / f64::from(count.max(1))).sqrt()
+}
+
+fn components(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Number(v) => vec![*v],
+        Value::Vector(v) => v.to_vec(),
+        Value::Word(_) => vec![],
+    }
+}
+
+fn components_of(value: &Json) -> Vec<f64> {
+    match value.as_array() {
+        Some(list) => list.iter().filter_map(Json::as_f64).collect(),
+        None => value.as_f64().into_iter().collect(),
+    }
+}
+
+fn is_scene(folder: &Path) -> bool {
+    folder.join("observed.json").is_file() && folder.join("truth.json").is_file()
+}
+
+fn inner(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut inner: Vec<PathBuf> = std::fs::read_dir(folder)?.flatten().map(|e| e.path()).collect();
+    inner.sort();
+    Ok(inner)
+}
+
+/// Folders of scenes: this one, or those in it.
+fn groups_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let holds = |f: &Path| f.is_dir() && inner(f).is_ok_and(|inner| inner.iter().any(|s| is_scene(s)));
+    match holds(folder) {
+        true => Ok(vec![folder.to_path_buf()]),
+        false => Ok(inner(folder)?.into_iter().filter(|f| holds(f)).collect()),
+    }
+}
