@@ -7,7 +7,7 @@ use super::study::Said;
 use super::{input, ladder, output, study};
 use crate::api::v1::{
     Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
-    RankedEffect, Revision, Verdict, discover_effects_response::Event,
+    RankedEffect, Revision, SmallestEffect, Verdict, discover_effects_response::Event,
 };
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -92,7 +92,20 @@ pub fn text(found: &Discovery) -> String {
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
-    text + &study::ranking(&found.ranked, SHOWN, found.courses.len())
+    text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + &smallest(found)
+}
+
+/// Where nothing is missing: how small an effect of each kind would have been seen.
+fn smallest(found: &Discovery) -> String {
+    if found.verdict() != Verdict::Adequate || found.smallest.is_empty() {
+        return String::new();
+    }
+    let row = |s: &SmallestEffect| {
+        let unit = if s.unit == "1" { "" } else { &s.unit };
+        vec![s.kind.clone(), format!("{} {:.4} {unit}", s.parameter, s.value).trim_end().to_string()]
+    };
+    let rows: Vec<Vec<String>> = found.smallest.iter().map(row).collect();
+    format!("\n{}", output::table(&["would have been seen", "from"], &rows))
 }
 
 /// A parameter with its interval as a person reads it.
@@ -134,7 +147,7 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
         })
     };
     let formula = if found.formula.is_empty() { Value::Null } else { json!(found.formula) };
-    let smallest = |s: &crate::api::v1::SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
+    let smallest = |s: &SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
     let scenes: Map<String, Value> =
         names.iter().zip(&found.courses).map(|(name, c)| (name.clone(), course(c))).collect();
     json!({
@@ -178,4 +191,25 @@ fn course(c: &Course) -> Value {
         c.frames.iter().map(|f| f.objects.iter().map(object).collect()).collect()
     };
     json!({ "before": side(&|o| o.before.clone()), "after": side(&|o| o.after.clone()) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn where_nothing_is_missing_it_tells_what_would_have_been_seen() {
+        let tilt = SmallestEffect {
+            kind: "tilt".into(),
+            parameter: "a_x".into(),
+            value: 0.012,
+            unit: "m/s^2".into(),
+            ..Default::default()
+        };
+        let mut found = Discovery { smallest: vec![tilt], ..Default::default() };
+        found.set_verdict(Verdict::Adequate);
+        assert!(text(&found).contains("a_x 0.0120 m/s^2"), "{}", text(&found));
+        found.set_verdict(Verdict::EffectFound);
+        assert!(!text(&found).contains("would have been seen"));
+    }
 }
