@@ -1,9 +1,10 @@
 //! One scene linearised at a point: its residuals with their Jacobian, in as few passes as the meetings of its bodies allow.
 
-use super::problem::{Coordinate, Free, HUBER, LIMITS, Normal, Part, Window, rho};
+use super::problem::{Coordinate, Followed, Free, HUBER, LIMITS, Normal, Part, Window, rho};
 use crate::num::{Jet, LANES, Real, Stop};
 use crate::world::{Event, Owner, Rollout, film};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Frames over which residuals are taken together.
 const BLOCK: usize = 25;
@@ -11,22 +12,27 @@ const BLOCK: usize = 25;
 const JET: u64 = 5;
 
 impl Part<'_> {
-    /// With derivatives by the free parameters that are `wanted`.
+    /// With derivatives by the free parameters that are `wanted`; what it does at the point, where that is known.
     pub fn linearised(
         &self,
         free: &[Free],
         wanted: impl Fn(usize) -> bool,
         point: &[f64],
         window: Window,
+        there: Option<&Followed>,
         stop: Stop,
     ) -> Linear {
         let flat = self.flat(free, point);
-        let rollout = film(&self.model, &flat, self.times(window), &LIMITS);
-        self.worked(&rollout, 1);
-        let mut residuals = vec![];
-        self.each_residual(&rollout, window, |c, r, _| residuals.push((c.0, r)));
-        let components = self.components(&rollout);
-        let lanes = self.lanes(wanted, &rollout, &components);
+        let there = match there {
+            Some(there) => Cow::Borrowed(there),
+            None => Cow::Owned(self.simulated(free, point, window)),
+        };
+        let Followed { rollout, residuals } = there.as_ref();
+        let residuals = residuals.clone();
+        let mut bodies = Vec::with_capacity(residuals.len());
+        self.each_sample(window, |m, row| bodies.resize(row + 2 + usize::from(m.yaw.is_some()), m.body));
+        let components = self.components(rollout);
+        let lanes = self.lanes(wanted, rollout, &components);
         // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
@@ -69,7 +75,6 @@ impl Part<'_> {
                 relevant.map(|l| (self.slots[l.slot].1, l.number)).collect()
             })
             .collect();
-        let (bodies, residuals) = residuals.into_iter().unzip();
         Linear { residuals, bodies, jacobian, width, columns }
     }
 
@@ -220,33 +225,38 @@ impl Linear {
 
     /// Adds its cost and derivatives to the normal equations, counted `share` times.
     pub fn add_to(&self, normal: &mut Normal, share: f64) {
-        let rows: Vec<(f64, &[f64], usize)> =
-            self.rows().zip(&self.bodies).map(|((r, j, _), &body)| (r, j, body)).collect();
-        let (mut row, mut gradient, mut hessian) = (vec![], vec![], vec![]);
+        let (mut row, mut gradient, mut hessian, mut reached) = (vec![], vec![], vec![], vec![]);
+        let mut next = 0;
         // The rows of a body follow each other and have the same columns: their sums are dense.
-        for of_body in rows.chunk_by(|a, b| a.2 == b.2) {
-            let columns = &self.columns[of_body[0].2];
-            let n = columns.len();
-            for (list, len) in [(&mut gradient, n), (&mut hessian, n * n)] {
-                list.clear();
-                list.resize(len, 0.0);
-            }
-            for &(r, j, _) in of_body {
+        for of_body in self.bodies.chunk_by(|a, b| a == b) {
+            let mut waiting = self.columns[of_body[0]].clone();
+            reached.clear();
+            gradient.clear();
+            hessian.clear();
+            for (r, j, _) in self.rows().skip(next).take(of_body.len()) {
+                // What others are reaches a body when it meets them: until then its rows are short.
+                reached.extend(waiting.extract_if(.., |(_, lane)| j[*lane] != 0.0));
+                let n = reached.len();
+                gradient.resize(n, 0.0);
+                hessian.resize(n * (n + 1) / 2, 0.0);
                 let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
                 normal.cost += share * rho(r);
                 row.clear();
-                row.extend(columns.iter().map(|&(_, lane)| j[lane]));
-                for (x, slope) in row.iter().enumerate().filter(|(_, slope)| **slope != 0.0) {
+                row.extend(reached.iter().map(|&(_, lane)| j[lane]));
+                let mut rest = &mut hessian[..];
+                for (x, slope) in row.iter().enumerate() {
                     let scaled = weight * slope;
                     gradient[x] += scaled * r;
-                    for (sum, other) in hessian[x * n..].iter_mut().zip(&row[..=x]) {
-                        *sum += scaled * other;
-                    }
+                    let sums;
+                    (sums, rest) = rest.split_at_mut(x + 1);
+                    sums.iter_mut().zip(&row).for_each(|(sum, other)| *sum += scaled * other);
                 }
             }
-            for (x, &(k, _)) in columns.iter().enumerate() {
+            next += of_body.len();
+            let mut sums = hessian.iter();
+            for (x, &(k, _)) in reached.iter().enumerate() {
                 normal.gradient[k] += gradient[x];
-                for (&(m, _), sum) in columns[..=x].iter().zip(&hessian[x * n..]) {
+                for (&(m, _), sum) in reached[..=x].iter().zip(&mut sums) {
                     normal.hessian[(k.max(m), k.min(m))] += sum;
                 }
             }

@@ -1,7 +1,7 @@
 //! What the data say about the parameters: mean, covariance, what is identified, and draws.
 
 use super::linear::Linear;
-use super::problem::{Free, Part, Problem, Window, rho};
+use super::problem::{Followed, Free, Part, Problem, Window, rho};
 use super::{Fit, SceneFit};
 use crate::world::{BODY_VALUES, MASS, Model};
 use nalgebra::{DMatrix, DVector};
@@ -90,7 +90,7 @@ impl Posterior {
     /// With so many draws.
     pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
         // What the search has is of a point before: where contacts are sensitive, derivatives change within a deviation.
-        let parts = &problem.linearised(point, window);
+        let parts = &problem.linearised(point, window, None);
         let independent = vec![1.0; parts.len()];
         let factor = problem.weighed(point, parts, &independent).covariance_factor();
         let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
@@ -225,7 +225,7 @@ impl Found {
     fn at(problem: &Problem, point: &[f64], window: Window) -> Option<Found> {
         let (mut all, mut components) = (vec![], vec![]);
         for part in &problem.parts {
-            let (rollout, residuals) = part.followed(&problem.free, point, window)?;
+            let Followed { rollout, residuals } = part.followed(&problem.free, point, window)?;
             components.push(part.components(&rollout));
             all.push(residuals);
         }

@@ -295,26 +295,26 @@ impl<'a> Problem<'a> {
 
     /// Half the sum of squared residuals, priors included.
     pub fn cost(&self, point: &[f64], window: Window) -> f64 {
-        self.residuals(point, window).map_or(f64::INFINITY, |parts| self.cost_of(point, &parts))
+        self.followed(point, window).map_or(f64::INFINITY, |parts| self.cost_of(point, &parts))
     }
 
-    /// The same of residuals that are known.
-    pub fn cost_of(&self, point: &[f64], parts: &[Vec<f64>]) -> f64 {
-        let misfit = |r: &Vec<f64>| r.iter().map(|&r| rho(r)).sum::<f64>();
+    /// The same where it is known what the parts do.
+    pub fn cost_of(&self, point: &[f64], parts: &[Followed]) -> f64 {
+        let misfit = |part: &Followed| part.residuals.iter().map(|&r| rho(r)).sum::<f64>();
         let cost = self.prior_cost(point) + parts.iter().map(misfit).sum::<f64>();
         if cost.is_finite() { cost } else { f64::INFINITY }
     }
 
-    /// Residuals of each part; `None` where a simulation does not come to its end.
-    pub fn residuals(&self, point: &[f64], window: Window) -> Option<Vec<Vec<f64>>> {
-        self.of_parts(|part| Some(part.followed(&self.free, point, window)?.1)).into_iter().collect()
+    /// What each part does; `None` where a simulation does not come to its end.
+    pub fn followed(&self, point: &[f64], window: Window) -> Option<Vec<Followed>> {
+        self.of_parts(|_, part| part.followed(&self.free, point, window)).into_iter().collect()
     }
 
     /// One result a part, in order; several parts at once.
-    fn of_parts<R: Send>(&self, of: impl Fn(&Part) -> R + Sync + Send) -> Vec<R> {
+    fn of_parts<R: Send>(&self, of: impl Fn(usize, &Part) -> R + Sync + Send) -> Vec<R> {
         match &self.parts[..] {
-            [one] => vec![of(one)],
-            parts => parts.par_iter().map(of).collect(),
+            [one] => vec![of(0, one)],
+            parts => parts.par_iter().enumerate().map(|(k, part)| of(k, part)).collect(),
         }
     }
 
@@ -323,7 +323,7 @@ impl<'a> Problem<'a> {
     }
 
     pub fn normal(&self, point: &[f64], window: Window) -> Normal {
-        let linear = self.linearised(point, window);
+        let linear = self.linearised(point, window, None);
         self.weighed(point, &linear, &vec![1.0; linear.len()])
     }
 
@@ -346,20 +346,23 @@ impl<'a> Problem<'a> {
         normal
     }
 
-    /// Half the cost's gradient where the residuals are these, with the derivatives of a point nearby.
-    pub fn gradient(&self, point: &[f64], parts: &[Linear], residuals: &[Vec<f64>]) -> DVector<f64> {
+    /// Half the cost's gradient where the parts do this, with the derivatives of a point nearby.
+    pub fn gradient(&self, point: &[f64], parts: &[Linear], there: &[Followed]) -> DVector<f64> {
         let prior = self.free.iter().zip(point).map(|(f, x)| (x - f.mean) / (f.sd * f.sd));
         let mut gradient = DVector::from_iterator(point.len(), prior);
-        for (linear, residuals) in parts.iter().zip(residuals) {
-            let pulls: Vec<f64> = residuals.iter().map(|r| r.clamp(-HUBER, HUBER)).collect();
+        for (linear, there) in parts.iter().zip(there) {
+            let pulls: Vec<f64> = there.residuals.iter().map(|r| r.clamp(-HUBER, HUBER)).collect();
             linear.pull_back(&pulls, &mut gradient);
         }
         gradient
     }
 
-    /// Residuals of each part and how they change with the parameters.
-    pub fn linearised(&self, point: &[f64], window: Window) -> Vec<Linear> {
-        self.of_parts(|part| part.linearised(&self.free, |k| !self.free[k].held, point, window, self.stop))
+    /// Residuals of each part and how they change with the parameters; what the parts do at the point, where that is known.
+    pub fn linearised(&self, point: &[f64], window: Window, there: Option<&[Followed]>) -> Vec<Linear> {
+        self.of_parts(|k, part| {
+            let there = there.and_then(|parts| parts.get(k));
+            part.linearised(&self.free, |k| !self.free[k].held, point, window, there, self.stop)
+        })
     }
 
     /// The same where the derivatives by all but some parameters are `known`.
@@ -370,8 +373,8 @@ impl<'a> Problem<'a> {
         point: &[f64],
         window: Window,
     ) -> Vec<Linear> {
-        let further =
-            self.of_parts(|part| part.linearised(&self.free, |k| missing[k], point, window, self.stop));
+        let further = self
+            .of_parts(|_, part| part.linearised(&self.free, |k| missing[k], point, window, None, self.stop));
         known.into_iter().zip(&further).map(|(known, further)| known.with(further)).collect()
     }
 
@@ -380,6 +383,13 @@ impl<'a> Problem<'a> {
         let part = &self.parts[index];
         part.model.with_values(&part.flat(&self.free, point))
     }
+}
+
+/// A simulation of one part, and its whitened residuals in their fixed order.
+#[derive(Debug, Clone)]
+pub(super) struct Followed {
+    pub rollout: Rollout<f64>,
+    pub residuals: Vec<f64>,
 }
 
 /// Steps that a search of these parts may take.
@@ -424,12 +434,18 @@ impl Part<'_> {
         rollout
     }
 
-    /// A simulation that comes to its end, and its whitened residuals in their fixed order.
-    pub fn followed(&self, free: &[Free], point: &[f64], window: Window) -> Option<(Rollout<f64>, Vec<f64>)> {
+    /// What the part does; `None` where the simulation does not come to its end.
+    pub fn followed(&self, free: &[Free], point: &[f64], window: Window) -> Option<Followed> {
+        let followed = self.simulated(free, point, window);
+        (followed.rollout.ending == Ending::Completed).then_some(followed)
+    }
+
+    /// The same, however it ends.
+    pub fn simulated(&self, free: &[Free], point: &[f64], window: Window) -> Followed {
         let rollout = self.rollout(free, point, window);
         let mut residuals = vec![];
         self.each_residual(&rollout, window, |_, r, _| residuals.push(r));
-        (rollout.ending == Ending::Completed).then_some((rollout, residuals))
+        Followed { rollout, residuals }
     }
 
     /// Counts a simulation that costs as much as so many without derivatives.

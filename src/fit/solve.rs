@@ -1,7 +1,7 @@
 //! Levenberg-Marquardt with bounds on the whole window, then growing windows where that is not enough.
 
 use super::linear::Linear;
-use super::problem::{Problem, Window};
+use super::problem::{Followed, Problem, Window};
 use super::{FitError, Outcome};
 use crate::num::Stop;
 use nalgebra::{DMatrix, DVector};
@@ -56,9 +56,10 @@ pub(super) fn minimise_from(
     let mut damping = FIRST_DAMPING;
     let mut cost = f64::INFINITY;
     let mut losses = vec![];
+    let mut there: Option<Vec<Followed>> = None;
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
-        let linear = known.take().unwrap_or_else(|| problem.linearised(&point, window));
+        let linear = known.take().unwrap_or_else(|| problem.linearised(&point, window, there.as_deref()));
         let normal = problem.weighed(&point, &linear, &vec![1.0; linear.len()]);
         cost = normal.cost;
         losses.push(cost);
@@ -96,7 +97,7 @@ pub(super) fn minimise_from(
         let near = fall <= enough || (fall <= NEAR && damping <= FIRST_DAMPING);
         while near && fall > enough {
             stop(iteration as f64 / budget as f64)?;
-            let gradient = problem.gradient(&trial.point, &linear, &trial.residuals);
+            let gradient = problem.gradient(&trial.point, &linear, &trial.there);
             let next = step(problem, &trial.point, &gradient, &normal.hessian, damping);
             let next =
                 next.map(|step| Trial::at(problem, step, window)).filter(|next| next.cost < trial.cost);
@@ -114,10 +115,11 @@ pub(super) fn minimise_from(
             losses.push(cost);
             let (iterations, outcome) = (iteration + 1, Outcome::Converged);
             let mut linear = linear;
-            linear.iter_mut().zip(trial.residuals).for_each(|(part, there)| part.residuals = there);
+            linear.iter_mut().zip(trial.there).for_each(|(part, there)| part.residuals = there.residuals);
             let linear = Some(linear);
             return Ok(Solution { point, cost, iterations, outcome, losses, linear });
         }
+        there = Some(trial.there);
         if damping > 1.0 {
             damping = 1.0;
         }
@@ -126,21 +128,18 @@ pub(super) fn minimise_from(
     Ok(Solution { point, cost, iterations: budget, outcome: Outcome::IterationLimit, losses, linear: None })
 }
 
-/// A point with its residuals, each part's.
+/// A point with what the parts do there.
 struct Trial {
     point: Vec<f64>,
     cost: f64,
-    residuals: Vec<Vec<f64>>,
+    there: Vec<Followed>,
 }
 
 impl Trial {
     fn at(problem: &Problem, point: Vec<f64>, window: Window) -> Trial {
-        match problem.residuals(&point, window) {
-            Some(residuals) => {
-                let cost = problem.cost_of(&point, &residuals);
-                Trial { point, cost, residuals }
-            }
-            None => Trial { point, cost: f64::INFINITY, residuals: vec![] },
+        match problem.followed(&point, window) {
+            Some(there) => Trial { cost: problem.cost_of(&point, &there), point, there },
+            None => Trial { point, cost: f64::INFINITY, there: vec![] },
         }
     }
 }
