@@ -1,9 +1,10 @@
 //! Reads tracks from CSV: one row an object and frame, columns by name.
 
+mod notes;
+
+use self::notes::Notes;
 use super::validate::{Report, degrees};
-use super::{
-    DEFAULT_SIZE, MAX_FRAMES, Object, Sample, Scene, SceneError, Shape, Track, Violation, WorldKind,
-};
+use super::{MASS_RANGE, MAX_FRAMES, Object, SIZE_RANGE, Sample, Scene, SceneError, Shape, Track, Violation};
 use crate::num::vec2;
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use std::collections::BTreeMap;
@@ -13,6 +14,10 @@ use std::f64::consts::PI;
 const FPS: f64 = 25.0;
 /// Times closer than this share of a frame are one.
 const SAME_TIME: f64 = 1e-3;
+/// Farthest coordinate (m): longer than any pitch, rink or lane. Beyond it the numbers are no metres.
+const FARTHEST: f64 = 200.0;
+/// What a file begins with.
+const HEADER: &str = "id,t [s],x [mm],y [mm]";
 
 /// What a column holds, and the names that it goes by.
 const COLUMNS: [(Column, &[&str]); 12] = [
@@ -29,8 +34,6 @@ const COLUMNS: [(Column, &[&str]); 12] = [
     (Column::Material, &["material"]),
     (Column::Color, &["color", "colour"]),
 ];
-/// Keys of the lines before the header.
-const NOTES: [&str; 9] = ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world"];
 /// Units by the size of what they measure in SI.
 const LENGTHS: [(&str, f64); 3] = [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)];
 const TIMES: [(&str, f64); 2] = [("s", 1.0), ("ms", 1e-3)];
@@ -59,7 +62,9 @@ enum Column {
 /// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`, `color`. A unit stands behind a name, as in
 /// `x [mm]` or `x_mm`: m, cm, mm, px; s, ms; rad, deg; kg, g. Lines `# key: value` before it tell what holds for all:
 /// `fps`, `unit` (of lengths), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`, `world`,
-/// `setup`. Columns part by commas, semicolons or tabs. Everything that is wrong is told at once, with line and column.
+/// `setup`. Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
+/// object has once, such as its mass, need stand in one of its rows only. Everything that is wrong is told at once, with
+/// line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut r = Report::default();
@@ -71,72 +76,18 @@ pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     Ok(scene)
 }
 
-/// What the lines before the header tell.
-struct Notes {
-    fps: Option<f64>,
-    unit: Option<String>,
-    scale: Option<f64>,
-    size: f64,
-    shape: String,
-    material: String,
-    world: WorldKind,
-    setup: Option<String>,
-}
+/// A shape as it is called, and what a size (m) makes of it.
+type Kind = (&'static str, fn(f64) -> Shape);
 
-impl Notes {
-    fn read(text: &str, r: &mut Report) -> Notes {
-        let mut notes = Notes {
-            fps: None,
-            unit: None,
-            scale: None,
-            size: DEFAULT_SIZE,
-            shape: "disc".into(),
-            material: String::new(),
-            world: WorldKind::Table,
-            setup: None,
-        };
-        for (number, line) in text.lines().enumerate() {
-            let Some((key, value)) = line.trim().strip_prefix('#').and_then(|l| l.split_once(':')) else {
-                continue;
-            };
-            let (key, value) = (key.trim().to_ascii_lowercase(), value.trim());
-            let at = || format!("line {}", number + 1);
-            let mut positive = || {
-                // "0.002 m/px" is 0.002.
-                let number = value.split_whitespace().next().and_then(|v| v.parse::<f64>().ok());
-                let number = number.filter(|v| v.is_finite() && *v > 0.0);
-                if number.is_none() {
-                    r.add(at(), format!("{key} is {value:?}; give a number above 0"));
-                }
-                number
-            };
-            match key.as_str() {
-                "fps" => notes.fps = positive(),
-                "scale" => notes.scale = positive(),
-                "size" | "radius" => notes.size = positive().unwrap_or(DEFAULT_SIZE),
-                "unit" => notes.unit = Some(value.to_ascii_lowercase()),
-                "shape" => notes.shape = value.to_string(),
-                "material" => notes.material = value.to_ascii_lowercase(),
-                "setup" => notes.setup = Some(value.to_string()),
-                "world" => match value.to_ascii_lowercase().as_str() {
-                    "clevrer" => notes.world = WorldKind::Clevrer,
-                    "table" => notes.world = WorldKind::Table,
-                    "air_table" => notes.world = WorldKind::AirTable,
-                    "billiards" => notes.world = WorldKind::Billiards,
-                    _ => r.add(
-                        at(),
-                        format!("world is {value:?}; it must be clevrer, table, air_table or billiards"),
-                    ),
-                },
-                // What people note for themselves is passed over; a slip of the pen is not.
-                other => {
-                    if let Some(near) = misspelt(other, NOTES.into_iter()) {
-                        r.add(at(), format!("{other} is not known; did you mean {near}? rename it"));
-                    }
-                }
-            }
-        }
-        notes
+const DISC: Kind = ("disc", |radius| Shape::Disc { radius });
+const SHAPES: &str = "disc, ball or cube";
+
+fn kind(word: &str) -> Option<Kind> {
+    match word.to_ascii_lowercase().as_str() {
+        "disc" | "disk" | "puck" | "coin" | "cylinder" => Some(DISC),
+        "ball" | "sphere" => Some(("ball", |radius| Shape::Ball { radius })),
+        "cube" | "square" | "box" | "block" => Some(("cube", |half_side| Shape::Square { half_side })),
+        _ => None,
     }
 }
 
@@ -148,7 +99,8 @@ struct Row {
     when: f64,
     /// Where it was seen, and its yaw.
     seen: Option<(f64, f64, Option<f64>)>,
-    shape: Option<Shape>,
+    shape: Option<Kind>,
+    size: Option<f64>,
     mass: Option<f64>,
     material: Option<String>,
     color: Option<String>,
@@ -163,6 +115,13 @@ type Place = (usize, f64);
 fn rows(text: &str, notes: &Notes, r: &mut Report) -> Result<Rows, SceneError> {
     let header =
         text.lines().find(|l| !l.trim().is_empty() && !l.trim_start().starts_with('#')).unwrap_or_default();
+    if header.is_empty() {
+        r.add(
+            "(file)",
+            format!("has no rows; begin with a header such as `{HEADER}`, then one row an object and frame"),
+        );
+        return Ok((false, vec![]));
+    }
     let delimiter = [b',', b';', b'\t'].into_iter().find(|d| header.as_bytes().contains(d)).unwrap_or(b',');
     let mut reader = ReaderBuilder::new()
         .delimiter(delimiter)
@@ -172,17 +131,26 @@ fn rows(text: &str, notes: &Notes, r: &mut Report) -> Result<Rows, SceneError> {
         .from_reader(text.as_bytes());
     let names = reader.headers().map_err(|e| one("(file)", e.to_string()))?.clone();
     let places = places(&names, notes, r);
+    let mut whole = true;
     for (column, wanted) in [(Column::Id, "id"), (Column::X, "x"), (Column::Y, "y")] {
         if !places.contains_key(&column) {
+            whole = false;
             let found: Vec<&str> = names.iter().collect();
-            r.add("header", format!("has no column {wanted}; it has {}", found.join(", ")));
+            let message =
+                format!("has no column {wanted}; it has {}: rename the one that holds it", found.join(", "));
+            r.add("header", message);
         }
     }
     let timed = places.contains_key(&Column::Time);
     if !timed && !places.contains_key(&Column::Frame) {
-        r.add("header", "has neither a column t nor a column frame");
+        whole = false;
+        r.add("header", "has neither a column t nor a column frame; give one");
     }
-    let mut rows = vec![];
+    // Rows are not to blame for what the header lacks.
+    if !whole {
+        return Ok((timed, vec![]));
+    }
+    let (mut rows, mut kept) = (vec![], BTreeMap::new());
     for record in reader.records() {
         let record = match record {
             Ok(record) => record,
@@ -199,11 +167,11 @@ fn rows(text: &str, notes: &Notes, r: &mut Report) -> Result<Rows, SceneError> {
             );
             continue;
         }
-        let mut cells = Cells { record: &record, names: &names, places: &places, line, r };
-        rows.extend(cells.row(timed, notes));
+        let mut cells = Cells { record: &record, names: &names, places: &places, line, kept: &mut kept, r };
+        rows.extend(cells.row(timed));
     }
-    if rows.is_empty() {
-        r.add("(file)", "has no row that can be read; give one for each object and frame");
+    if rows.is_empty() && r.is_empty() {
+        r.add("(file)", "has a header only; give a row for each object and frame");
     }
     Ok((timed, rows))
 }
@@ -286,11 +254,13 @@ struct Cells<'a> {
     names: &'a StringRecord,
     places: &'a BTreeMap<Column, Place>,
     line: u64,
+    /// What objects have once: where it was told first, and how.
+    kept: &'a mut BTreeMap<(u32, Column), (u64, String)>,
     r: &'a mut Report,
 }
 
 impl Cells<'_> {
-    fn row(&mut self, timed: bool, notes: &Notes) -> Option<Row> {
+    fn row(&mut self, timed: bool) -> Option<Row> {
         let id = self.whole(Column::Id);
         let when = if timed { self.number(Column::Time) } else { self.whole(Column::Frame).map(f64::from) };
         if when.is_none() {
@@ -318,21 +288,60 @@ impl Cells<'_> {
             }
             _ => None,
         };
-        let size = self.number(Column::Size).unwrap_or(notes.size);
-        let word = self.text(Column::Shape).unwrap_or(&notes.shape).to_ascii_lowercase();
-        let shape = match word.as_str() {
-            "disc" | "disk" | "puck" | "coin" | "cylinder" => Some(Shape::Disc { radius: size }),
-            "ball" | "sphere" => Some(Shape::Ball { radius: size }),
-            "cube" | "square" | "box" | "block" => Some(Shape::Square { half_side: size }),
-            _ => {
-                self.wrong(Column::Shape, format!("is {word:?}; it must be disc, ball or cube"));
-                None
-            }
-        };
-        let mass = self.number(Column::Mass);
+        if let Some((x, y, _)) = seen {
+            self.near(Column::X, x);
+            self.near(Column::Y, y);
+        }
+        let word = self.text(Column::Shape).map(str::to_string);
+        let shape = word.as_deref().and_then(kind);
+        if let (Some(word), None) = (word, shape) {
+            self.wrong(Column::Shape, format!("is {word:?}; it must be {SHAPES}"));
+        }
+        let (size, mass) =
+            (self.within(Column::Size, SIZE_RANGE, "m"), self.within(Column::Mass, MASS_RANGE, "kg"));
         let [material, color] =
             [Column::Material, Column::Color].map(|c| self.text(c).map(str::to_ascii_lowercase));
-        Some(Row { line: self.line, id: id?, when: when?, seen, shape, mass, material, color })
+        let id = id?;
+        self.keeps(id, Column::Shape, shape.map(|kind| kind.0.to_string()));
+        self.keeps(id, Column::Size, size.map(|v| format!("{v} m")));
+        self.keeps(id, Column::Mass, mass.map(|v| format!("{v} kg")));
+        self.keeps(id, Column::Material, material.clone());
+        self.keeps(id, Column::Color, color.clone());
+        Some(Row { line: self.line, id, when: when?, seen, shape, size, mass, material, color })
+    }
+
+    /// An object has one of it: the first row that tells it holds.
+    fn keeps(&mut self, id: u32, column: Column, value: Option<String>) {
+        let Some(value) = value else { return };
+        let (line, told) = self.kept.entry((id, column)).or_insert_with(|| (self.line, value.clone()));
+        if *told != value {
+            let message = format!(
+                "is {value:?} where object {id} has {told:?} in line {line}; give all its rows the same, or what \
+                 is another object another id"
+            );
+            self.wrong(column, message);
+        }
+    }
+
+    fn near(&mut self, column: Column, value: f64) {
+        if value.abs() > FARTHEST {
+            let name = if column == Column::X { "x" } else { "y" };
+            let message = format!(
+                "is {value} m, and nothing that is filmed is beyond {FARTHEST} m; if it is in millimetres, name the \
+                 column `{name} [mm]`, and `{name} [px]` if in pixels"
+            );
+            self.wrong(column, message);
+        }
+    }
+
+    /// A number in SI units that a scene may have.
+    fn within(&mut self, column: Column, [low, high]: [f64; 2], unit: &str) -> Option<f64> {
+        let value = self.number(column)?;
+        let fits = (low..=high).contains(&value);
+        if !fits {
+            self.wrong(column, format!("is {value} {unit}; it must be from {low:e} to {high:e} {unit}"));
+        }
+        fits.then_some(value)
     }
 
     fn text(&self, column: Column) -> Option<&str> {
@@ -399,15 +408,21 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
     };
     let mut r = Report::default();
     let (mut objects, mut tracks): (Vec<Object>, Vec<Track>) = (vec![], vec![]);
+    // Kinds and sizes of the objects, and the line of each one's row in a frame.
+    let (mut forms, mut lines): (Vec<(Kind, f64)>, BTreeMap<_, u64>) = (vec![], BTreeMap::new());
     for row in rows {
         let at = objects.iter().position(|o| o.id == row.id).unwrap_or_else(|| {
             let (shape, material) = (Shape::Disc { radius: notes.size }, notes.material.clone());
             objects.push(Object { id: row.id, color: String::new(), material, shape, mass: None });
             tracks.push(Track::default());
+            forms.push((notes.shape, notes.size));
             objects.len() - 1
         });
         let (Some(object), Some(track)) = (objects.get_mut(at), tracks.get_mut(at)) else { continue };
-        object.shape = row.shape.unwrap_or(object.shape);
+        if let Some((kind, size)) = forms.get_mut(at) {
+            (*kind, *size) = (row.shape.unwrap_or(*kind), row.size.unwrap_or(*size));
+            object.shape = kind.1(*size);
+        }
         object.mass = row.mass.or(object.mass);
         object.material = row.material.unwrap_or(std::mem::take(&mut object.material));
         object.color = row.color.unwrap_or(std::mem::take(&mut object.color));
@@ -416,10 +431,15 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
             true => times.partition_point(|t| *t <= row.when).saturating_sub(1),
             false => row.when as usize,
         };
+        let first = *lines.entry((at, frame)).or_insert(row.line);
         match track.samples.binary_search_by_key(&frame, |s| s.frame) {
             Ok(_) => r.add(
                 format!("line {}", row.line),
-                format!("is the second row of object {} at this time", row.id),
+                format!(
+                    "is the second row of object {} at this time, after line {first}; rows may come in any order, \
+                     but keep one of these, or give another object another id",
+                    row.id
+                ),
             ),
             Err(place) => {
                 track.samples.insert(place, Sample { frame, position: vec2(x, y), yaw, covariance: None })

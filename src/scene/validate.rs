@@ -3,9 +3,12 @@
 use super::{
     CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation,
 };
+use std::collections::BTreeMap;
 
 /// Most violations in one report; the rest is counted.
 pub const MAX_VIOLATIONS: usize = 100;
+/// Most of one kind, the same but for their numbers and what they quote: what is wrong in each row is seen in the first ones.
+pub const MAX_ALIKE: usize = 5;
 /// Longest name of a scene or a set-up (bytes): it becomes part of keys and file names.
 pub const MAX_NAME: usize = 200;
 /// Farthest coordinate (m); beyond it the resolution of positions suffers.
@@ -23,25 +26,60 @@ const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 /// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
 const DEEP_OVERLAP: f64 = 0.5;
 
-/// Collects violations; keeps the first [`MAX_VIOLATIONS`] and counts the others.
+/// Collects violations; keeps the first [`MAX_VIOLATIONS`], [`MAX_ALIKE`] of each kind, and counts the others.
 #[derive(Default)]
 pub(super) struct Report {
     violations: Vec<Violation>,
+    /// Of each kind, how many, and the place of the last one that is kept.
+    kinds: BTreeMap<String, (usize, usize)>,
     more: usize,
+}
+
+/// What is alike in violations of one kind: all but numbers and what is quoted.
+fn kind(path: &str, message: &str) -> String {
+    let mut quoted = false;
+    let alike = |c: &char| {
+        quoted ^= *c == '"';
+        !quoted && !c.is_ascii_digit() && !matches!(c, '-' | '.')
+    };
+    path.chars().chain(message.chars()).filter(alike).collect()
 }
 
 impl Report {
     pub(super) fn add(&mut self, path: impl Into<String>, message: impl Into<String>) {
-        if self.violations.len() < MAX_VIOLATIONS {
-            self.violations.push(Violation { path: path.into(), message: message.into() });
-        } else {
-            self.more += 1;
+        let (path, message) = (path.into(), message.into());
+        let (kind, room) = (kind(&path, &message), self.violations.len() < MAX_VIOLATIONS);
+        match self.kinds.get_mut(&kind) {
+            Some((count, last)) if *count < MAX_ALIKE && room => {
+                (*count, *last) = (*count + 1, self.violations.len())
+            }
+            Some((count, _)) => {
+                *count += 1;
+                return;
+            }
+            None if room => {
+                self.kinds.insert(kind, (1, self.violations.len()));
+            }
+            None => {
+                self.more += 1;
+                return;
+            }
         }
+        self.violations.push(Violation { path, message });
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.violations.is_empty()
     }
 
     pub(super) fn finish(mut self) -> Result<(), SceneError> {
         if self.violations.is_empty() {
             return Ok(());
+        }
+        for (count, last) in self.kinds.into_values().filter(|(count, _)| *count > MAX_ALIKE) {
+            if let Some(kept) = self.violations.get_mut(last) {
+                kept.message += &format!(" (and {} more like these)", count - MAX_ALIKE);
+            }
         }
         if self.more > 0 {
             let message = format!("and {} more violations; correct these first", self.more);
@@ -378,6 +416,19 @@ mod tests {
             .take(500)
             .map(|_| Sample { frame: 9, position: vec2(0.0, 0.0), yaw: None, covariance: None })
             .collect();
-        assert_eq!(paths(&s).len(), MAX_VIOLATIONS + 1);
+        assert_eq!(paths(&s).len(), MAX_ALIKE);
+        let told = s.validate().unwrap_err().violations;
+        assert!(told[MAX_ALIKE - 1].message.ends_with("(and 495 more like these)"), "{told:?}");
+    }
+
+    #[test]
+    fn a_report_is_not_without_end() {
+        let mut report = Report::default();
+        for k in 0..2 * MAX_VIOLATIONS {
+            report.add("x".repeat(k), "is wrong");
+        }
+        let told = report.finish().unwrap_err().violations;
+        assert_eq!(told.len(), MAX_VIOLATIONS + 1);
+        assert_eq!(told[MAX_VIOLATIONS].message, "and 100 more violations; correct these first");
     }
 }

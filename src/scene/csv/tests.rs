@@ -1,6 +1,7 @@
 //! CSV files as people write them, and broken ones.
 
 use super::*;
+use crate::scene::WorldKind;
 use proptest::prelude::*;
 
 #[test]
@@ -72,20 +73,19 @@ fn everything_wrong_is_told_with_its_place() {
             "line 7, column 2 (t): is empty or NaN; say when it was",
         ],
     );
-    check(
-        "id,x,y\n1,2,3\n",
-        &["header: has neither a column t nor", "line 2: is empty", "(file): has no row"],
-    );
+    // Rows are not judged by what the header lacks.
+    let rows: String = (0..200).map(|k| format!("{k},2,3\n")).collect();
+    check(&format!("id,x,y\n{rows}"), &["header: has neither a column t nor a column frame; give one"]);
     check(
         "a,b\n",
         &[
-            "header: has no column id",
+            "header: has no column id; it has a, b: rename the one that holds it",
             "header: has no column x",
             "header: has no column y",
             "header: has neither",
-            "(file): has no row",
         ],
     );
+    check("id,t,x,y\n", &["(file): has a header only; give a row"]);
     check(
         "id,t,x [ft],y\n1,0,0,0\n1,1,0,0\n",
         &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
@@ -108,16 +108,94 @@ fn everything_wrong_is_told_with_its_place() {
     check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
     check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
     check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
-    check(
-        "",
-        &[
-            "header: has no column id",
-            "header: has no column x",
-            "header: has no column y",
-            "header: has neither",
-            "(file): has no row",
-        ],
+    for empty in ["", "\n \n", "# fps: 25\n"] {
+        check(empty, &["(file): has no rows; begin with a header such as `id,t [s],x [mm],y [mm]`"]);
+    }
+    check("# shape: egg\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: shape is \"egg\"; it must be disc"]);
+}
+
+#[test]
+fn what_is_wrong_in_each_row_is_told_of_the_first_ones() {
+    let rows: String = (0..200).map(|k| format!("1,{k},zero,-{k}.5\n")).collect();
+    let told = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("no x").to_string();
+    let lines: Vec<&str> = told.lines().collect();
+    assert_eq!(lines.len(), 10, "{told}");
+    assert!(
+        lines[8].starts_with("line 6, column 3 (x)") && lines[8].ends_with("(and 195 more like these)"),
+        "{told}"
     );
+    assert!(
+        lines[9].starts_with("line 6, column 3 (x): is empty") && lines[9].ends_with("195 more like these)"),
+        "{told}"
+    );
+}
+
+#[test]
+fn an_object_has_one_mass_size_shape_material_and_colour() {
+    let read =
+        |rows: &str| parse_csv("s", &format!("id,frame,x,y,shape,size [mm],mass,material,color\n{rows}"));
+    // One of its rows tells it; other words for the same shape are the same.
+    let scene = read("1,0,0,0,puck,50,2,metal,red\n1,1,0,0,disc,,,,\n1,2,0,0,,50.0,2.0,Metal,\n")
+        .expect("it is right");
+    let object = &scene.objects[0];
+    assert_eq!((object.shape, object.mass), (Shape::Disc { radius: 0.05 }, Some(2.0)));
+    assert_eq!((object.material.as_str(), object.color.as_str()), ("metal", "red"));
+    let first = "1,0,0,0,disc,50,2,metal,red\n2,0,3,0,ball,70,3,wood,blue\n";
+    for (row, expected) in [
+        (
+            "1,1,0,0,ball,50,2,metal,red",
+            "line 4, column 5 (shape): is \"ball\" where object 1 has \"disc\" in line 2",
+        ),
+        (
+            "1,1,0,0,disc,60,2,metal,red",
+            "line 4, column 6 (size [mm]): is \"0.06 m\" where object 1 has \"0.05 m\"",
+        ),
+        (
+            "1,1,0,0,disc,50,3,metal,red",
+            "line 4, column 7 (mass): is \"3 kg\" where object 1 has \"2 kg\" in line 2",
+        ),
+        (
+            "2,1,3,0,ball,70,3,metal,blue",
+            "line 4, column 8 (material): is \"metal\" where object 2 has \"wood\"",
+        ),
+        (
+            "2,1,3,0,ball,70,3,wood,red",
+            "line 4, column 9 (color): is \"red\" where object 2 has \"blue\" in line 3",
+        ),
+        ("1,1,0,0,disc,50,-2,metal,red", "line 4, column 7 (mass): is -2 kg; it must be from 1e-9 to"),
+        ("1,1,0,0,disc,0,2,metal,red", "line 4, column 6 (size [mm]): is 0 m; it must be from 1e-6 to"),
+    ] {
+        let told = read(&format!("{first}{row}\n")).expect_err(row).to_string();
+        assert!(told.starts_with(expected) && told.lines().count() == 1, "{told} / {expected}");
+    }
+}
+
+#[test]
+fn rows_may_come_in_any_order_but_one_a_time() {
+    let rows = ["1,0,0,0", "1,0.1,0.1,0", "2,0,3,0", "1,0.2,0.2,0", "2,0.1,3,0.1"];
+    let read = |rows: &[&str]| parse_csv("s", &format!("id,t,x,y\n{}\n", rows.join("\n")));
+    let known = read(&rows).expect("it is right");
+    let mut mixed = [rows[1], rows[4], rows[3], rows[0], rows[2]];
+    assert_eq!(read(&mixed).expect("it is right"), known);
+    mixed[4] = "1,0.2,0.5,0";
+    let told = read(&mixed).expect_err("twice").to_string();
+    assert!(
+        told.starts_with("line 6: is the second row of object 1 at this time, after line 4; rows may"),
+        "{told}"
+    );
+}
+
+#[test]
+fn numbers_that_are_no_metres_are_told_with_the_unit_to_give() {
+    let text = |unit: &str| format!("id,t,x{unit},y\n1,0,-197.54,0\n1,0.04,1067.45,0\n1,0.08,2067.45,0\n");
+    for unit in ["", " [m]"] {
+        let told = parse_csv("s", &text(unit)).expect_err("no table is so large").to_string();
+        let start =
+            format!("line 3, column 3 (x{unit}): is 1067.45 m, and nothing that is filmed is beyond 200 m");
+        assert!(told.starts_with(&start) && told.contains("`x [mm]`"), "{told}");
+        assert!(!told.contains("line 2"), "{told}");
+    }
+    assert!(parse_csv("s", &text(" [mm]")).is_ok());
 }
 
 proptest! {
