@@ -115,7 +115,9 @@ fn formula(report: &mut Report, path: &str, given: v1::Formula) -> (String, Form
         Ok(law) => (name, law),
         Err(error) => {
             let field = match error {
-                FormulaError::Parameter { .. } | FormulaError::Count { .. } => "parameters",
+                FormulaError::Parameter { .. } | FormulaError::Unit { .. } | FormulaError::Count { .. } => {
+                    "parameters"
+                }
                 FormulaError::Text { .. } | FormulaError::TooLong { .. } => "text",
             };
             report.add(format!("{path}.{field}"), error.to_string());

@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// Name of a scene's file in its folder.
 pub const OBSERVED: &str = "observed.json";
+/// What a formula is given as.
+const FORMULA: &str = "give one such as \"ax = 0.1\", or a file that holds it (see `vrdp revise --help`)";
 /// Most bytes of a scene's file: all objects in all frames that are allowed take less.
 const MAX_FILE: u64 = 1 << 30;
 
@@ -124,13 +126,20 @@ pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
     let path = Path::new(given);
     let (text, stem) = if given.contains('=') {
         (given.to_string(), None)
+    } else if given.trim().is_empty() {
+        (String::new(), None)
     } else {
-        regular(path)?;
-        let text = std::fs::read_to_string(path).map_err(|e| {
-            Failure::input(format!("{given}: {e}; give a formula such as \"ax = 0.1\", or its file"))
-        })?;
+        let read = match path.metadata() {
+            Ok(found) if !found.is_file() => Err(std::io::Error::other("it is no file")),
+            Ok(found) if found.len() > MAX_FILE => Err(std::io::Error::other("it is too large")),
+            _ => std::fs::read_to_string(path),
+        };
+        let text = read.map_err(|e| Failure::input(format!("{given}: {e}; {FORMULA}")))?;
         (text, last(path.file_stem()))
     };
+    if text.trim().is_empty() {
+        return Err(Failure::input(format!("the formula is empty; {FORMULA}")));
+    }
     let name = name.map(str::to_string).or(stem).unwrap_or_default();
     Ok(Formula { name, text, parameters: vec![] })
 }
@@ -202,6 +211,15 @@ mod tests {
         assert!(
             scene(Path::new("/dev/null")).unwrap_err().to_string().contains("neither a file nor a folder")
         );
+    }
+
+    #[test]
+    fn a_formula_that_is_none_says_what_to_give() {
+        for wrong in ["", "  ", "no_such_file", "/dev/null"] {
+            let said = formula(wrong, None).unwrap_err().to_string();
+            assert!(said.contains("give one such as \"ax = 0.1\""), "{wrong}: {said}");
+        }
+        assert_eq!(formula("ax = 1", None).unwrap().text, "ax = 1");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The user's own law: formulas for accelerations, forces and torque, read from text and evaluated in any scalar.
 
 use super::parser::Parser;
+use super::unit::{SYMBOLS, is_unit};
 use crate::body::{Body, Wrench};
 use crate::num::{Real, Vec2, vec2};
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ pub const BOUND: f64 = 1e3;
 /// `+ - * / ^`, and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or `;` part the formulas,
 /// and what follows a `#` on its line is a comment. A text
 /// may declare its parameters itself, before it uses them: `let k [1/m] = 0.1 from 0 to 5` (unit, start and bounds may
-/// be left out).
+/// be left out). A unit is made of SI symbols with * / and ^.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Formula {
     pub text: String,
@@ -48,6 +49,8 @@ pub enum FormulaError {
     Text { line: usize, column: usize, problem: Problem },
     #[error("parameter {name}: {problem}")]
     Parameter { name: String, problem: &'static str },
+    #[error("parameter {name}: {unit:?} is no unit; known: {}", known_units())]
+    Unit { name: String, unit: String },
     #[error("there are {count} parameters; at most {MOST_PARAMETERS} are allowed")]
     Count { count: usize },
     #[error("the formula has {bytes} bytes; {LONGEST} is the most")]
@@ -114,7 +117,10 @@ impl Formula {
     /// The law of a text with these parameters and those that the text declares.
     pub fn new(text: &str, given: Vec<FormulaParameter>) -> Result<Formula, FormulaError> {
         let mut formula = Formula { text: text.to_string(), parameters: given };
-        let (_, declared) = formula.parse()?;
+        let (_, declared) = formula.parse(true)?;
+        if let Some(p) = formula.parameters.iter().find(|p| !is_unit(&p.unit)) {
+            return Err(FormulaError::Unit { name: p.name.clone(), unit: p.unit.clone() });
+        }
         if let Some(p) = declared.iter().find(|p| formula.parameters.iter().any(|q| q.name == p.name)) {
             let problem = "is declared in the text and beside it; declare it once";
             return Err(FormulaError::Parameter { name: p.name.clone(), problem });
@@ -124,9 +130,9 @@ impl Formula {
         Ok(formula)
     }
 
-    /// Reads the text and checks the parameters, which are all given.
+    /// Reads the text and checks the parameters, which are all given. Units are those that it was made with.
     pub fn read(&self) -> Result<Program, FormulaError> {
-        let (program, declared) = self.parse()?;
+        let (program, declared) = self.parse(false)?;
         match declared.into_iter().find(|p| self.parameters.iter().all(|q| q.name != p.name)) {
             Some(p) => Err(FormulaError::Parameter { name: p.name, problem: "is not among the parameters" }),
             None => Ok(program),
@@ -140,8 +146,8 @@ impl Formula {
         }
     }
 
-    /// The program, and the parameters that the text declares.
-    fn parse(&self) -> Result<(Program, Vec<FormulaParameter>), FormulaError> {
+    /// The program, and the parameters that the text declares; whether their units are units is asked of a `new` text only.
+    fn parse(&self, new: bool) -> Result<(Program, Vec<FormulaParameter>), FormulaError> {
         self.check_count()?;
         for (i, p) in self.parameters.iter().enumerate() {
             if let Some(problem) = p.problem(&self.parameters[..i]) {
@@ -151,13 +157,18 @@ impl Formula {
         if self.text.len() > LONGEST {
             return Err(FormulaError::TooLong { bytes: self.text.len() });
         }
-        Parser::new(&self.text, &self.parameters).program().map_err(|(at, problem)| {
+        Parser::new(&self.text, &self.parameters, new).program().map_err(|(at, problem)| {
             let before = self.text.get(..at).unwrap_or(&self.text);
             let line = before.matches('\n').count() + 1;
             let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
             FormulaError::Text { line, column, problem }
         })
     }
+}
+
+/// For errors.
+pub(super) fn known_units() -> String {
+    format!("{}, with * / and ^, as in kg/s or m/s^2", SYMBOLS.join(" "))
 }
 
 impl FormulaParameter {
@@ -394,6 +405,20 @@ mod tests {
         check("let k from 1; ax = k", "line 1, column 13: expected 'to', found ';'");
         check("ax = k; let k", "line 1, column 6: \"k\" is no name here");
         check("let k", "line 1, column 6: \"the end\" is no left side; known: ax ay fx fy torque let");
+        check(
+            "let k = 1; let n [ banana] = 1; ax = k",
+            "line 1, column 20: \"banana\" is no unit; known: 1 m s kg",
+        );
+        assert!(declared("let k [(m/N)^0.5] = 1; let n [] = 1; ax = k").is_ok());
+        // What an earlier build took is still read.
+        let odd = Formula { text: "let k [deg] = 1; ax = k".into(), parameters: law.parameters.clone() };
+        assert_eq!(
+            odd.read().map_err(|e| e.to_string()),
+            Err("parameter k: is not among the parameters".into())
+        );
+        let beside = FormulaParameter { unit: "banana".into(), ..law.parameters[0].clone() };
+        let refused = Formula::new("ax = c", vec![beside]).expect_err("no unit").to_string();
+        assert!(refused.starts_with("parameter c: \"banana\" is no unit; known: 1 m s kg"), "{refused}");
     }
 
     #[test]

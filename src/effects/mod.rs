@@ -39,6 +39,7 @@ mod tilt;
 mod tilted_camera;
 mod time_periodic;
 mod uniform_force;
+mod unit;
 mod vortex;
 mod wrong_scale;
 mod wrong_size;

@@ -1,6 +1,9 @@
 //! Reads the text of formulas into steps in postfix order (precedence climbing, Pratt 1973).
 
-use super::formula::{DEEPEST, FUNCTIONS, FormulaParameter, Problem, Program, Step, TARGETS, VARIABLES};
+use super::formula::{
+    DEEPEST, FUNCTIONS, FormulaParameter, Problem, Program, Step, TARGETS, VARIABLES, known_units,
+};
+use super::unit::is_unit;
 
 pub(super) struct Parser<'a> {
     text: &'a str,
@@ -9,14 +12,16 @@ pub(super) struct Parser<'a> {
     /// Given, then those that the text declares and that were not given.
     parameters: Vec<FormulaParameter>,
     declared: Vec<FormulaParameter>,
+    /// Whether units must be known ones.
+    strict: bool,
 }
 
 /// Where (byte) and what.
 pub(super) type Fault = (usize, Problem);
 
 impl<'a> Parser<'a> {
-    pub fn new(text: &'a str, parameters: &'a [FormulaParameter]) -> Self {
-        Parser { text, at: 0, parameters: parameters.to_vec(), declared: vec![] }
+    pub fn new(text: &'a str, parameters: &'a [FormulaParameter], strict: bool) -> Self {
+        Parser { text, at: 0, parameters: parameters.to_vec(), declared: vec![], strict }
     }
 
     /// The program, and the parameters that the text declares.
@@ -74,7 +79,14 @@ impl<'a> Parser<'a> {
                 let found = "the end".into();
                 return Err((self.at, Problem::Unexpected { wanted: "']'", found }));
             };
-            unit = rest[..end].trim().to_string();
+            let given = &rest[..end];
+            if !given.trim().is_empty() {
+                unit = given.trim().to_string();
+            }
+            if self.strict && !is_unit(&unit) {
+                let at = self.at + given.len() - given.trim_start().len();
+                return Err((at, Problem::Unknown { found: unit, wanted: "unit", known: known_units() }));
+            }
             self.at += end + 1;
         }
         let mut start = None;

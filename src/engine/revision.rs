@@ -36,9 +36,12 @@ pub struct Step {
 /// What a change that cannot be made is called in a request.
 pub fn refused(change: &Change, error: &ChangeError) -> EngineError {
     let path = match (error, change) {
-        (ChangeError::Formula(FormulaError::Parameter { .. } | FormulaError::Count { .. }), _) => {
-            "formula.parameters"
-        }
+        (
+            ChangeError::Formula(
+                FormulaError::Parameter { .. } | FormulaError::Unit { .. } | FormulaError::Count { .. },
+            ),
+            _,
+        ) => "formula.parameters",
         (ChangeError::Formula(_), _) => "formula.text",
         (_, Change::Write(..)) => "formula.name",
         _ => "effect",

@@ -144,6 +144,12 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
         (here(), Addition::Effect("restitution".into()), "effect", "restitution is in the model already"),
         (here(), law("mine", "ax = -k * vx"), "formula.text", "line 1, column 7: \"k\" is no name here"),
         (here(), law("mine", "ax = 1\nay = (2"), "formula.text", "line 2, column 8: expected ')'"),
+        (
+            here(),
+            law("mine", "let k [banana] = 1; ax = k"),
+            "formula.text",
+            "line 1, column 8: \"banana\" is no unit",
+        ),
         (here(), law("tilt", "ax = 1"), "formula.name", "\"tilt\" is no name for a law"),
         (here(), law("a b", "ax = 1"), "formula.name", "\"a b\" is no name for a law"),
         (
