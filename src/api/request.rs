@@ -101,9 +101,20 @@ impl Report {
             Some(Given::ModelJson(text)) => ChoiceKind::File(text),
             Some(Given::Model(name)) => match model_ids(&name) {
                 Some((of, id)) if of == video => ChoiceKind::Fitted(id.to_string()),
-                _ => {
-                    let message = format!("is {name:?}; must be videos/{video}/models/{{id}}");
-                    self.add(format!("{path}.model"), message);
+                of => {
+                    let what = match (of, video) {
+                        (Some(_), "") => {
+                            "a model of one video only; of several, give a revision's `models`, one each \
+                             (`vrdp revise --on ID`), or a preset"
+                                .to_string()
+                        }
+                        (Some((of, _)), _) => format!(
+                            "a model of another video, videos/{of}; name one of videos/{video} (ListModels and \
+                             `vrdp revise SCENE --list --json -` have them), or a preset"
+                        ),
+                        (None, _) => "no model's name; it must be videos/{video}/models/{id}".to_string(),
+                    };
+                    self.add(format!("{path}.model"), format!("is {name:?}, {what}"));
                     ChoiceKind::Default
                 }
             },

@@ -167,6 +167,11 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
         assert_eq!(fields(&refused), [field], "{refused:?}");
         assert!(refused.message().starts_with(&format!("{field}: {message}")), "{}", refused.message());
     }
+    let chosen = v1::model_choice::Choice::Model(format!("{other}/models/0"));
+    let elsewhere = v1::StudyRequest { start: Some(v1::ModelChoice { choice: Some(chosen) }), ..here() };
+    let refused = add(&service, elsewhere, Addition::Effect("tilt".into())).await.unwrap_err();
+    assert_eq!(fields(&refused), ["study.start.model"]);
+    assert!(refused.message().contains(&format!("name one of {video}")), "{}", refused.message());
     let refused = remove(&service, here(), "tilt").await.unwrap_err();
     assert_eq!(fields(&refused), ["effect"]);
     assert!(refused.message().contains("is not in the model, which has"), "{}", refused.message());
