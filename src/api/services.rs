@@ -128,7 +128,8 @@ impl v1::models_server::Models for Services {
         let (videos, start) = study::request(request.into_inner().study).map_err(status)?;
         let waiting = owner.study(&videos, &start, Inquiry::Compare).await.map_err(status)?;
         let event = |event| v1::CompareModelsResponse { event: Some(event) };
-        let done = move |found: &Study| study::comparison(found).map(|c| event(Event::Comparison(c)));
+        let done =
+            move |found: &Study| study::comparison(found, &videos).map(|c| event(Event::Comparison(c)));
         updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
@@ -143,7 +144,7 @@ impl v1::models_server::Models for Services {
         let (videos, start, inquiry) = study::diagnose(request.into_inner()).map_err(status)?;
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiagnoseModelResponse { event: Some(event) };
-        let done = move |found: &Study| study::diagnosis(found).map(|d| event(Event::Diagnosis(d)));
+        let done = move |found: &Study| study::diagnosis(found, &videos).map(|d| event(Event::Diagnosis(d)));
         updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 
@@ -158,7 +159,7 @@ impl v1::models_server::Models for Services {
         let (videos, start, inquiry) = study::discovery(request.into_inner()).map_err(status)?;
         let waiting = owner.study(&videos, &start, inquiry).await.map_err(status)?;
         let event = |event| v1::DiscoverEffectsResponse { event: Some(event) };
-        let done = move |found: &Study| study::discovered(found).map(|d| event(Event::Discovery(d)));
+        let done = move |found: &Study| study::discovered(found, &videos).map(|d| event(Event::Discovery(d)));
         updates(waiting, move |f| event(Event::Progress(f)), done).await
     }
 

@@ -1,7 +1,7 @@
 //! Studies: requests to domain values, findings to replies.
 
 use super::reply::model_name;
-use super::request::{Report, is_id};
+use super::request::{Report, model_ids};
 use super::v1;
 use crate::discover::{
     Change, Comparison, Diagnosis, FORMULA, Found, Ranked, Reported, SceneComparison, Value, Verdict, Worth,
@@ -40,15 +40,20 @@ fn subject(report: &mut Report, study: Option<v1::StudyRequest>) -> (Vec<String>
     if study.start.is_some() {
         report.add("study.models", "are given beside a start; give one of the two");
     }
-    let model = |(i, (name, video)): (usize, (&String, &String))| {
-        let id = name.strip_prefix(&format!("videos/{video}/models/")).filter(|id| is_id(id));
-        if id.is_none() {
-            let message = format!("is {name:?}; must be videos/{video}/models/{{id}}");
-            report.add(format!("study.models[{i}]"), message);
+    // A model names its video: they may come in any order.
+    let mut ids = vec![String::new(); videos.len()];
+    for (i, name) in study.models.iter().take(MAX_STUDY_VIDEOS + 1).enumerate() {
+        let of = model_ids(name).and_then(|(video, id)| Some((videos.iter().position(|v| v == video)?, id)));
+        match of.and_then(|(at, id)| Some((ids.get_mut(at).filter(|known| known.is_empty())?, id))) {
+            Some((free, id)) => *free = id.to_string(),
+            None => {
+                let message = format!(
+                    "is {name:?}; give one videos/{{video}}/models/{{id}} of each of the study's videos"
+                );
+                report.add(format!("study.models[{i}]"), message);
+            }
         }
-        id.unwrap_or_default().to_string()
-    };
-    let mut ids: Vec<String> = study.models.iter().zip(&videos).enumerate().map(model).collect();
+    }
     // As many as were given, for the engine to count.
     ids.resize(study.models.len().min(MAX_STUDY_VIDEOS + 1), String::new());
     (videos, Choice { path: "study.models", kind: ChoiceKind::Together(ids) })
@@ -130,14 +135,20 @@ fn video_name(id: &str) -> String {
     format!("videos/{id}")
 }
 
-pub fn comparison(study: &Study) -> Option<v1::Comparison> {
+/// In the order in which the request named the videos; a study has one of its own.
+fn as_asked<T>(mut all: Vec<T>, asked: &[String], video: impl Fn(&T) -> &str) -> Vec<T> {
+    all.sort_by_key(|one| asked.iter().position(|id| video(one) == video_name(id)));
+    all
+}
+
+pub fn comparison(study: &Study, asked: &[String]) -> Option<v1::Comparison> {
     match &study.findings {
-        Findings::Comparison(found) => Some(compared(&study.videos, found)),
+        Findings::Comparison(found) => Some(compared(&study.videos, found, asked)),
         _ => None,
     }
 }
 
-fn compared(videos: &[String], found: &Comparison) -> v1::Comparison {
+fn compared(videos: &[String], found: &Comparison, asked: &[String]) -> v1::Comparison {
     let one = |(video, s): (&String, &SceneComparison)| v1::VideoComparison {
         video: video_name(video),
         rmse: s.rmse,
@@ -170,12 +181,12 @@ fn compared(videos: &[String], found: &Comparison) -> v1::Comparison {
         frame_rmse: s.by_frame.clone(),
     };
     v1::Comparison {
-        videos: videos.iter().zip(&found.scenes).map(one).collect(),
+        videos: as_asked(videos.iter().zip(&found.scenes).map(one).collect(), asked, |v| &v.video),
         summary: found.summary.clone(),
     }
 }
 
-pub fn diagnosis(study: &Study) -> Option<v1::Diagnosis> {
+pub fn diagnosis(study: &Study, asked: &[String]) -> Option<v1::Diagnosis> {
     let Findings::Diagnosis(Diagnosis { comparison, free_motion, ranked, jumps }) = &study.findings else {
         return None;
     };
@@ -187,7 +198,7 @@ pub fn diagnosis(study: &Study) -> Option<v1::Diagnosis> {
         sigmas: j.sigmas,
     };
     Some(v1::Diagnosis {
-        comparison: Some(compared(&study.videos, comparison)),
+        comparison: Some(compared(&study.videos, comparison, asked)),
         free_motion_chi_square: *free_motion,
         ranked: ranked.iter().map(ranking).collect(),
         jumps: jumps.iter().map(jump).collect(),
@@ -207,7 +218,7 @@ fn ranking(r: &Ranked) -> v1::RankedEffect {
     }
 }
 
-pub fn discovered(study: &Study) -> Option<v1::Discovery> {
+pub fn discovered(study: &Study, asked: &[String]) -> Option<v1::Discovery> {
     let Findings::Discovery(found) = &study.findings else { return None };
     let Discovered { discovery, steps, courses } = found.as_ref();
     let verdict = match discovery.verdict {
@@ -217,6 +228,7 @@ pub fn discovered(study: &Study) -> Option<v1::Discovery> {
         Verdict::OutsideLibrary => v1::Verdict::OutsideLibrary,
         Verdict::NotIdentifiable => v1::Verdict::NotIdentifiable,
     };
+    let courses = study.videos.iter().zip(courses).map(|(video, c)| course(video, c)).collect();
     Some(v1::Discovery {
         verdict: verdict.into(),
         reason: discovery.reason.clone(),
@@ -249,7 +261,7 @@ pub fn discovered(study: &Study) -> Option<v1::Discovery> {
             .collect(),
         noise_sigma: discovery.noise_sigma,
         revisions: steps.iter().map(revision).collect(),
-        courses: study.videos.iter().zip(courses).map(|(video, c)| course(video, c)).collect(),
+        courses: as_asked(courses, asked, |c: &v1::Course| &c.video),
     })
 }
 

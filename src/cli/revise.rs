@@ -11,6 +11,7 @@ use crate::api::v1::{
     RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
 };
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// Digits of a revision's id that people are shown.
@@ -158,10 +159,11 @@ async fn history(connection: &Connection, videos: &[String]) -> Result<Vec<Revis
             break;
         }
     }
+    // Whatever their order: that of the files is none of the videos'.
+    let asked: BTreeSet<&str> = videos.iter().map(String::as_str).collect();
     let of = |r: &Revision| {
-        let named: Vec<&str> =
-            r.models.iter().filter_map(|m| m.split_once("/models/")).map(|m| m.0).collect();
-        videos.iter().map(String::as_str).eq(named)
+        let named = r.models.iter().filter_map(|m| m.split_once("/models/")).map(|m| m.0);
+        named.collect::<BTreeSet<_>>() == asked
     };
     found.retain(of);
     let rooted = |r: &&Revision| !found.iter().any(|p| p.models == r.parents);

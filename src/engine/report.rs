@@ -8,7 +8,6 @@ use std::sync::Arc;
 /// What a page is to answer.
 #[derive(Debug, Clone)]
 pub struct Query {
-    /// Empty: the study's first video.
     pub video: String,
     /// Without a choice: the last model of the study, where it has the video.
     pub choice: Choice,
@@ -54,10 +53,7 @@ impl Engine {
         }
         let mut answers = vec![];
         for query in queries {
-            let video = match query.video.is_empty() {
-                true => study.videos.first().cloned().unwrap_or_default(),
-                false => query.video,
-            };
+            let video = query.video;
             let ours = study.videos.iter().position(|v| *v == video).and_then(|k| last.get(k));
             let choice = match (&query.choice.kind, ours) {
                 (ChoiceKind::Default, Some(id)) => {

@@ -10,6 +10,7 @@ use crate::fit::{FitError, SceneFit, estimate_noise};
 use crate::num::Stop;
 use crate::scene::canonical_digest;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// How a revision came about, and what it is worth; the same for all its videos.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,9 +57,10 @@ pub fn changed(
     stop: Stop,
 ) -> Result<([Step; 2], Vec<StoredFit>), FitError> {
     let fits: Vec<&SceneFit> = subject.parents.iter().filter_map(|p| p.fit.scenes.first()).collect();
-    let ids: Vec<&String> = subject.parents.iter().map(|p| &p.id).collect();
+    let named = subject.videos.iter().zip(subject.parents.iter().map(|p| &p.id));
+    let ours: BTreeSet<_> = named.collect();
     // A revision of more videos than these has other errors.
-    let same = |s: &Step| s.videos == subject.videos && s.models.iter().eq(ids.iter().copied());
+    let same = |s: &Step| s.videos.iter().zip(&s.models).collect::<BTreeSet<_>>() == ours;
     let known = subject.parents.first().and_then(|p| p.step.clone()).filter(same);
     let origin = match &known {
         Some(step) => Origin::Revision(&fits, step.unseen),

@@ -41,7 +41,7 @@ pub enum Inquiry {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Study {
-    /// Ids, in the order of the request.
+    /// Ids, in an order that is not the request's: the same videos are the same study.
     pub videos: Vec<String>,
     pub findings: Findings,
 }
@@ -84,34 +84,44 @@ impl Engine {
     ) -> Result<Waiting<Study>, EngineError> {
         let key = self.key("");
         check_request(videos, &inquiry)?;
-        let parents = self.parents(videos, start).await?;
-        let (mut scenes, mut models) = (vec![], vec![]);
-        for (k, video) in videos.iter().enumerate() {
+        let mut parents = self.parents(videos, start).await?.into_iter();
+        let mut parts = vec![];
+        for video in videos {
             let scene = self.video(video).await?;
-            let fitted = parents.get(k).and_then(|p| p.fit.scenes.first()).map(|s| s.model.clone());
-            models.push(match fitted {
+            let parent = parents.next();
+            let fitted = parent.as_ref().and_then(|p| p.fit.scenes.first()).map(|s| s.model.clone());
+            let model = match fitted {
                 Some(model) => model,
                 None => start.unfitted(&scene)?,
-            });
+            };
             if let Inquiry::Discover { frames: Some(frames), .. } = inquiry {
                 check::size(&scene, frames, 0)?;
             }
-            scenes.push(Scene::clone(&scene));
+            parts.push((video.clone(), Scene::clone(&scene), model, parent));
         }
-        one_set_up("study.videos", &scenes, &models)?;
+        // Whatever the order of the request: sums depend on it, and the names of what is made. `scene_2` is before `scene_10`.
+        parts.sort_by_key(|(video, scene, ..)| (scene.name.len(), scene.name.clone(), video.clone()));
+        let mut subject = Subject { videos: vec![], scenes: vec![], models: vec![], parents: vec![] };
+        for (video, scene, model, parent) in parts {
+            subject.videos.push(video);
+            subject.scenes.push(scene);
+            subject.models.push(model);
+            subject.parents.extend(parent);
+        }
+        let Subject { videos, scenes, models, parents } = &subject;
+        one_set_up("study.videos", scenes, models)?;
         if let Inquiry::Change(change) = &inquiry {
-            change.check(&models).map_err(|error| revision::refused(change, &error))?;
+            change.check(models).map_err(|error| revision::refused(change, &error))?;
         }
         let names: Vec<&str> = parents.iter().map(|p| p.id.as_str()).collect();
-        let id = canonical_digest("study", &(videos, &names, &models, &inquiry, env!("CARGO_PKG_VERSION")));
-        let subject = Subject { videos: videos.to_vec(), scenes, models, parents };
+        let id = canonical_digest("study", &(videos, &names, models, &inquiry, env!("CARGO_PKG_VERSION")));
+        let first = videos.first().cloned().unwrap_or_default();
         let engine = self.clone();
         let work = {
             let id = id.clone();
             move |control| async move { engine.run_study(id, subject, inquiry, control).await }
         };
-        let first = videos.first().map_or("", String::as_str);
-        Ok(self.studies.join(format!("{key}{id}"), first, self.deadline(), work).await)
+        Ok(self.studies.join(format!("{key}{id}"), &first, self.deadline(), work).await)
     }
 
     /// The fits that a study begins with, one a video; none where it begins anew.

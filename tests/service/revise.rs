@@ -104,6 +104,10 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     assert_eq!(kept.len(), 5);
     let [_, again] = add(&service, study(videos, &first.models), library).await.unwrap();
     assert_eq!(again, named);
+    // The same videos in another order are the same study, and what was made of them is found again.
+    let reversed = [videos[1].clone(), videos[0].clone()];
+    let [same, found] = add(&service, study(&reversed, &[]), law("turning", text)).await.unwrap();
+    assert_eq!((same, &found), (first.clone(), &written));
     let choice = v1::ModelChoice { choice: Some(v1::model_choice::Choice::Model(written.models[0].clone())) };
     let video = videos[0].clone();
     let simulate =
@@ -111,13 +115,14 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     let simulated = service.reasoning().simulate(simulate).await.unwrap().into_inner();
     assert_eq!(simulated.model, written.models[0]);
     use v1::compare_models_response::Event;
-    let asked = v1::CompareModelsRequest { study: Some(study(videos, &written.models)) };
+    let asked = v1::CompareModelsRequest { study: Some(study(&reversed, &written.models)) };
     let mut stream = service.models().compare_models(asked).await.unwrap().into_inner();
     let mut last = None;
     while let Some(message) = stream.message().await.unwrap() {
         last = message.event;
     }
     let Some(Event::Comparison(c)) = last else { panic!("{last:?}") };
+    assert!(c.videos.iter().map(|v| &v.video).eq(&reversed), "each request has its own order: {c:?}");
     let chi_squares: Vec<f64> = c.videos.iter().map(|v| v.reduced_chi_square).collect();
     assert!(c.summary.starts_with("the noise explains the residuals"), "{}", c.summary);
     assert!(chi_squares.iter().all(|c| *c < 1.5), "{chi_squares:?}");
