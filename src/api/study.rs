@@ -4,8 +4,8 @@ use super::reply::model_name;
 use super::request::{Report, model_ids};
 use super::v1;
 use crate::discover::{
-    Change, Comparison, Diagnosis, FORMULA, Found, Ranked, Reported, SceneComparison, Value, Verdict, Worth,
-    check_name,
+    Change, Comparison, Diagnosis, FORMULA, Found, Owner, Ranked, Reported, SceneComparison, Value, Verdict,
+    Worth, check_name,
 };
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter, MOST_PARAMETERS};
 use crate::engine::{
@@ -187,9 +187,8 @@ fn compared(videos: &[String], found: &Comparison, asked: &[String]) -> v1::Comp
 }
 
 pub fn diagnosis(study: &Study, asked: &[String]) -> Option<v1::Diagnosis> {
-    let Findings::Diagnosis(Diagnosis { comparison, free_motion, ranked, jumps }) = &study.findings else {
-        return None;
-    };
+    let Findings::Diagnosis(found) = &study.findings else { return None };
+    let Diagnosis { comparison, free_motion, ranked, jumps, too_little } = found;
     let jump = |(scene, j): &(usize, crate::discover::Jump)| v1::Jump {
         video: study.videos.get(*scene).map(|v| video_name(v)).unwrap_or_default(),
         frame: j.frame as u64,
@@ -202,6 +201,7 @@ pub fn diagnosis(study: &Study, asked: &[String]) -> Option<v1::Diagnosis> {
         free_motion_chi_square: *free_motion,
         ranked: ranked.iter().map(ranking).collect(),
         jumps: jumps.iter().map(jump).collect(),
+        too_little: too_little.clone().unwrap_or_default(),
     })
 }
 
@@ -232,7 +232,7 @@ pub fn discovered(study: &Study, asked: &[String]) -> Option<v1::Discovery> {
     Some(v1::Discovery {
         verdict: verdict.into(),
         reason: discovery.reason.clone(),
-        effects: discovery.effects.iter().map(found_effect).collect(),
+        effects: discovery.effects.iter().map(|f| found_effect(f, &study.videos)).collect(),
         ranked: discovery.ranked.iter().map(ranking).collect(),
         ambiguous: discovery
             .ambiguous
@@ -277,6 +277,7 @@ pub fn revision(step: &Step) -> v1::Revision {
         Some(Worth::Better) => v1::Worth::Better,
         Some(Worth::NoDifference) => v1::Worth::NoDifference,
         Some(Worth::Worse) => v1::Worth::Worse,
+        Some(Worth::NotIdentifiable) => v1::Worth::NotIdentifiable,
         None => v1::Worth::Unspecified,
     };
     v1::Revision {
@@ -289,19 +290,20 @@ pub fn revision(step: &Step) -> v1::Revision {
         models: names(&step.models),
         parents: names(&step.parents),
         removed: step.removed.clone().unwrap_or_default(),
-        added: step.added.as_ref().map(found_effect),
+        added: step.added.as_ref().map(|f| found_effect(f, &step.videos)),
         noise_sigma: step.noise_sigma,
         log_evidence: step.weight.map_or(0.0, |w| w.log_evidence),
         worth: worth.into(),
+        too_little: step.too_little.clone().unwrap_or_default(),
     }
 }
 
-fn found_effect(f: &Found) -> v1::FoundEffect {
-    let parameters = f.parameters.iter().map(parameter).collect();
+fn found_effect(f: &Found, videos: &[String]) -> v1::FoundEffect {
+    let parameters = f.parameters.iter().map(|p| parameter(p, videos)).collect();
     v1::FoundEffect { kind: f.kind.clone(), effect: f.effect.clone(), parameters }
 }
 
-fn parameter(p: &Reported) -> v1::FoundParameter {
+fn parameter(p: &Reported, videos: &[String]) -> v1::FoundParameter {
     let numbers = |v: &Value| match v {
         Value::Number(v) => vec![*v],
         Value::Vector(v) => v.to_vec(),
@@ -311,6 +313,11 @@ fn parameter(p: &Reported) -> v1::FoundParameter {
         Value::Word(word) => word.clone(),
         _ => String::new(),
     };
+    let owner = |o: Owner| v1::ParameterOwner {
+        object_id: o.object,
+        video: o.scene.and_then(|k| videos.get(k)).map(|v| video_name(v)).unwrap_or_default(),
+        identified: o.identified,
+    };
     v1::FoundParameter {
         name: p.name.clone(),
         unit: p.unit.clone(),
@@ -318,6 +325,7 @@ fn parameter(p: &Reported) -> v1::FoundParameter {
         low: numbers(&p.low),
         high: numbers(&p.high),
         word,
+        owner: p.owner.map(owner),
     }
 }
 

@@ -97,7 +97,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
     let revised = revise::add(&connection, study, Addition::Formula(law)).await?;
     output::print(&format!(
         "6  Add: the same law as you would write it yourself, {TURNING_TABLE}\n\n{}\n",
-        revise::text(&revised, &found.revisions, false)
+        revise::text(&revised, &found.revisions, &[], false)
     ))?;
     let drawing = args.out.join("revisions.svg");
     let drawn: Vec<&Revision> = found.revisions.iter().chain(&revised.after).collect();

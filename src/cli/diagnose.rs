@@ -61,8 +61,12 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 fn text(found: &Diagnosis, videos: usize) -> String {
     let summary = found.comparison.as_ref().map_or("", |c| c.summary.as_str());
-    let mut text =
-        format!("{summary}\n  between contacts: reduced chi-square {:.2}\n", found.free_motion_chi_square);
+    let mut text = match found.too_little.as_str() {
+        "" => String::new(),
+        why => format!("NOT_IDENTIFIABLE: {why}\n"),
+    };
+    text +=
+        &format!("{summary}\n  between contacts: reduced chi-square {:.2}\n", found.free_motion_chi_square);
     for jump in &found.jumps {
         let at = jump.position.unwrap_or_default();
         text += &format!(
@@ -83,7 +87,9 @@ fn to_json(found: &Diagnosis, names: &[String]) -> Value {
         let (at, change) = (j.position.unwrap_or_default(), j.change.unwrap_or_default());
         json!({ "scene": scene, "frame": j.frame, "position": [at.x, at.y], "change": [change.x, change.y], "sigmas": j.sigmas })
     };
+    let too_little = (!found.too_little.is_empty()).then_some(&found.too_little);
     json!({
+        "not_identifiable": too_little,
         "scenes": scenes,
         "summary": found.comparison.as_ref().map(|c| c.summary.clone()),
         "free_motion_chi_square": found.free_motion_chi_square,

@@ -115,9 +115,11 @@ pub fn parameter(p: &FoundParameter) -> String {
         0 => format!("{} {}", p.name, p.word),
         _ => {
             let unit = if p.unit == "1" { "" } else { &p.unit };
-            format!("{} {} [{} to {}] {unit}", p.name, list(&p.value), list(&p.low), list(&p.high))
-                .trim_end()
-                .to_string()
+            let told =
+                format!("{} {} [{} to {}] {unit}", p.name, list(&p.value), list(&p.low), list(&p.high));
+            let told = told.trim_end().to_string();
+            // As a fit shows what the data do not determine.
+            if p.owner.as_ref().is_some_and(|o| !o.identified) { format!("({told})") } else { told }
         }
     }
 }
@@ -164,8 +166,26 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
     })
 }
 
+/// By name; where objects differ, a list with their ids.
 pub fn parameters(e: &crate::api::v1::FoundEffect) -> Value {
-    e.parameters.iter().map(|p| (p.name.clone(), quantity(p))).collect()
+    let mut all = Map::new();
+    for p in &e.parameters {
+        let mut value = quantity(p);
+        match &p.owner {
+            None => {
+                all.insert(p.name.clone(), value);
+            }
+            Some(owner) => {
+                value["object_id"] = json!(owner.object_id);
+                value["video"] = if owner.video.is_empty() { Value::Null } else { json!(owner.video) };
+                value["identified"] = json!(owner.identified);
+                if let Value::Array(list) = all.entry(p.name.clone()).or_insert_with(|| json!([])) {
+                    list.push(value);
+                }
+            }
+        }
+    }
+    Value::Object(all)
 }
 
 fn quantity(p: &FoundParameter) -> Value {

@@ -7,8 +7,9 @@ use super::study::Said;
 use super::{discover, input, ladder, output, study};
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
-    AddEffectRequest, AddEffectResponse, ListModelsRequest, RemoveEffectRequest, RemoveEffectResponse,
-    RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
+    AddEffectRequest, AddEffectResponse, FoundParameter, ListModelsRequest, ParameterOwner,
+    RemoveEffectRequest, RemoveEffectResponse, RevisedModels, Revision, StudyRequest, Worth,
+    add_effect_response, remove_effect_response,
 };
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -109,7 +110,9 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         }
         None => {
             let known = history(&connection, &study.videos).await?;
-            output::print(&text(&found, &known, kept))?;
+            let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
+            let names: Vec<(&str, &str)> = study.videos.iter().map(String::as_str).zip(names).collect();
+            output::print(&text(&found, &known, &names, kept))?;
         }
     }
     connection.close().await
@@ -219,8 +222,9 @@ fn way<'r>(known: &'r [Revision], to: &'r Revision) -> Vec<&'r Revision> {
     way
 }
 
-/// The change as a person reads it: verdict, parameters, and the errors from the first revision on.
-pub fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
+/// The change as a person reads it: verdict, parameters, and the errors from the first revision on. `names` are those of
+/// videos by what the service calls them.
+pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], kept: bool) -> String {
     let Some(after) = &found.after else { return String::new() };
     let way = match way(known, after) {
         alone if alone.len() < 2 => found.before.iter().chain([after]).collect(),
@@ -228,8 +232,7 @@ pub fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
     };
     let mut text = format!("{}: {}\n", ladder::change(after), verdict(after));
     if let Some(added) = &after.added {
-        let parameters: Vec<String> = added.parameters.iter().map(discover::parameter).collect();
-        text += &format!("  {}\n", parameters.join(", "));
+        text += &parameters(&added.parameters, names);
     }
     text += &format!("\n{}\n{}", table(&way), ladder::text(&way, after.noise_sigma));
     if kept {
@@ -241,8 +244,31 @@ pub fn text(found: &RevisedModels, known: &[Revision], kept: bool) -> String {
     text
 }
 
+/// On one line, or on one for each object that has its own.
+fn parameters(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
+    let mut lines: Vec<(Option<&ParameterOwner>, Vec<String>)> = vec![];
+    for p in all {
+        let told = discover::parameter(p);
+        match lines.last_mut().filter(|(owner, _)| *owner == p.owner.as_ref()) {
+            Some((_, line)) => line.push(told),
+            None => lines.push((p.owner.as_ref(), vec![told])),
+        }
+    }
+    let line = |(owner, told): &(Option<&ParameterOwner>, Vec<String>)| {
+        let whose = owner.map_or(String::new(), |o| {
+            let video =
+                names.iter().find(|(video, _)| *video == o.video).map(|(_, name)| format!(" of {name}"));
+            format!("object {}{}: ", o.object_id, video.unwrap_or_default())
+        });
+        format!("  {whose}{}\n", told.join(", "))
+    };
+    lines.iter().map(line).collect()
+}
+
 fn verdict(r: &Revision) -> String {
     let word = match r.worth() {
+        // Nothing can be said of evidence then.
+        Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.too_little),
         Worth::Better => "better",
         Worth::NoDifference => "no difference that these videos show; the simpler model is as good",
         Worth::Worse => "worse",
@@ -270,6 +296,7 @@ fn to_json(r: &Revision) -> Value {
         Worth::Better => json!("BETTER"),
         Worth::NoDifference => json!("NO_DIFFERENCE"),
         Worth::Worse => json!("WORSE"),
+        Worth::NotIdentifiable => json!("NOT_IDENTIFIABLE"),
         Worth::Unspecified => Value::Null,
     };
     json!({
@@ -285,7 +312,38 @@ fn to_json(r: &Revision) -> Value {
         "noise_sigma_m": r.noise_sigma,
         "log_evidence": r.log_evidence,
         "worth": worth,
+        "not_identifiable": word(&r.too_little),
         "models": r.models,
         "parents": r.parents,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_that_differ_are_named_and_what_is_not_determined_stands_in_brackets() {
+        let factor = |object_id: u32, video: &str, identified: bool| FoundParameter {
+            name: "factor".into(),
+            unit: "1".into(),
+            value: vec![2.0],
+            low: vec![0.5],
+            high: vec![3.5],
+            owner: Some(ParameterOwner { object_id, video: video.into(), identified }),
+            ..Default::default()
+        };
+        let all = [factor(3, "", true), factor(5, "videos/b", false)];
+        insta::assert_snapshot!(parameters(&all, &[("videos/a", "left"), ("videos/b", "right")]), @r"
+          object 3: factor 2.0000 [0.5000 to 3.5000]
+          object 5 of right: (factor 2.0000 [0.5000 to 3.5000])
+        ");
+        let added = crate::api::v1::FoundEffect { parameters: all.to_vec(), ..Default::default() };
+        let listed = discover::parameters(&added);
+        assert_eq!(listed["factor"][1]["object_id"], 5, "{listed}");
+        assert_eq!(listed["factor"][1]["identified"], false, "{listed}");
+        let mut unknown = Revision { too_little: "film more".into(), ..Default::default() };
+        unknown.set_worth(Worth::NotIdentifiable);
+        assert_eq!(verdict(&unknown), "NOT_IDENTIFIABLE: film more");
+    }
 }

@@ -82,6 +82,7 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
         value: id.clone(),
         low: id.clone(),
         high: id,
+        owner: None,
     });
     let scale = c.remains.max(1.0).sqrt();
     let least = |k: usize| match c.entry.spec.params[k].unit {

@@ -5,15 +5,15 @@ use super::contact::{estimates_of, screen_contacts, with_contact};
 use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
-use super::inquire::readings;
-use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
+use super::inquire::{readings, too_little};
+use super::outcome::{Found, NINETY_FIVE, Owner, Ranked, Reported, Value, reported};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::search::leaves_something;
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
-use crate::effects::{EFFECTS, EffectEntry, Hook};
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
+use crate::effects::{EFFECTS, EffectEntry, Hook, ParamSpec, Scope};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, counted, part};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -127,6 +127,8 @@ pub enum Worth {
     /// The data do not tell: the simpler model is as good.
     NoDifference,
     Worse,
+    /// Too little moves to tell.
+    NotIdentifiable,
 }
 
 /// What one revision is worth against the one that it came from.
@@ -153,6 +155,8 @@ pub struct Changed {
     /// The effect that was added, with its parameters.
     pub added: Option<Found>,
     pub weight: Weight,
+    /// Why these videos cannot tell what it is worth, and what to film instead.
+    pub too_little: Option<String>,
 }
 
 /// What a change begins with.
@@ -213,9 +217,13 @@ pub fn change(
     };
     let fair: Vec<&SceneFit> = again.iter().flat_map(|a| &a.scenes).collect();
     let better = again.is_some() && chi_square(&fair).0 < chi_square(&fits).0;
-    let weight = weigh(if better { &fair } else { &fits }, unseen, &after);
+    let mut weight = weigh(if better { &fair } else { &fits }, unseen, &after);
+    let too_little = too_little(&lens);
+    if too_little.is_some() {
+        weight.worth = Worth::NotIdentifiable;
+    }
     let added = proposal.added.map(|name| found(&after, &name));
-    Ok(Changed { before, after, added, weight })
+    Ok(Changed { before, after, added, weight, too_little })
 }
 
 /// Models with the change made, before they are fitted.
@@ -275,12 +283,15 @@ fn with_library(
     if entry.spec.name == "sticky_contact" {
         return Ok((0.0, stuck(begun, entry, &region)));
     }
-    if !(entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
+    let matter = entry.uses(Hook::Matter);
+    if !(matter || entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
         return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
     }
     let (found, _) = screen_contacts(&Alone::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
-    let (gain, values) = found.into_iter().next().map_or((0.0, seed()), |c| (c.before - c.after, c.values));
-    Ok((gain, with_contact(begun, entry, &values, None, &region)))
+    // Contacts tell ratios of masses: where they name the one object that is heavier, its factor alone is asked for.
+    let best = found.into_iter().next().map(|c| (c.before - c.after, c.values, c.object));
+    let (gain, values, object) = best.unwrap_or_else(|| (0.0, seed(), None));
+    Ok((gain, with_contact(begun, entry, &values, object, &region)))
 }
 
 /// The models with a user's law, its parameters free within their bounds.
@@ -379,6 +390,9 @@ impl Revision {
 fn found(revision: &Revision, name: &str) -> Found {
     let fit = &revision.fit;
     match named(name).find(|e| e.spec.name == name) {
+        Some(entry) if entry.spec.params.iter().all(|p| p.scope == Scope::Object) => {
+            Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) }
+        }
         Some(entry) => {
             let (mut values, mut sd) = (vec![], vec![]);
             for p in entry.spec.params {
@@ -401,14 +415,108 @@ fn found(revision: &Revision, name: &str) -> Found {
                 let (at, sd) = e.map_or((p.default, 0.0), |e| (e.value, e.sd));
                 let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
                 let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
-                Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high }
+                Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
             };
             Found { kind: FORMULA.into(), effect: name.into(), parameters: own.iter().map(one).collect() }
         }
     }
 }
 
+/// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
+/// than chance, the surest first; where none does, of the one that is nearest to it.
+fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
+    let first: Vec<&Estimate> =
+        entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry, p.name));
+    let one = |e: &&Estimate| -> Option<(f64, Vec<Reported>)> {
+        let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
+        let label = format!("[{object}]");
+        let of = |name: &str| {
+            let mut all = estimates_of(fit, entry, name).into_iter();
+            all.find(|o| o.scene == e.scene && o.name.ends_with(&label))
+        };
+        let own: Vec<Option<&Estimate>> = entry.spec.params.iter().map(|p| of(p.name)).collect();
+        let number =
+            |(e, p): (&Option<&Estimate>, &ParamSpec)| e.map_or((p.default, 0.0), |e| (e.value, e.sd));
+        let (values, sd): (Vec<f64>, Vec<f64>) = own.iter().zip(entry.spec.params).map(number).unzip();
+        let amplitudes = own.iter().take(entry.amplitudes).flatten();
+        let sure = amplitudes.map(|e| e.value.abs() / e.sd.max(f64::MIN_POSITIVE));
+        let owner = Owner { object, scene: e.scene, identified: own.iter().flatten().all(|e| e.identified) };
+        let told = reported(entry, &values, &sd).into_iter().map(|r| Reported { owner: Some(owner), ..r });
+        Some((sure.fold(0.0, f64::max), told.collect()))
+    };
+    let mut all: Vec<(f64, Vec<Reported>)> = first.iter().filter_map(one).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let differ = all.iter().take_while(|o| o.0 > NINETY_FIVE).count();
+    all.into_iter().take(differ.max(1)).flat_map(|o| o.1).collect()
+}
+
 fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
     let active = fit.scenes.first()?.model.effect(effect)?;
     active.parameters.iter().find(|p| p.name == parameter)?.values.first().copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::discover;
+    use super::super::inquire::diagnose;
+    use super::super::tests::{CUBE, DISC, film, models};
+    use super::*;
+    use crate::discover::{DiscoverOptions, Verdict};
+    use crate::fit::fit;
+    use crate::num::never;
+
+    fn added(scenes: &[Scene], name: &str) -> Changed {
+        let (base, options) = (models(scenes), DiscoverOptions::default().fit);
+        change(scenes, &Origin::Start(&base), &Change::Add(name.into()), &options, &never).expect("it runs")
+    }
+
+    #[test]
+    fn a_mass_is_told_with_its_object_and_is_none_below_zero() {
+        let meetings = vec![
+            vec![(DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]), (DISC, 1.2, [0.4, 0.1], [-0.4, 0.0])],
+            vec![(DISC, 0.8, [0.0, -1.2], [0.1, 1.1]), (DISC, 1.2, [0.1, 0.3], [0.0, -0.3])],
+            vec![(CUBE, 1.0, [0.9, -0.8], [-0.8, 0.7]), (DISC, 1.2, [-0.3, 0.3], [0.3, -0.2])],
+            vec![
+                (DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]),
+                (DISC, 1.2, [0.5, 1.2], [0.0, 0.0]),
+                (DISC, 0.7, [0.4, 0.1], [-0.4, 0.0]),
+            ],
+        ];
+        let mut scenes = film(&meetings, None);
+        scenes.iter_mut().for_each(|s| s.objects[1].mass = Some(0.6));
+        let made = added(&scenes, "mass_change");
+        assert_eq!(made.weight.worth, Worth::Better, "{:?}", made.weight);
+        let told = made.added.expect("it was added").parameters;
+        let [factor] = &told[..] else { panic!("{told:?}") };
+        assert_eq!(factor.owner, Some(Owner { object: 1, scene: None, identified: true }));
+        let Value::Number(v) = factor.value else { panic!("{factor:?}") };
+        assert!((v - 2.0).abs() < 0.15, "{factor:?}");
+        // Of objects that never meet nothing is known; what is said of one is what a mass can be.
+        let apart =
+            film(&[vec![(DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]), (DISC, 0.6, [0.0, 2.0], [1.0, 0.0])]], None);
+        let told = added(&apart, "mass_change").added.expect("it was added").parameters;
+        let [factor] = &told[..] else { panic!("{told:?}") };
+        assert!(factor.owner.is_some_and(|o| !o.identified), "{factor:?}");
+        let Value::Number(low) = factor.low else { panic!("{factor:?}") };
+        assert!(low > 0.0, "{factor:?}");
+    }
+
+    #[test]
+    fn where_too_little_moves_all_say_so_and_what_to_film() {
+        let two = vec![(DISC, 1.0, [0.0, 0.0], [1.0, 0.0]), (CUBE, 1.0, [0.0, 2.0], [0.5, 0.0])];
+        let mut scenes = film(&[two], None);
+        scenes[0].times.truncate(2);
+        scenes[0].tracks.iter_mut().for_each(|t| t.samples.truncate(2));
+        let (base, options) = (models(&scenes), DiscoverOptions::default());
+        let found = discover(&scenes, &base, &options, &never).expect("it runs");
+        assert_eq!(found.verdict, Verdict::NotIdentifiable);
+        let made = added(&scenes, "tilt");
+        assert_eq!(
+            (made.weight.worth, made.too_little),
+            (Worth::NotIdentifiable, Some(found.reason.clone()))
+        );
+        let fitted = fit(&scenes, &base, &options.fit, &never).expect("it fits");
+        let told = diagnose(&scenes, &fitted, &[], &options, &never).expect("it runs");
+        assert_eq!((told.too_little, told.ranked), (Some(found.reason), vec![]));
+    }
 }

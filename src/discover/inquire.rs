@@ -46,7 +46,7 @@ pub fn discover(
 ) -> Result<Discovery, FitError> {
     crate::fit::check(scenes, models)?;
     let lens = Lens::new(scenes);
-    if lens.degrees_of_freedom() < FEWEST {
+    if too_little(&lens).is_some() {
         return Ok(not_identifiable(&lens));
     }
     if options.max_effects > 0
@@ -225,6 +225,9 @@ pub struct Diagnosis {
     pub ranked: Vec<Ranked>,
     /// Sudden changes of velocity that no other object explains: index of the scene, and what happened.
     pub jumps: Vec<(usize, Jump)>,
+    /// Why these videos cannot tell what is missing, and what to film instead; nothing is ranked then.
+    #[serde(default)]
+    pub too_little: Option<String>,
 }
 
 /// Diagnoses the models of a fit; laws that users write are candidates too, by their names.
@@ -249,12 +252,29 @@ pub fn diagnose(
         ranked.extend(rank_formulas(&lens, &begun, &fit_forces(&lens, &begun), formulas, unit));
         ranked.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     }
+    let too_little = too_little(&lens);
+    if too_little.is_some() {
+        ranked.clear();
+    }
     Ok(Diagnosis {
         comparison,
         free_motion: motion.base.chi_square / motion.degrees_of_freedom,
         ranked,
         jumps: films.films.jumps,
+        too_little,
     })
+}
+
+/// Why too little moves to tell any law, and what to film instead; `None` where enough does.
+pub fn too_little(lens: &Lens) -> Option<String> {
+    (lens.degrees_of_freedom() < FEWEST).then(|| film_instead(lens))
+}
+
+fn film_instead(lens: &Lens) -> String {
+    let seen = lens.degrees_of_freedom();
+    format!(
+        "only {seen} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart"
+    )
 }
 
 /// Indices of the readings that are not worse than the best by more than chance.
@@ -313,9 +333,6 @@ fn not_identifiable(lens: &Lens) -> Discovery {
         smallest: vec![],
         noise_sigma: pooled_noise(lens),
         revisions: vec![],
-        reason: format!(
-            "only {} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart",
-            lens.degrees_of_freedom()
-        ),
+        reason: film_instead(lens),
     }
 }

@@ -41,7 +41,9 @@ pub use force::{Lens, fit_forces};
 pub use formula::{ResidualLaw, residual_law};
 pub use free::{at_values, flats, free_parameters};
 pub use inquire::{Diagnosis, diagnose, discover};
-pub use outcome::{Discovery, Experiment, Found, Ranked, Reported, Smallest, Value, Verdict, reported};
+pub use outcome::{
+    Discovery, Experiment, Found, Owner, Ranked, Reported, Smallest, Value, Verdict, reported,
+};
 pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
 pub use screen::{Candidate, region, screen, sought, with_effect, with_nuisance};

@@ -67,6 +67,19 @@ pub struct Reported {
     pub value: Value,
     pub low: Value,
     pub high: Value,
+    /// Whose it is, where objects differ in it.
+    #[serde(default)]
+    pub owner: Option<Owner>,
+}
+
+/// An object that has a parameter of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Owner {
+    pub object: u32,
+    /// Index of the scene that it is in; `None`: it has this number wherever an object of its id is.
+    pub scene: Option<usize>,
+    /// Whether the data, and not what was believed, determine the number.
+    pub identified: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -145,7 +158,7 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
         let (value, low, high) = match quantity {
             Quantity::Number(v) => {
                 let d = deviation(0);
-                let [least, most] = own.map_or([f64::NEG_INFINITY, f64::INFINITY], |p| [p.min, p.max]);
+                let [least, most] = own.map_or_else(|| reach(entry, which), |p| [p.min, p.max]);
                 (Value::Number(*v), Value::Number((v - d).max(least)), Value::Number((v + d).min(most)))
             }
             Quantity::Vector([x, y]) => {
@@ -158,9 +171,22 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
             }
         };
         let unit = own.map(|p| p.unit).unwrap_or_default().to_string();
-        Reported { name: name.to_string(), unit, value, low, high }
+        Reported { name: name.to_string(), unit, value, low, high, owner: None }
     };
     at.iter().enumerate().map(one).collect()
+}
+
+/// How far a quantity reaches that a report makes of a law's only parameter: a factor of mass is never negative.
+fn reach(entry: &EffectEntry, which: usize) -> [f64; 2] {
+    let at = |value: f64| match (entry.report)(&[value]).get(which) {
+        Some((_, Quantity::Number(v))) if !v.is_nan() => Some(*v),
+        _ => None,
+    };
+    let ends = match entry.spec.params {
+        [only] => at(only.min).zip(at(only.max)),
+        _ => None,
+    };
+    ends.map_or([f64::NEG_INFINITY, f64::INFINITY], |(a, b)| [a.min(b), a.max(b)])
 }
 
 #[cfg(test)]
@@ -176,5 +202,9 @@ mod tests {
         let told = reported(wall, &values, &vec![5.0; values.len()]);
         let restitution = told.iter().find(|r| r.name == "restitution").expect("it is told");
         assert_eq!((&restitution.low, &restitution.high), (&Value::Number(0.0), &Value::Number(1.0)));
+        // Nor does what a report makes of a parameter: the factor of 1 + excess.
+        let factor = &reported(effect("mass_change").expect("it is in the library"), &[0.0], &[10.0])[0];
+        let Value::Number(low) = factor.low else { panic!("{factor:?}") };
+        assert!(low > 0.0 && low < 0.1, "{factor:?}");
     }
 }

@@ -32,6 +32,9 @@ pub struct Step {
     pub noise_sigma: f64,
     /// Against its parent.
     pub weight: Option<Weight>,
+    /// Why its videos cannot tell what it is worth, and what to film instead.
+    #[serde(default)]
+    pub too_little: Option<String>,
 }
 
 /// What a change that cannot be made is called in a request.
@@ -82,6 +85,7 @@ pub fn changed(
     let (mut after, mut fits) = step(subject, &made.after, Some(&before));
     after.added = made.added;
     after.weight = Some(made.weight);
+    after.too_little = made.too_little;
     if let Change::Remove(name) = asked {
         after.removed = Some(name.clone());
     }
@@ -129,6 +133,7 @@ fn step(subject: &Subject, revision: &Revision, parent: Option<&Step>) -> (Step,
         reduced_chi_square: revision.reduced_chi_square,
         noise_sigma: (squares / scenes.len().max(1) as f64).sqrt(),
         weight: None,
+        too_little: None,
     };
     let one = |(k, (video, id)): (usize, (&String, &String))| StoredFit {
         video: video.clone(),

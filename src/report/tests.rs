@@ -61,6 +61,7 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         value: number(f64::NAN),
         low: number(0.0),
         high: number(1.0),
+        owner: None,
     };
     let effect = Found { kind: "vortex".into(), effect: "vortex".into(), parameters: vec![parameter] };
     let ranked =

@@ -191,6 +191,16 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_video_that_is_too_short_is_told_what_to_film_instead() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("short", 2)).await.unwrap();
+    let [_, after] = add(&service, study(&[video], &[]), Addition::Effect("tilt".into())).await.unwrap();
+    assert_eq!(after.worth(), v1::Worth::NotIdentifiable);
+    assert!(after.too_little.contains("film objects that move"), "{}", after.too_little);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_law_of_ones_own_is_ranked_beside_the_library() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
