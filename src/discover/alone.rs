@@ -90,13 +90,14 @@ impl Alone {
 
     /// Whether two objects touch, as the fit has it.
     fn meet(&self, film: usize) -> bool {
-        let scene = &self.films.scenes[film];
-        let met = |model: &Model| {
-            let events = trace(model, &scene.times).events;
-            events.iter().any(|e| e.kind == EventKind::Collision && e.objects.len() > 1)
-        };
-        self.fits[film].scenes.iter().any(|s| met(&s.model))
+        self.fits[film].scenes.iter().any(|s| meet(&s.model, &self.films.scenes[film].times))
     }
+}
+
+/// Whether two objects touch, as a model has it.
+pub fn meet(model: &Model, times: &[f64]) -> bool {
+    let events = trace(model, times).events;
+    events.iter().any(|e| e.kind == EventKind::Collision && e.objects.len() > 1)
 }
 
 /// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.

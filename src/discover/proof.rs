@@ -85,6 +85,12 @@ pub fn gained(before: &Fit, after: &Fit) -> usize {
     pairs.filter(|(b, a)| gain(b, a) > MUCH).count()
 }
 
+/// How much nearer all scenes are but the one that gains most (twice a log likelihood, the noise unknown).
+pub fn elsewhere(before: &Fit, after: &Fit) -> f64 {
+    let gains: Vec<f64> = before.scenes.iter().zip(&after.scenes).map(|(b, a)| gain(b, a)).collect();
+    gains.iter().sum::<f64>() - gains.iter().copied().fold(0.0, f64::max)
+}
+
 /// Whether a fit follows at least two scenes much better that another does not: one may be lost, and found, by chance.
 pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
     let mended = |(b, a): &(&SceneFit, &SceneFit)| {

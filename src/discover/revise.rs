@@ -87,12 +87,25 @@ pub fn revise(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Revision, FitError> {
+    revise_from(lens, models, &vec![None; models.len()], effect, options, stop)
+}
+
+/// The same, the whole films begun where the models that have `begun` some of the scenes stand.
+pub fn revise_from(
+    lens: &Lens,
+    models: &[Model],
+    begun: &[Option<&Model>],
+    effect: Option<&str>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
     // The first frames before the whole film: what follows them knows where to begin.
     let shown: Vec<Scene> = lens.scenes.iter().map(first_frames).collect();
-    let begun = fit_shown(&shown, models, effect, options, stop)?;
-    let parts = errors(lens.scenes, &shown, &begun);
-    let begun: Vec<Option<&Model>> = shown.iter().zip(&begun.scenes).map(|(s, f)| follows(s, f)).collect();
+    let first = fit_shown(&shown, models, effect, options, stop)?;
+    let parts = errors(lens.scenes, &shown, &first);
+    let begun: Vec<Option<&Model>> =
+        (0..models.len()).map(|k| begun[k].or_else(|| follows(&shown[k], &first.scenes[k]))).collect();
     let led = led(models, effect, &free, &seen);
     let (fit_all, apart) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
