@@ -67,7 +67,7 @@ enum Column {
 /// line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     let text = text.trim_start_matches('\u{feff}');
-    let mut r = Report::default();
+    let mut r = Report::of_rows();
     let notes = Notes::read(text, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
@@ -406,7 +406,7 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         }
         ((0..=last as usize).map(|f| f as f64 / fps).collect(), fps)
     };
-    let mut r = Report::default();
+    let mut r = Report::of_rows();
     let (mut objects, mut tracks): (Vec<Object>, Vec<Track>) = (vec![], vec![]);
     // Kinds and sizes of the objects, and the line of each one's row in a frame.
     let (mut forms, mut lines): (Vec<(Kind, f64)>, BTreeMap<_, u64>) = (vec![], BTreeMap::new());
