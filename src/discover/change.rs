@@ -459,7 +459,7 @@ fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
 mod tests {
     use super::super::discover;
     use super::super::inquire::diagnose;
-    use super::super::tests::{CUBE, DISC, film, models};
+    use super::super::tests::{CUBE, DISC, film, heavier_than_believed, models};
     use super::*;
     use crate::discover::{DiscoverOptions, Verdict};
     use crate::fit::fit;
@@ -472,18 +472,7 @@ mod tests {
 
     #[test]
     fn a_mass_is_told_with_its_object_and_is_none_below_zero() {
-        let meetings = vec![
-            vec![(DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]), (DISC, 1.2, [0.4, 0.1], [-0.4, 0.0])],
-            vec![(DISC, 0.8, [0.0, -1.2], [0.1, 1.1]), (DISC, 1.2, [0.1, 0.3], [0.0, -0.3])],
-            vec![(CUBE, 1.0, [0.9, -0.8], [-0.8, 0.7]), (DISC, 1.2, [-0.3, 0.3], [0.3, -0.2])],
-            vec![
-                (DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]),
-                (DISC, 1.2, [0.5, 1.2], [0.0, 0.0]),
-                (DISC, 0.7, [0.4, 0.1], [-0.4, 0.0]),
-            ],
-        ];
-        let mut scenes = film(&meetings, None);
-        scenes.iter_mut().for_each(|s| s.objects[1].mass = Some(0.6));
+        let scenes = heavier_than_believed();
         let made = added(&scenes, "mass_change");
         assert_eq!(made.weight.worth, Worth::Better, "{:?}", made.weight);
         let told = made.added.expect("it was added").parameters;

@@ -329,8 +329,8 @@ fn an_added_effect_that_is_off_changes_nothing() {
     }
 }
 
-#[test]
-fn an_object_heavier_than_believed_is_told_from_a_law_of_contact() {
+/// Films of an object of twice the mass that is believed.
+pub(super) fn heavier_than_believed() -> Vec<Scene> {
     let meetings: Vec<Vec<Launch>> = vec![
         vec![(DISC, 0.6, [-1.0, 0.0], [1.0, 0.0]), (DISC, 1.2, [0.4, 0.1], [-0.4, 0.0])],
         vec![(DISC, 0.8, [0.0, -1.2], [0.1, 1.1]), (DISC, 1.2, [0.1, 0.3], [0.0, -0.3])],
@@ -344,6 +344,12 @@ fn an_object_heavier_than_believed_is_told_from_a_law_of_contact() {
     ];
     let mut scenes = film(&meetings, None);
     scenes.iter_mut().for_each(|s| s.objects[1].mass = Some(0.6));
+    scenes
+}
+
+#[test]
+fn an_object_heavier_than_believed_is_told_from_a_law_of_contact() {
+    let scenes = heavier_than_believed();
     let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
     let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
     assert_eq!(names, ["mass_change"], "{}", found.reason);
