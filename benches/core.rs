@@ -5,7 +5,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rapier2d::prelude as rapier;
 use std::hint::black_box;
 use vrdp::effects::{Scope, effect};
-use vrdp::fit::{Fit, FitOptions, fit};
+use vrdp::fit::{Fit, FitOptions, drawn, estimate_one};
 use vrdp::num::{Jet, LANES, Vec2, never};
 use vrdp::reason::{AskOptions, Question, ask};
 use vrdp::scene::{Scene, Shape, parse};
@@ -26,14 +26,17 @@ struct Fitted {
 fn fitted() -> Fitted {
     let scene = parse("scene_00000", SCENE).expect("the committed scene is valid");
     let start = Preset::for_world(scene.world).model(&scene);
-    let fit = fit_once(&scene, &start);
+    let fit = draws(&scene, fit_once(&scene, &start));
     let times = scene.times.clone();
     Fitted { scene, start, fit, times }
 }
 
 fn fit_once(scene: &Scene, start: &Model) -> Fit {
-    let (scenes, starts) = (std::slice::from_ref(scene), std::slice::from_ref(start));
-    fit(scenes, starts, &FitOptions::default(), &never).expect("the committed scene can be fitted")
+    estimate_one(scene, start, &FitOptions::default(), &never).expect("the committed scene can be fitted")
+}
+
+fn draws(scene: &Scene, fit: Fit) -> Fit {
+    drawn(std::slice::from_ref(scene), fit, &never).expect("nothing stops it")
 }
 
 fn benches(criterion: &mut Criterion) {
@@ -49,6 +52,10 @@ fn benches(criterion: &mut Criterion) {
     let mut slow = criterion.benchmark_group("whole");
     slow.sample_size(10);
     slow.bench_function("fit", |b| b.iter(|| fit_once(black_box(&fitted.scene), &fitted.start)));
+    let estimated = fit_once(&fitted.scene, &fitted.start);
+    slow.bench_function("draws", |b| {
+        b.iter(|| draws(black_box(&fitted.scene), estimated.clone()));
+    });
     slow.bench_function("question", |b| {
         let question = Question::English { question: "How many collisions happen?".into(), choices: vec![] };
         b.iter(|| {

@@ -84,12 +84,13 @@ fn measure(group: &Path) -> Result<Told, Box<dyn Error>> {
         if let Some(law) = law.filter(|_| right) {
             let truly = with_truth(&scenes, last, law, &hidden["params"])?;
             let ours: Vec<Model> = last.fit.scenes.iter().map(|s| s.model.clone()).collect();
-            let [ours, truly] = [&ours, &truly].map(|models| after(models, &scenes, &truths));
-            line += &format!(
-                "  after the video {:.1} mm, with the true numbers {:.1} mm",
-                1e3 * ours,
-                1e3 * truly
-            );
+            if let [Some(ours), Some(truly)] = [&ours, &truly].map(|m| after(m, &scenes, &truths)) {
+                line += &format!(
+                    "  after the video {:.1} mm, with the true numbers {:.1} mm",
+                    1e3 * ours,
+                    1e3 * truly
+                );
+            }
         }
     }
     Ok(Told { line, right, inside, numbers })
@@ -152,6 +153,10 @@ fn solved(
     };
     for _ in 0..STEPS {
         let here = off(&values);
+        // An effect without numbers has none to solve for.
+        if here.is_empty() {
+            break;
+        }
         let mut slopes = DMatrix::zeros(here.len(), values.len());
         for k in 0..values.len() {
             let mut moved = values.clone();
@@ -164,8 +169,8 @@ fn solved(
     values
 }
 
-/// Root mean square distance from the truth on the frames after the videos (m).
-fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> f64 {
+/// Root mean square distance from the truth on the frames after the videos (m); `None` where it ends with them.
+fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> Option<f64> {
     let (mut squares, mut count) = (0.0, 0);
     for ((model, scene), truth) in models.iter().zip(scenes).zip(truths) {
         let rows = truth["trajectory"].as_array().map_or(&[][..], Vec::as_slice);
@@ -185,7 +190,7 @@ fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> f64 {
             }
         }
     }
-    (squares / f64::from(count.max(1))).sqrt()
+    (count > 0).then(|| (squares / f64::from(count)).sqrt())
 }
 
 fn components(value: &Value) -> Vec<f64> {

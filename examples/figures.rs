@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use vrdp::fit::{Fit, FitOptions, fit};
+use vrdp::fit::{Fit, FitOptions, drawn, estimate};
 use vrdp::num::{Jet, Real, Vec2, never, vec2};
 use vrdp::reason::{Imagined, Request, imagine};
 use vrdp::scene::{Camera, Scene, parse};
@@ -90,6 +90,8 @@ struct Figures {
     /// Parameters whose gradient agrees with central differences, and all.
     gradients: [usize; 2],
     fit_ms: Vec<f64>,
+    /// Draws from the posterior, with which the first prediction begins.
+    draws_ms: Vec<f64>,
     rollout_us: Vec<f64>,
 }
 
@@ -99,9 +101,12 @@ impl Figures {
         let scene = parse(&folder.display().to_string(), &read("observed.json")?)?;
         let truth: Json = serde_json::from_str(&read("truth.json")?)?;
         let start = preset.unwrap_or_else(|| Preset::for_world(scene.world)).model(&scene);
-        let began = Instant::now();
-        let fit = fit(std::slice::from_ref(&scene), &[start], &FitOptions::default(), &never)?;
+        let (scenes, began) = (std::slice::from_ref(&scene), Instant::now());
+        let fit = estimate(scenes, &[start], &FitOptions::default(), &never)?;
         self.fit_ms.push(1e3 * began.elapsed().as_secs_f64());
+        let began = Instant::now();
+        let fit = drawn(scenes, fit, &never)?;
+        self.draws_ms.push(1e3 * began.elapsed().as_secs_f64());
         let fitted = &fit.scenes[0];
         self.chi_squares.push(fitted.reduced_chi_square);
         self.rmse_over_noise.push(fitted.rmse / fitted.noise_sigma);
@@ -249,6 +254,7 @@ impl Figures {
             format!("{agree} of {all} ({:.1} %)", 100.0 * agree as f64 / all.max(1) as f64),
         );
         row("fit, ms: median / worst", spread(&self.fit_ms));
+        row("draws for the first prediction, ms: median / worst", spread(&self.draws_ms));
         row("rollout, us: median / worst", spread(&self.rollout_us));
     }
 }

@@ -34,7 +34,7 @@ type Flights<T> = Arc<Mutex<HashMap<String, Arc<Flight<T>>>>>;
 /// A piece of work that goes on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
-    /// What its result is: fit, study, simulation, answer.
+    /// What its result is: fit, draws, study, simulation, answer.
     pub kind: &'static str,
     /// Id of the (first) video that it is about.
     pub video: String,

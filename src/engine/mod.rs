@@ -27,7 +27,7 @@ pub use start::{Choice, ChoiceKind};
 pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
 pub use trace::{Download, TraceFilter, TraceKind, TraceRecord};
 
-use crate::fit::{Fit, FitError, FitOptions, fit};
+use crate::fit::{Fit, FitError, FitOptions, drawn, estimate_one};
 use crate::reason::{
     Answer, AskOptions, FUTURE_FRAMES, Imagined, Question, ReasonError, Request, ask, imagine,
 };
@@ -179,6 +179,8 @@ pub struct Engine {
     scenes: Cache<String, Arc<Scene>>,
     fits: Memo<StoredFit>,
     joint_fits: Memo<Vec<StoredFit>>,
+    /// Fits with draws from their posteriors.
+    draws: Memo<StoredFit>,
     studies: Memo<Study>,
     simulations: Memo<Simulated>,
     answers: Memo<Answered>,
@@ -205,6 +207,7 @@ impl Engine {
                 .build(),
             fits: Memo::new("fit", CACHED_BYTES, fit_bytes),
             joint_fits: Memo::new("joint_fit", CACHED_BYTES, |fits| fits.iter().map(fit_bytes).sum()),
+            draws: Memo::new("draws", CACHED_BYTES, fit_bytes),
             studies: Memo::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
             simulations: Memo::new("simulation", CACHED_BYTES, |s| {
                 let best = &s.imagined.best;
@@ -253,6 +256,7 @@ impl Engine {
         let ours = self.key("");
         let mut jobs = self.fits.jobs(&ours);
         jobs.extend(self.joint_fits.jobs(&ours));
+        jobs.extend(self.draws.jobs(&ours));
         jobs.extend(self.studies.jobs(&ours));
         jobs.extend(self.simulations.jobs(&ours));
         jobs.extend(self.answers.jobs(&ours));
@@ -364,8 +368,7 @@ impl Engine {
         figures::result("fit", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: crate::num::Stop| {
-            let models = std::slice::from_ref(&model);
-            let fit = fit(std::slice::from_ref(scene.as_ref()), models, &options, stop)?;
+            let fit = estimate_one(&scene, &model, &options, stop)?;
             let stored = StoredFit { video, id, revision: 0, fit, step: None };
             let file = trace::fit(&scene, &model, &options, &stored)?;
             Ok((stored, backlog.admit(vec![file], stop)?))
@@ -396,11 +399,34 @@ impl Engine {
         Ok(rows.into_iter().map(|(_, fit)| fit).collect())
     }
 
-    async fn fitted(self: &Arc<Self>, video: &str, choice: &Choice) -> Result<Arc<StoredFit>, EngineError> {
-        match &choice.kind {
-            ChoiceKind::Fitted(id) => Ok(Arc::new(self.model(video, id).await?)),
-            _ => self.fit(video, choice, FitOptions::default()).await?.finish().await,
+    /// A fit with the draws from its posterior that predictions need.
+    async fn drawn(
+        self: &Arc<Self>,
+        video: &str,
+        scene: &Arc<Scene>,
+        choice: &Choice,
+    ) -> Result<Arc<StoredFit>, EngineError> {
+        let fitted = match &choice.kind {
+            ChoiceKind::Fitted(id) => Arc::new(self.model(video, id).await?),
+            _ => self.fit(video, choice, FitOptions::default()).await?.finish().await?,
+        };
+        if fitted.fit.draws() > 0 {
+            return Ok(fitted);
         }
+        let key = self.key(&fitted.id);
+        let (engine, scene) = (self.clone(), scene.clone());
+        let work = move |control| async move {
+            figures::result("draws", "made");
+            let job = move |stop: crate::num::Stop| {
+                let stored = StoredFit::clone(&fitted);
+                Ok(StoredFit {
+                    fit: drawn(std::slice::from_ref(scene.as_ref()), stored.fit, stop)?,
+                    ..stored
+                })
+            };
+            Ok(engine.pool.run(control, job).await?.0)
+        };
+        self.draws.join(key, video, self.deadline(), work).await.finish().await
     }
 
     /// Predicts or imagines; the trace is durable before the result is given.
@@ -414,7 +440,7 @@ impl Engine {
         let scene = self.video(video).await?;
         let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
         check::size(&scene, frames, options.rollouts)?;
-        let fitted = self.fitted(video, choice).await?;
+        let fitted = self.drawn(video, &scene, choice).await?;
         let model = &fitted.fit.scenes.first().ok_or_else(|| no_video(video))?.model;
         let edited = check::edit(model, &options.interventions)?;
         let SimulateOptions { interventions, rollouts, seed, .. } = options;
@@ -452,7 +478,7 @@ impl Engine {
         let key = self.key("");
         let scene = self.video(video).await?;
         check::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
-        let fitted = self.fitted(video, choice).await?;
+        let fitted = self.drawn(video, &scene, choice).await?;
         let digest = canonical_digest("question", &(video, &fitted.id, &question, &options));
         let engine = self.clone();
         let work = move |control| async move {
@@ -496,7 +522,7 @@ fn scene_bytes(scene: &Scene) -> usize {
     BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
 }
 
-/// A fit keeps draws of every parameter.
+/// A fit that predictions begin with has draws of every parameter.
 fn fit_bytes(stored: &StoredFit) -> usize {
     BASE_BYTES + 1024 * stored.fit.posterior.estimates.len()
 }

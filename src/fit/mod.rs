@@ -25,7 +25,7 @@ use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{Ending, Model};
 use grow::grow;
-use problem::Problem;
+use problem::{Problem, Window};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use solve::{NEGLIGIBLE, Solution, minimise, minimise_from};
@@ -156,20 +156,30 @@ const WORTH_A_ROUND: f64 = 5.0;
 const BROKEN_OFF: f64 = 1e9;
 
 /// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
-/// `ShapePair` are shared by all scenes. Deterministic.
+/// `ShapePair` are shared by all scenes, and draws from the posterior. Deterministic.
 pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
     check(scenes, start)?;
-    fit_drawing(DRAWS, scenes, start, options, stop)
+    drawn(scenes, estimate(scenes, start, options, stop)?, stop)
 }
 
-/// The same without draws from the posterior, which predictions need and another fit does not.
-pub fn estimate(
-    scenes: &[Scene],
-    start: &[Model],
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Fit, FitError> {
-    fit_drawing(0, scenes, start, options, stop)
+/// A fit of these scenes with draws from its posterior, which predictions need and the rest does not; one that has some stays
+/// as it is.
+pub fn drawn(scenes: &[Scene], fit: Fit, stop: Stop) -> Result<Fit, FitError> {
+    if fit.draws() > 0 {
+        return Ok(fit);
+    }
+    let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
+    let models = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let mut problem = Problem::new(scenes, models, &noises, stop);
+    problem.release();
+    let posterior = fit.posterior.drawn(&mut problem, longest(scenes));
+    stop(1.0)?;
+    Ok(Fit { posterior, ..fit })
+}
+
+/// Frames of the longest of the scenes.
+fn longest(scenes: &[Scene]) -> Window {
+    scenes.iter().map(|s| s.times.len()).max().unwrap_or(0)
 }
 
 /// The same of one scene.
@@ -187,8 +197,8 @@ pub fn estimate_each(
     (scenes, start).into_par_iter().map(|(scene, start)| estimate_one(scene, start, options, stop)).collect()
 }
 
-fn fit_drawing(
-    draws: usize,
+/// Fits without draws from the posterior, and without the checks that are dear.
+pub fn estimate(
     scenes: &[Scene],
     start: &[Model],
     options: &FitOptions,
@@ -204,7 +214,7 @@ fn fit_drawing(
         }
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
-    let frames = scenes.iter().map(|s| s.times.len()).max().unwrap_or(0);
+    let frames = longest(scenes);
     let best = match options.method {
         Method::GaussNewton => {
             let found = match scenes.len() {
@@ -228,7 +238,7 @@ fn fit_drawing(
             return Err(FitError::Undefined { scene: part.scene.name.clone() });
         }
     }
-    let posterior = Posterior::at(&problem, &best.point, frames, draws);
+    let posterior = Posterior::at(&problem, &best.point, frames);
     stop(1.0)?;
     let fits = (0..scenes.len()).map(|i| scene_fit(&problem, i, &best.point, frames)).collect();
     let Solution { iterations, outcome, losses, .. } = best;

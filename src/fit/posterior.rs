@@ -10,7 +10,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-/// Draws that are kept with a fit.
+/// Draws from a posterior.
 pub const DRAWS: usize = 32;
 /// A draw that fits this many deviations worse than a draw from the true posterior would is pulled in.
 const TOLERATED: f64 = 3.0;
@@ -31,20 +31,43 @@ const IDENTIFIED: f64 = 0.5;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Posterior {
     pub estimates: Vec<Estimate>,
-    /// Search-space values, bounds and whether they are logarithms, in the order of `estimates`.
+    /// Where they stand in search space, in the order of `estimates`.
     coordinates: Vec<Coordinate>,
     /// For each scene, index in [`Model::flatten`] and in `coordinates`.
     slots: Vec<Vec<(usize, usize)>>,
-    /// Draws, as search-space values.
+    /// Draws, as search-space values; none until they are asked for.
     draws: Vec<Vec<f64>>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Coordinate {
     value: f64,
-    min: f64,
-    max: f64,
     log: bool,
+    /// What was believed before.
+    #[serde(default)]
+    mean: f64,
+}
+
+/// The linear model of a problem at its best point.
+struct Laplace {
+    parts: Vec<Linear>,
+    /// How much of each part is independent.
+    shares: Vec<f64>,
+    /// L with L L^T = the parameters' covariance.
+    factor: DMatrix<f64>,
+}
+
+impl Laplace {
+    fn at(problem: &Problem, point: &[f64], window: Window) -> Laplace {
+        // What the search has is of a point before: where contacts are sensitive, derivatives change within a deviation.
+        let parts = problem.linearised(point, window, None);
+        let independent = vec![1.0; parts.len()];
+        let factor = problem.weighed(point, &parts, &independent).covariance_factor();
+        let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
+        let shares: Vec<f64> = problem.parts.iter().zip(&parts).map(share).collect();
+        let factor = problem.weighed(point, &parts, &shares).covariance_factor();
+        Laplace { parts, shares, factor }
+    }
 }
 
 /// One fitted parameter.
@@ -87,34 +110,42 @@ impl Posterior {
         self.estimates.iter().find(|e| e.name == name && e.sd < UNTOLD * believed)
     }
 
-    /// With so many draws.
-    pub(super) fn at(problem: &Problem, point: &[f64], window: Window, count: usize) -> Posterior {
-        // What the search has is of a point before: where contacts are sensitive, derivatives change within a deviation.
-        let parts = &problem.linearised(point, window, None);
-        let independent = vec![1.0; parts.len()];
-        let factor = problem.weighed(point, parts, &independent).covariance_factor();
-        let share = |(part, linear): (&Part, &Linear)| 1.0 / part.redundancy(linear, &factor);
-        let shares: Vec<f64> = problem.parts.iter().zip(parts).map(share).collect();
-        let factor = problem.weighed(point, parts, &shares).covariance_factor();
-        let sd: Vec<f64> = (0..point.len()).map(|k| factor.row(k).norm()).collect();
+    pub(super) fn at(problem: &Problem, point: &[f64], window: Window) -> Posterior {
+        let Laplace { factor, .. } = Laplace::at(problem, point, window);
         let estimate = |(k, f): (usize, &Free)| {
+            let sd = factor.row(k).norm();
             let value = if f.log { point[k].exp() } else { point[k] };
             Estimate {
                 scene: f.scene,
                 name: f.name.clone(),
                 value,
-                sd: if f.log { value * sd[k] } else { sd[k] },
+                sd: if f.log { value * sd } else { sd },
                 unit: f.unit.to_string(),
-                identified: sd[k] < IDENTIFIED * f.sd,
+                identified: sd < IDENTIFIED * f.sd,
             }
         };
-        let coordinate =
-            |(k, f): (usize, &Free)| Coordinate { value: point[k], min: f.min, max: f.max, log: f.log };
+        let coordinate = |(f, &value): (&Free, &f64)| Coordinate { value, log: f.log, mean: f.mean };
         Posterior {
             estimates: problem.free.iter().enumerate().map(estimate).collect(),
-            coordinates: problem.free.iter().enumerate().map(coordinate).collect(),
+            coordinates: problem.free.iter().zip(point).map(coordinate).collect(),
             slots: problem.parts.iter().map(|p| p.slots.clone()).collect(),
-            draws: draws(count, problem, point, parts, &shares, &factor, window),
+            draws: vec![],
+        }
+    }
+
+    /// With draws; the problem stands where this posterior is of.
+    pub(super) fn drawn(self, problem: &mut Problem, window: Window) -> Posterior {
+        let mut point = problem.start();
+        // What was believed is the posterior's, where the problem begins at its best point.
+        for ((f, c), x) in problem.free.iter_mut().zip(&self.coordinates).zip(&mut point) {
+            f.mean = c.mean;
+            *x = c.value;
+        }
+        let slots = problem.parts.iter().map(|p| p.slots.clone()).collect();
+        Posterior {
+            draws: draws(problem, &point, &Laplace::at(problem, &point, window), window),
+            slots,
+            ..self
         }
     }
 
@@ -141,7 +172,7 @@ impl Posterior {
     }
 
     /// The model of a scene at stored draw `draw`.
-    fn drawn(&self, scene: usize, model: &Model, draw: usize) -> Model {
+    fn model(&self, scene: usize, model: &Model, draw: usize) -> Model {
         let mut flat = model.flatten();
         for &(slot, k) in &self.slots[scene] {
             let value = self.draws[draw][k];
@@ -155,18 +186,8 @@ impl Posterior {
 /// Laplace's approximation takes it for, so a draw whose residuals are not those of the linear model is led
 /// back by Gauss-Newton steps with the derivatives at `point`, and pulled in where that is not enough. What is independent
 /// of it stays as it was drawn.
-fn draws(
-    count: usize,
-    problem: &Problem,
-    point: &[f64],
-    parts: &[Linear],
-    shares: &[f64],
-    factor: &DMatrix<f64>,
-    window: Window,
-) -> Vec<Vec<f64>> {
-    if count == 0 {
-        return vec![];
-    }
+fn draws(problem: &Problem, point: &[f64], laplace: &Laplace, window: Window) -> Vec<Vec<f64>> {
+    let Laplace { parts, shares, factor } = laplace;
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
     let blocks = Blocks::new(problem, factor);
@@ -212,7 +233,7 @@ fn draws(
         }
         problem.moved(point, |k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
     };
-    (0..count).map(draw).collect()
+    (0..DRAWS).map(draw).collect()
 }
 
 /// What a draw does: residuals of each part, and which bodies met ([`Part::components`]).
@@ -330,17 +351,18 @@ impl Fit {
         }
     }
 
-    /// How many draws the fit keeps.
+    /// How many draws the fit has.
     pub fn draws(&self) -> usize {
         self.posterior.draws.len()
     }
 
-    /// Models of one scene drawn from the posterior; the seed picks among the [`DRAWS`] kept with the fit.
+    /// Models of one scene drawn from the posterior; the seed picks among the [`DRAWS`] that [`drawn`](super::drawn)
+    /// made; none where it was not called.
     pub fn draw(&self, scene: usize, count: usize, seed: u64) -> Vec<Model> {
         let model = &self.scenes[scene].model;
         let kept = self.posterior.draws.len();
         let pick =
-            |i: usize| self.posterior.drawn(scene, model, (i + (seed % kept.max(1) as u64) as usize) % kept);
+            |i: usize| self.posterior.model(scene, model, (i + (seed % kept.max(1) as u64) as usize) % kept);
         if kept == 0 { vec![] } else { (0..count.min(kept)).map(pick).collect() }
     }
 
