@@ -93,6 +93,9 @@ fn measure(group: &Path) -> Result<Told, Box<dyn Error>> {
             }
         }
     }
+    if let Some(formula) = &found.formula {
+        line += &format!("  {formula}");
+    }
     Ok(Told { line, right, inside, numbers })
 }
 

@@ -156,6 +156,10 @@ pub fn reason(
                 "between contacts nothing is missing that the library has; {left}, but contacts are not explained: film single ones"
             )
         }
+        Verdict::Adequate if motion.reduced_chi_square() > super::MISFIT => format!(
+            "nothing is missing that more than one object shows; {left}, as one object moves as nothing explains: it may have \
+             met something; diagnose shows where"
+        ),
         Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
         Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
             "the formula explains the motion better than any law of the library, and is as simple".into()

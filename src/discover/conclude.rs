@@ -3,7 +3,7 @@
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
 use super::change::{Change, FORMULA, propose};
-use super::contact::{ContactCandidate, with_contact};
+use super::contact::{ContactCandidate, estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
@@ -13,7 +13,7 @@ use super::proof;
 use super::revise::{
     Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise, without_effect,
 };
-use super::screen::{Candidate, region};
+use super::screen::{CERTAIN, Candidate, region};
 use super::search::{CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking};
 use crate::effects::Hook;
@@ -290,7 +290,10 @@ fn borne_out<'c>(
             revisions.push(alone.clone());
             return Ok((revisions, motion, proven));
         }
-        if proof::borne_out(&revisions[forces], all, c.added) {
+        let before = &revisions[forces];
+        // Where chaos leaves trajectories nothing to say, several short films stand.
+        let films_stand = || c.strong() && c.gained > 1 && proof::silent(&before.fit, &all.fit);
+        if keeps(c, all) && (proof::borne_out(before, all, c.added) || films_stand()) {
             revisions.push(all.clone());
             return Ok((revisions, motion, proven));
         }
@@ -314,6 +317,13 @@ fn borne_out<'c>(
         motion = fewer(lens, base, &motion, refused, stop)?;
     }
     Ok((revisions, motion, None))
+}
+
+/// Whether the number of one object is still there in trajectories, which may follow better for another reason.
+fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
+    let Some(p) = c.entry.spec.params.first().filter(|_| c.object.is_some()) else { return true };
+    let told = pooled(&estimates_of(&found.fit, c.entry, p.name));
+    told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
 }
 
 /// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be
@@ -411,8 +421,11 @@ pub(super) fn once(c: &Candidate, duration: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::super::inquire::discover;
-    use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::super::revise::chi_squares;
+    use super::super::screen::with_nuisance;
+    use super::super::tests::{CUBE, DISC, film, film_under, heavier_than_believed, models};
     use super::*;
+    use crate::effects::effect;
     use crate::num::never;
     use crate::world::ActiveEffect;
 
@@ -436,6 +449,32 @@ mod tests {
             assert_eq!(found.verdict, verdict, "{power}: {}", found.reason);
             let outside = verdict == Verdict::OutsideLibrary;
             assert_eq!(found.formula.is_some_and(|text| text.contains("speed^2")), outside, "{power}");
+        }
+    }
+
+    #[test]
+    fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
+        let meet = [vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])]];
+        for (scenes, is_wrong) in [(heavier_than_believed(), true), (film(&meet, None), false)] {
+            let (lens, region) = (Lens::new(&scenes), region(&scenes));
+            let entry = effect("mass_change").expect("it is in the library");
+            let models = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.3], Some(1), &region);
+            let options = DiscoverOptions::default().fit;
+            let found =
+                revise(&lens, &models, Some(entry.spec.name), &options, &never).expect("it can be fitted");
+            let law = ContactCandidate {
+                entry,
+                values: vec![0.3],
+                sd: vec![0.01],
+                object: Some(1),
+                added: 1,
+                score: 200.0,
+                before: 1000.0,
+                after: chi_squares(&found.fit).iter().sum(),
+                remains: 1.0,
+                gained: 2,
+            };
+            assert_eq!(keeps(&law, &found), is_wrong);
         }
     }
 

@@ -166,13 +166,13 @@ fn reread(
                 break;
             }
             let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &options.fit, stop)?;
-            nearer |= proof::nearer(&last.fit, &fit);
+            nearer |= proof::follows_better(&last.fit, &fit);
         }
         if !nearer {
             continue;
         }
         let other = conclude(lens, reading.screened(lens, options, stop)?, options, stop)?;
-        if distance(&other) < distance(&best) {
+        if other.revisions.last().is_some_and(|r| proof::follows_better(&last.fit, &r.fit)) {
             best = other;
         }
     }

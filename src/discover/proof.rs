@@ -10,6 +10,8 @@ const LOST: f64 = 4.0;
 
 /// A gain of one scene that is more than what an engine does at a contact (twice a log likelihood).
 const MUCH: f64 = 40.0;
+/// A model foretells less whose error is this many times as large; a law of contact changes nothing between contacts.
+const LESS: f64 = 1.01;
 /// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square); one that
 /// is still lost, by that.
 const WELL: f64 = 1.5;
@@ -33,7 +35,8 @@ pub fn loses(fit: &Fit) -> bool {
 
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
 /// price of the added parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene
-/// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn.
+/// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn. A law that
+/// foretells less, of the last frames and of the other videos, is none.
 pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     let (before_fit, after_fit) = (&before.fit.scenes, &after.fit.scenes);
     let told: Vec<bool> = before_fit.iter().zip(after_fit).map(|(b, a)| !(lost(b) && lost(a))).collect();
@@ -41,6 +44,10 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
         after_fit.iter().zip(&told).filter(|(_, t)| **t).map(|(a, _)| a.degrees_of_freedom).sum();
     if count == 0 {
         return after.left_out_rmse < before.left_out_rmse;
+    }
+    if after.left_out_rmse > LESS * before.left_out_rmse && after.held_out_rmse > LESS * before.held_out_rmse
+    {
+        return false;
     }
     let strain = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).strain(|k| told[k]);
     let nearer: f64 =
@@ -77,6 +84,22 @@ pub fn distance(fit: &Fit) -> f64 {
 /// Whether a fit is much nearer than another.
 pub fn nearer(before: &Fit, after: &Fit) -> bool {
     distance(after) < distance(before) - MUCH
+}
+
+/// The same by the scenes that one of them follows, if there are any: by how much others are lost is a matter of chaos.
+pub fn follows_better(before: &Fit, after: &Fit) -> bool {
+    let pairs = || before.scenes.iter().zip(&after.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
+    match pairs().next() {
+        Some(_) => pairs().map(|(b, a)| gain(b, a)).sum::<f64>() > MUCH,
+        None => nearer(before, after),
+    }
+}
+
+/// Whether most scenes are lost in both, and the others are as near: then trajectories say nothing.
+pub fn silent(before: &Fit, after: &Fit) -> bool {
+    let both = before.scenes.iter().zip(&after.scenes).filter(|(b, a)| lost(b) && lost(a)).count();
+    let most = 2 * both > before.scenes.len();
+    most && (both == before.scenes.len() || !follows_better(after, before))
 }
 
 /// How many scenes are followed much better than before.
@@ -141,15 +164,30 @@ mod tests {
         })
     }
 
-    #[test]
-    fn one_video_of_three_may_be_lost_to_chaos() {
-        let fit = |chi_squares| Fit {
+    fn fit(chi_squares: [f64; 3]) -> Fit {
+        Fit {
             scenes: fits(chi_squares).to_vec(),
             posterior: Default::default(),
             iterations: 0,
             outcome: crate::fit::Outcome::Converged,
             losses: vec![],
-        };
+        }
+    }
+
+    #[test]
+    fn what_neither_follows_says_nothing() {
+        let better = |before, after| follows_better(&fit(before), &fit(after));
+        assert!(better([45.0, 7.1, 1.0], [402.0, 1.7, 1.1]), "it follows one more");
+        assert!(!better([402.0, 1.7, 1.1], [45.0, 7.1, 1.0]));
+        assert!(better([402.0, 90.0, 80.0], [45.0, 70.0, 10.0]), "none is followed");
+        let silent = |before, after| silent(&fit(before), &fit(after));
+        assert!(silent([5.2, 94.0, 1.0], [39.9, 102.0, 1.0]));
+        assert!(!silent([5.2, 94.0, 1.0], [39.9, 102.0, 2.0]), "the one that is followed speaks against it");
+        assert!(!silent([1.2, 94.0, 1.0], [1.1, 102.0, 1.0]), "most are followed");
+    }
+
+    #[test]
+    fn one_video_of_three_may_be_lost_to_chaos() {
         let (one, two) = (fit([1.0, 90.0, 1.2]), fit([1.0, 90.0, 1.7]));
         assert_eq!((losses(&one), astray(&one)), (1, false));
         assert_eq!((losses(&two), astray(&two)), (1, true));

@@ -482,6 +482,14 @@ fn where_chaos_loses_all_trajectories_free_motion_decides() {
         Revision { left_out_rmse: 0.5 * before.left_out_rmse, rmse: 2.0 * before.rmse, ..before.clone() };
     assert!(super::proof::borne_out(&before, &nearer, 1));
     assert!(!super::proof::borne_out(&nearer, &before, 1));
+    // Nor does a better fit help what foretells less, here and elsewhere.
+    let mut better = before.clone();
+    better.fit.scenes.iter_mut().for_each(|s| s.reduced_chi_square = 1.0);
+    assert!(super::proof::borne_out(&before, &better, 1));
+    better.left_out_rmse *= 1.1;
+    assert!(super::proof::borne_out(&before, &better, 1), "the last frames are as near");
+    better.held_out_rmse *= 1.1;
+    assert!(!super::proof::borne_out(&before, &better, 1));
     // One scene that is found again may be chance, and one that is lost still is not mended.
     let with = |chi_squares: &[f64]| -> Vec<SceneFit> {
         let scene = &before.fit.scenes[0];
