@@ -270,6 +270,9 @@ fn verdict(r: &Revision) -> String {
         // Nothing can be said of evidence then.
         Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.too_little),
         Worth::Better => "better",
+        Worth::NoDifference if r.log_evidence > 0.0 => {
+            "no better: it is nearer to the frames that were fitted, but not to those that were not"
+        }
         Worth::NoDifference => "no difference that these videos show; the simpler model is as good",
         Worth::Worse => "worse",
         Worth::Unspecified => "the first",

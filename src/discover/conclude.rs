@@ -99,10 +99,14 @@ pub fn conclude(
         |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
     let revisions: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
+    let (asked_for, forces) = (proven, motion.found.len());
     let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
     if proven.is_none() && room {
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
-        for c in of_contacts.iter().filter(|c| c.suggested()).take(SUGGESTIONS) {
+        // What was refused beside the same forces would be again.
+        let refused = asked_for.filter(|_| motion.found.len() == forces).map(|c| c.entry.spec.name);
+        let open = |c: &&ContactCandidate| c.suggested() && refused != Some(c.entry.spec.name);
+        for c in of_contacts.iter().filter(open).take(SUGGESTIONS) {
             let last = &revisions[motion.found.len()];
             if let Some(mended) = mended(lens, last, c, &law(c), &options.fit, stop)? {
                 revisions.push(mended);

@@ -144,6 +144,7 @@ pub fn asked(
         || !fades(best, &found.fit)
         || proof::loses_most(&found.fit)
         || !often
+        || found.held_out_rmse > base.held_out_rmse
         || !proof::borne_out(base, &found, added)
     {
         return Ok(None);
