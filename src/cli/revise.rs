@@ -265,12 +265,15 @@ fn parameters(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
     lines.iter().map(line).collect()
 }
 
+/// Evidence (nats) from which a model that is no better is nearer to what was fitted all the same.
+const NEARER: f64 = 10.0;
+
 fn verdict(r: &Revision) -> String {
     let word = match r.worth() {
         // Nothing can be said of evidence then.
         Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.too_little),
         Worth::Better => "better",
-        Worth::NoDifference if r.log_evidence > 0.0 => {
+        Worth::NoDifference if r.log_evidence > NEARER => {
             "no better: it is nearer to the frames that were fitted, but not to those that were not"
         }
         Worth::NoDifference => "no difference that these videos show; the simpler model is as good",

@@ -141,6 +141,7 @@ pub fn reason(
     last: Option<&Revision>,
 ) -> String {
     let mostly_lost = last.is_some_and(|r| proof::loses_most(&r.fit));
+    let off = last.is_some_and(|r| r.reduced_chi_square > super::MISFIT);
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
@@ -156,9 +157,12 @@ pub fn reason(
                 "between contacts nothing is missing that the library has; {left}, but contacts are not explained: film single ones"
             )
         }
-        Verdict::Adequate if motion.reduced_chi_square() > super::MISFIT => format!(
+        Verdict::Adequate if off && motion.reduced_chi_square() > super::MISFIT => format!(
             "nothing is missing that more than one object shows; {left}, as one object moves as nothing explains: it may have \
              met something; diagnose shows where"
+        ),
+        Verdict::Adequate if off => format!(
+            "nothing is proven to be missing; {left}, but past contacts more remains: film more, and single contacts"
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
         Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
@@ -172,7 +176,8 @@ pub fn reason(
                 true => "the formula says more",
                 false => "no formula that was tried halves the error on frames that it has not seen",
             };
-            format!("no law of the library is the one; {left} remains after its best, and {formula}")
+            let after = if effects.is_empty() { "" } else { " after its best" };
+            format!("no law of the library is the one; {left} remains{after}, and {formula}")
         }
         Verdict::NotIdentifiable => String::new(),
     }

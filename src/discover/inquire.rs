@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 /// Residuals in free motion below which nothing can be said.
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
-const SAME: f64 = 20.0;
+pub const SAME: f64 = 20.0;
 /// Parts of the whole, as progress tells them: about what they take.
 const SPINNING: [f64; 2] = [0.0, 0.05];
 const SEARCH: [f64; 2] = [0.05, 0.4];
