@@ -5,7 +5,7 @@ use super::contact::{estimates_of, screen_contacts, with_contact};
 use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
-use super::inquire::{SAME, readings, too_little};
+use super::inquire::{nearest, readings, too_little};
 use super::outcome::{Found, NINETY_FIVE, Owner, Ranked, Reported, Value, reported};
 use super::proof::distance;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
@@ -192,23 +192,23 @@ pub fn change(
         let proposal = propose(&lens, &models, change, &part(stop, [0.0, 0.1]))?;
         read.push((fit_forces(&lens, &proposal.models).1.cost, models, proposal));
     }
-    let least = read.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-    read.retain(|r| r.0 <= least + SAME);
+    let near = nearest(read.iter().map(|r| r.0));
     let half = |half: [f64; 2], revisions: usize| counted(stop, half, revisions * fits_of_revision(scenes));
-    // Where the lens cannot tell the readings apart, trajectories do.
-    let (mut before, mut proposal): (Option<Revision>, Option<Proposal>) = (None, None);
+    // Where the lens cannot tell the readings apart, or sees none of them, trajectories do.
+    let read = read.into_iter().enumerate().filter(|(k, _)| near.is_empty() || near.contains(k));
+    let read: Vec<(Vec<Model>, Proposal)> =
+        read.map(|(_, (_, models, proposal))| (models, proposal)).collect();
     let told = half([0.1, 0.55], read.len());
-    for (_, models, asked) in read {
-        let base = match origin {
-            Origin::Start(_) => Some(revise(&lens, &models, None, options, &told)?),
-            Origin::Revision(..) => None,
+    let base =
+        |(models, proposal): (Vec<Model>, Proposal)| -> Result<(Option<Revision>, Proposal), FitError> {
+            let anew = matches!(origin, Origin::Start(_));
+            let base = anew.then(|| revise(&lens, &models, None, options, &told)).transpose()?;
+            Ok((base, proposal))
         };
-        let farther = |(known, base): (&Revision, &Revision)| distance(&base.fit) >= distance(&known.fit);
-        if proposal.is_none() || !before.as_ref().zip(base.as_ref()).is_some_and(farther) {
-            (before, proposal) = (base, Some(asked));
-        }
-    }
-    let Some(proposal) = proposal else { return Err(FitError::NoScene) };
+    let bases: Vec<(Option<Revision>, Proposal)> = read.into_iter().map(base).collect::<Result<_, _>>()?;
+    let off = |base: &Option<Revision>| base.as_ref().map_or(0.0, |base| distance(&base.fit));
+    let best = bases.into_iter().min_by(|a, b| off(&a.0).total_cmp(&off(&b.0)));
+    let Some((before, proposal)) = best else { return Err(FitError::NoScene) };
     let name = proposal.added.as_deref();
     let mut after = revise(&lens, &proposal.models, name, options, &half([0.55, 1.0], 1))?;
     let (fits, unseen): (Vec<&SceneFit>, Unseen) = match (&before, origin) {

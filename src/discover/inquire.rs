@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 /// Residuals in free motion below which nothing can be said.
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
-pub const SAME: f64 = 20.0;
+const SAME: f64 = 20.0;
 /// Parts of the whole, as progress tells them: about what they take.
 const SPINNING: [f64; 2] = [0.0, 0.05];
 const SEARCH: [f64; 2] = [0.05, 0.4];
@@ -278,7 +278,7 @@ fn film_instead(lens: &Lens) -> String {
 }
 
 /// Indices of the readings that are not worse than the best by more than chance.
-fn nearest(costs: impl Iterator<Item = f64>) -> Vec<usize> {
+pub fn nearest(costs: impl Iterator<Item = f64>) -> Vec<usize> {
     let costs: Vec<f64> = costs.collect();
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     (0..costs.len()).filter(|&k| costs[k] < least + SAME).collect()

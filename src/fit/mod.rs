@@ -155,8 +155,8 @@ const WORTH_A_ROUND: f64 = 5.0;
 /// Reduced chi-square of a scene whose simulation does not come to its end.
 const BROKEN_OFF: f64 = 1e9;
 
-/// Fits the models (one a scene, in order) to the scenes; parameters of scope `Setup`, `Material`, `Shape` and
-/// `ShapePair` are shared by all scenes, and draws from the posterior. Deterministic.
+/// Fits the models (one a scene, in order) to the scenes, and draws from the posterior; parameters of scope `Setup`,
+/// `Material`, `Shape` and `ShapePair` are shared by all scenes. Deterministic.
 pub fn fit(scenes: &[Scene], start: &[Model], options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
     check(scenes, start)?;
     drawn(scenes, estimate(scenes, start, options, stop)?, stop)
@@ -177,12 +177,7 @@ pub fn drawn(scenes: &[Scene], fit: Fit, stop: Stop) -> Result<Fit, FitError> {
     Ok(Fit { posterior, ..fit })
 }
 
-/// Frames of the longest of the scenes.
-fn longest(scenes: &[Scene]) -> Window {
-    scenes.iter().map(|s| s.times.len()).max().unwrap_or(0)
-}
-
-/// The same of one scene.
+/// [`estimate`] of one scene.
 pub fn estimate_one(scene: &Scene, start: &Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
     estimate(slice::from_ref(scene), slice::from_ref(start), options, stop)
 }
@@ -195,6 +190,11 @@ pub fn estimate_each(
     stop: Stop,
 ) -> Result<Vec<Fit>, FitError> {
     (scenes, start).into_par_iter().map(|(scene, start)| estimate_one(scene, start, options, stop)).collect()
+}
+
+/// Frames of the longest of the scenes.
+fn longest(scenes: &[Scene]) -> Window {
+    scenes.iter().map(|s| s.times.len()).max().unwrap_or(0)
 }
 
 /// Fits without draws from the posterior, and without the checks that are dear.

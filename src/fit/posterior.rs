@@ -141,12 +141,7 @@ impl Posterior {
             f.mean = c.mean;
             *x = c.value;
         }
-        let slots = problem.parts.iter().map(|p| p.slots.clone()).collect();
-        Posterior {
-            draws: draws(problem, &point, &Laplace::at(problem, &point, window), window),
-            slots,
-            ..self
-        }
+        Posterior { draws: draws(problem, &point, &Laplace::at(problem, &point, window), window), ..self }
     }
 
     /// The part that one scene sees.
