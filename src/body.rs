@@ -54,6 +54,8 @@ pub struct Wrench<T> {
     pub turning: T,
     /// Rate at which velocities and spins decay (1/s), whatever holds the body.
     pub damping: T,
+    /// The same of spins, on top of that (1/s).
+    pub spin_damping: T,
     /// Most friction torque about z on top of what `grip` does over the footprint (N m).
     pub pivot: T,
     /// Share by which the ground's dry friction is larger where the body is.
@@ -75,6 +77,7 @@ impl<T: Real> Wrench<T> {
             rolling: zero,
             turning: zero,
             damping: zero,
+            spin_damping: zero,
             pivot: zero,
             excess: zero,
         }

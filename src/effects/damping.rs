@@ -9,8 +9,8 @@ pub struct Damping;
 impl Effect for Damping {
     const SPEC: EffectSpec = EffectSpec {
         name: "damping",
-        doc: "Whatever moves is slowed: a = -(linear + quadratic |v|) v, the same for all masses; spins decay at the linear rate too.",
-        source: "VRDP eq. 1 (l3); linear and angular damping of Bullet's rigid bodies",
+        doc: "Whatever moves is slowed, the same for all masses: velocities by a = -(linear + quadratic |v|) v, spins w by -(linear + spin |w|) w.",
+        source: "VRDP eq. 1 (l3); linear and angular damping of Bullet's bodies and multibodies",
         hooks: &[Hook::Force],
         params: &[
             ParamSpec {
@@ -31,11 +31,25 @@ impl Effect for Damping {
                 scope: Scope::Shape,
                 doc: "deceleration per squared speed",
             },
+            ParamSpec {
+                name: "spin",
+                unit: "1/rad",
+                default: 0.0,
+                min: 0.0,
+                max: 10.0,
+                scope: Scope::Setup,
+                doc: "angular deceleration per squared turn rate, about all axes",
+            },
         ],
     };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.damping += p[0];
+        let rate = body.roll.value().norm() + body.spin.value().abs();
+        // Nothing of a body that does not spin, nor of its derivative.
+        if rate > 0.0 && (p[2].value() > 0.0 || T::DIFFERENTIATES) {
+            out.spin_damping += p[2] * (body.roll.norm_squared() + body.spin * body.spin).sqrt();
+        }
         out.force -= body.velocity * (body.mass * p[1] * body.velocity.norm());
     }
 }

@@ -33,11 +33,23 @@ fn forces<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let shape =
             if step % 2 == 0 { Shape::Square { half_side: 0.2 } } else { Shape::Ball { radius: 0.2 } };
         (hooks.force)(p, T::constant(TIME), &Body { shape, ..body(&s) }, &mut w);
-        let Wrench { force, torque, grip, lever, skew, rock, foot, rolling, turning, damping, pivot, excess } =
-            w;
-        all.extend([
-            force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, turning, damping, pivot, excess,
-        ]);
+        let Wrench {
+            force,
+            torque,
+            grip,
+            lever,
+            skew,
+            rock,
+            foot,
+            rolling,
+            turning,
+            damping,
+            spin_damping,
+            pivot,
+            excess,
+        } = w;
+        all.extend([force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, turning]);
+        all.extend([damping, spin_damping, pivot, excess]);
     }
     all
 }
@@ -264,7 +276,7 @@ fn forces_have_the_symmetry_they_declare() {
                 (hooks.force)(&p, TIME, a, &mut w);
                 (
                     w.force + (hooks.pair)(&p, a, b),
-                    w.grip + w.foot + w.rolling + w.damping + w.excess,
+                    w.grip + w.foot + w.rolling + w.damping + w.spin_damping + w.excess,
                     w.torque,
                     w.lever + w.skew + w.rock,
                 )
@@ -304,7 +316,7 @@ fn what_knows_no_place_and_no_time_adds_no_energy() {
             (f64::hooks(entry).force)(&p, TIME, &b, &mut w);
             let power = w.force.dot(b.velocity) + w.torque * b.spin;
             assert!(power <= 1e-12, "{}: {power} W", entry.spec.name);
-            let bounds = [w.grip, w.rolling, w.pivot, w.damping];
+            let bounds = [w.grip, w.rolling, w.pivot, w.damping, w.spin_damping];
             assert!(bounds.iter().all(|v| *v >= 0.0), "{}: {bounds:?}", entry.spec.name);
         }
     }

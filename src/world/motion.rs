@@ -285,10 +285,18 @@ impl<T: Scalar> Laws<T> {
             return Rates::zero();
         }
         let mut rates = self.undamped(i, k, mode, w);
-        if w.damping.value() > 0.0 || T::DIFFERENTIATES {
-            rates.velocity -= k.velocity * w.damping;
-            rates.spin -= k.spin * w.damping;
-            rates.roll -= k.roll * w.damping;
+        if w.damping.value() > 0.0 || w.spin_damping.value() > 0.0 || T::DIFFERENTIATES {
+            let of_spins = w.damping + w.spin_damping;
+            rates.spin -= k.spin * of_spins;
+            let mut of_velocity = w.damping;
+            if mode == Mode::Roll {
+                // Where the foot holds, a ball's spin has 2/7 of all that moves.
+                of_velocity += w.spin_damping * (2.0 / 7.0);
+                rates.roll -= k.roll * of_velocity;
+            } else if self.shapes[i].is_ball() {
+                rates.roll -= k.roll * of_spins;
+            }
+            rates.velocity -= k.velocity * of_velocity;
         }
         rates
     }
