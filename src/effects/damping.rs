@@ -47,7 +47,7 @@ impl Effect for Damping {
         out.damping += p[0];
         let rate = body.roll.value().norm() + body.spin.value().abs();
         // Nothing of a body that does not spin, nor of its derivative.
-        if rate > 0.0 && (p[2].value() > 0.0 || T::DIFFERENTIATES) {
+        if rate > 0.0 && (p[2].value() != 0.0 || T::DIFFERENTIATES) {
             out.spin_damping += p[2] * (body.roll.norm_squared() + body.spin * body.spin).sqrt();
         }
         out.force -= body.velocity * (body.mass * p[1] * body.velocity.norm());

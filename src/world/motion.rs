@@ -285,7 +285,7 @@ impl<T: Scalar> Laws<T> {
             return Rates::zero();
         }
         let mut rates = self.undamped(i, k, mode, w);
-        if w.damping.value() > 0.0 || w.spin_damping.value() > 0.0 || T::DIFFERENTIATES {
+        if w.damping.value() != 0.0 || w.spin_damping.value() != 0.0 || T::DIFFERENTIATES {
             let of_spins = w.damping + w.spin_damping;
             rates.spin -= k.spin * of_spins;
             let mut of_velocity = w.damping;
@@ -523,5 +523,30 @@ mod tests {
             (found - expected).abs() < 0.004 && (found / (5.0 / 7.0) - 1.0).abs() > 0.05,
             "{found} {expected}"
         );
+    }
+
+    /// The solution of x' = -(a + b x) x; rolling, the force takes 5/7 of its share and the spin 2/7.
+    #[test]
+    fn damping_slows_a_spin_and_a_rolling_ball_as_its_equation_says() {
+        let [linear, quadratic, turn] = [0.05, 0.04, 0.06];
+        let after = |x: f64, b: f64, t: f64| linear / ((linear / x + b) * (linear * t).exp() - b);
+        let (radius, speed, spin) = (0.2, 1.2, 2.5);
+        let mut ball = body(0, Shape::Ball { radius }, vec2(0.0, 0.0), vec2(speed, 0.0));
+        ball.start.rolling = true;
+        let mut square = body(1, Shape::Square { half_side: 0.2 }, vec2(0.0, 2.0), vec2(speed, 0.0));
+        square.start.state.spin = spin;
+        let laws: &[(&str, &[f64])] = &[("damping", &[linear, quadratic, turn]), ("ball_spin", &[0.5, 0.0])];
+        let run = trace(&model(vec![ball, square], laws), &seconds(50));
+        let (time, row) = (run.times[50], &run.states[50]);
+        let (ball, square) = (row[0].expect("there"), row[1].expect("there"));
+        let rolls = after(speed, (5.0 * quadratic + 2.0 * turn / radius) / 7.0, time);
+        for (found, expected) in [
+            (ball.velocity.x, rolls),
+            (ball.roll.y, rolls / radius),
+            (square.velocity.x, after(speed, quadratic, time)),
+            (square.spin, after(spin, turn, time)),
+        ] {
+            assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
+        }
     }
 }
