@@ -45,11 +45,12 @@ impl Effect for Damping {
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.damping += p[0];
-        let rate = body.roll.value().norm() + body.spin.value().abs();
-        // Nothing of a body that does not spin, nor of its derivative.
-        if rate > 0.0 && (p[2].value() != 0.0 || T::DIFFERENTIATES) {
-            out.spin_damping += p[2] * (body.roll.norm_squared() + body.spin * body.spin).sqrt();
-        }
+        // A box has one spin alone, and no root to take.
+        let rate = match body.shape.is_ball() {
+            true => (body.roll.norm_squared() + body.spin * body.spin).sqrt_or_zero(),
+            false => body.spin.abs(),
+        };
+        out.spin_damping += p[2] * rate;
         out.force -= body.velocity * (body.mass * p[1] * body.velocity.norm());
     }
 }

@@ -287,16 +287,14 @@ impl<T: Scalar> Laws<T> {
         let mut rates = self.undamped(i, k, mode, w);
         if w.damping.value() != 0.0 || w.spin_damping.value() != 0.0 || T::DIFFERENTIATES {
             let of_spins = w.damping + w.spin_damping;
-            rates.spin -= k.spin * of_spins;
-            let mut of_velocity = w.damping;
-            if mode == Mode::Roll {
-                // Where the foot holds, a ball's spin has 2/7 of all that moves.
-                of_velocity += w.spin_damping * (2.0 / 7.0);
-                rates.roll -= k.roll * of_velocity;
-            } else if self.shapes[i].is_ball() {
-                rates.roll -= k.roll * of_spins;
-            }
+            // Where a ball's foot holds, its spin has 2/7 of all that moves.
+            let rolls = mode == Mode::Roll;
+            let of_velocity = if rolls { w.damping + w.spin_damping * (2.0 / 7.0) } else { w.damping };
             rates.velocity -= k.velocity * of_velocity;
+            rates.spin -= k.spin * of_spins;
+            if self.shapes[i].is_ball() {
+                rates.roll -= k.roll * if rolls { of_velocity } else { of_spins };
+            }
         }
         rates
     }
