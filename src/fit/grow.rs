@@ -2,7 +2,7 @@
 //! before the motion up to it is right.
 
 use super::bounce::{self, left};
-use super::problem::{Problem, Window};
+use super::problem::{Part, Problem, Window};
 use super::solve::{Solution, minimise};
 use super::{FitError, better, graze, scatter};
 use crate::num::Stop;
@@ -59,8 +59,7 @@ pub(super) fn grow(
         } else {
             known.clear();
         }
-        let lost = (0..problem.parts.len()).filter_map(|i| first_lost(problem, i, &point, frames)).min();
-        let lost = lost.unwrap_or(frames);
+        let lost = first_lost(problem, &point, frames).unwrap_or(frames);
         // What is left that far behind no window takes in any more.
         let behind = lost + MOST_BEHIND * ahead < window;
         window = if behind { frames } else { (lost + ahead).max(window + ahead).min(frames) };
@@ -102,15 +101,17 @@ fn of_any_contact(
     }
 }
 
-/// The first frame at which the simulation leaves the measurements of a scene.
-fn first_lost(problem: &Problem, index: usize, point: &[f64], frames: usize) -> Option<usize> {
-    let part = &problem.parts[index];
-    let rollout = part.rollout(&problem.free, point, frames);
-    let mut bad: Vec<usize> = vec![];
-    part.each_residual(&rollout, frames, |(_, frame, _), r, _| {
-        if r.abs() > OUT_OF_NOISE {
-            bad.push(frame);
-        }
-    });
-    bad.into_iter().min()
+/// The first frame at which the simulation of a scene leaves its measurements.
+pub(super) fn first_lost(problem: &Problem, point: &[f64], frames: usize) -> Option<usize> {
+    let of = |part: &Part| {
+        let rollout = part.rollout(&problem.free, point, frames);
+        let mut first: Option<usize> = None;
+        part.each_residual(&rollout, frames, |(_, frame, _), r, _| {
+            if r.abs() > OUT_OF_NOISE && first.is_none_or(|f| frame < f) {
+                first = Some(frame);
+            }
+        });
+        first
+    };
+    problem.parts.iter().filter_map(of).min()
 }

@@ -147,6 +147,8 @@ const ADEQUATE: f64 = 1.5;
 /// Share of all work that the search over the whole video may do before windows grow: bodies that press each other where none
 /// did would take it all.
 const AT_ONCE: f64 = 0.5;
+/// The same when draws are tried at last.
+const AT_LAST: f64 = 1.5;
 /// Most iterations from another yaw; how often all bodies are gone through, and the fall of the cost, a negative log
 /// likelihood, that makes it worth to do so again.
 const OTHER_ITERATIONS: usize = 40;
@@ -304,7 +306,7 @@ fn gauss_newton(
         // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
         for whole in [true, false] {
             if done(&best) {
-                return Ok(best);
+                break;
             }
             let tried = if whole {
                 minimise(problem, &other, frames, enough, budget, stop)?
@@ -312,6 +314,30 @@ fn gauss_newton(
                 grow(problem, other.clone(), frames, budget, stop)?
             };
             best = better(best, tried);
+        }
+    }
+    if options.begin != Begin::Near {
+        problem.allow(AT_LAST);
+        best = scattered(problem, best, frames, budget, stop)?;
+    }
+    Ok(best)
+}
+
+/// The fit from points as likely by the frames that it follows, as long as they lead on and it is not good.
+fn scattered(
+    problem: &Problem,
+    mut best: Solution,
+    frames: usize,
+    budget: usize,
+    stop: Stop,
+) -> Result<Solution, FitError> {
+    while worst_chi_square(problem, &best.point, frames) > GOOD && !problem.is_exhausted() {
+        let (before, followed) = (best.cost, grow::first_lost(problem, &best.point, frames));
+        for other in scatter::others(problem, &best.point, followed.unwrap_or(frames), frames, stop)? {
+            best = better(best, minimise(problem, &other, frames, problem.negligible(), budget, stop)?);
+        }
+        if before - best.cost < WORTH_A_ROUND {
+            break;
         }
     }
     Ok(best)

@@ -20,6 +20,10 @@ pub(super) const LIMITS: Limits = Limits { events: 3_000 };
 /// Effects on a foot that slides as a whole, which no ball has.
 const OF_FEET: [&str; 1] = ["friction_offset"];
 
+/// A force whose parameter has a prior deviation of no more than this share of its mean is held until the motion is right: it
+/// would take a part of every pass with derivatives, and hardly move.
+const KNOWN: f64 = 0.1;
+
 /// Steps of all simulations of one search, for each video: some twenty times what a video of ten colliding objects takes.
 /// What needs more is ended where it stands: nothing searches for ever. A short one has its share, by the frame.
 const WORK: u64 = 400_000;
@@ -190,8 +194,9 @@ impl<'a> Problem<'a> {
             }
             let mut at = width * model.bodies.len();
             for active in &model.effects {
+                let uses = |hook| effect(&active.name).is_some_and(|e| e.uses(hook));
                 // Where outlines touch tells little before it is known which do: until then it only opens wrong ways.
-                let of_details = effect(&active.name).is_some_and(|e| e.uses(Hook::Margin));
+                let (of_details, is_force) = (uses(Hook::Margin), uses(Hook::Force));
                 for (k, parameter) in active.parameters.iter().enumerate() {
                     let bounds = active.bounds(k);
                     for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
@@ -214,7 +219,8 @@ impl<'a> Problem<'a> {
                                     max: bounds.map_or(f64::INFINITY, |b| b.2),
                                     mean: *mean,
                                     sd: parameter.prior.sd,
-                                    held: of_details,
+                                    held: of_details
+                                        || (is_force && parameter.prior.sd <= KNOWN * mean.abs()),
                                 });
                             }
                         }
