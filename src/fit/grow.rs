@@ -101,7 +101,7 @@ fn of_any_contact(
     }
 }
 
-/// The first frame at which the simulation of a scene leaves its measurements.
+/// The first frame at which the simulation of any scene leaves its measurements.
 pub(super) fn first_lost(problem: &Problem, point: &[f64], frames: usize) -> Option<usize> {
     let of = |part: &Part| {
         let rollout = part.rollout(&problem.free, point, frames);
