@@ -290,9 +290,11 @@ fn gauss_newton(
         false => of_any_yaw(problem, &problem.start(), frames, budget, stop)?,
     };
     problem.allow(1.0);
-    let done =
-        |best: &Solution| problem.is_exhausted() || worst_chi_square(problem, &best.point, frames) <= GOOD;
-    if options.begin != Begin::Near && !done(&best) {
+    let good = |best: &Solution| worst_chi_square(problem, &best.point, frames) <= GOOD;
+    if options.begin != Begin::Near && good(&best) {
+        return Ok(best);
+    }
+    if options.begin != Begin::Near && !problem.is_exhausted() {
         let grown = grow(problem, problem.start(), frames, budget, stop)?;
         let turned = match start::unseen_yaws(problem)[..] {
             _ if turned => None,
@@ -302,11 +304,11 @@ fn gauss_newton(
         best = better(best, grown);
         best = turned.into_iter().fold(best, better);
     }
-    for other in start::other_spins(problem, &best.point) {
+    'spins: for other in start::other_spins(problem, &best.point) {
         // On the whole video first: in a window that ends before its spin matters, a ball forgets it.
         for whole in [true, false] {
-            if done(&best) {
-                break;
+            if problem.is_exhausted() || good(&best) {
+                break 'spins;
             }
             let tried = if whole {
                 minimise(problem, &other, frames, enough, budget, stop)?
