@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// A relative fall of the cost below this ends the search.
 const TOLERANCE: f64 = 1e-6;
-/// So does a fall below this: the cost is a negative log likelihood, and data do not tell odds of 1.001 from even ones.
-pub(super) const NEGLIGIBLE: f64 = 0.001;
+/// So does a fall below this: the cost is a negative log likelihood, and data do not tell odds of 1.01 from even ones.
+pub(super) const NEGLIGIBLE: f64 = 0.01;
 /// A step that is not damped and has a smaller fall stays well within the deviations of the posterior: the derivatives at
 /// its start serve at its end.
 pub(super) const NEAR: f64 = 0.1;

@@ -24,8 +24,9 @@ const MAX_STEP: f64 = 0.16;
 /// The same under forces that change with time: they may wake a body at rest.
 const UNSTEADY_STEP: f64 = 0.02;
 
-/// Longest stretch of bodies that act on each other (s).
-const CONTACT_STEP: f64 = 0.02;
+/// Longest stretch of bodies that press on each other (s), and of such that pull at each other, too.
+const CONTACT_STEP: f64 = 0.04;
+const PULL_STEP: f64 = 0.02;
 /// Overlap at which a stretch of touching bodies is halved (m).
 const CUT_IN: f64 = 1e-4;
 
@@ -415,8 +416,10 @@ impl<'m, T: Scalar> Run<'m, T> {
                 until = since + (until - since) * APPROACH_SHARE;
                 change = Some((i, Change::Continue));
             }
-            if left > CONTACT_STEP {
-                until = since + CONTACT_STEP;
+            let pulls = self.laws.has_pair_forces() || !self.bonds.is_empty();
+            let longest = if pulls { PULL_STEP } else { CONTACT_STEP };
+            if left > longest {
+                until = since + longest;
                 change = Some((i, Change::Continue));
             }
             loop {
