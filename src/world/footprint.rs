@@ -13,21 +13,22 @@ pub(super) fn footprint<T: Real>(
     rock: T,
     k: &Kinematics<T>,
 ) -> (Vec2<T>, T) {
-    let Some(growth) = growth else { return of_size(shape, rock, k) };
+    let Some(growth) = growth else { return of_size(shape, rock, k, k.spin) };
     // Lengths times a factor do what the spin times the factor does, but for the arm of the torque.
     let factor = growth + 1.0;
-    let (force, torque) = of_size(shape, rock, &Kinematics { spin: k.spin * factor, ..*k });
+    let (force, torque) = of_size(shape, rock, k, k.spin * factor);
     (force, torque * factor)
 }
 
-fn of_size<T: Real>(shape: &Shape, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) {
-    if k.spin.value() == 0.0 && !T::DIFFERENTIATES {
+/// The same where `spin` takes the place of the body's.
+fn of_size<T: Real>(shape: &Shape, rock: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
+    if spin.value() == 0.0 && !T::DIFFERENTIATES {
         return (k.velocity.unit(), T::zero());
     }
     match *shape {
-        Shape::Disc { radius } | Shape::Ball { radius } => rim(radius, k),
-        Shape::Square { half_side } => corners(half_side, half_side, rock, k),
-        Shape::Rectangle { half_length, half_width } => corners(half_length, half_width, rock, k),
+        Shape::Disc { radius } | Shape::Ball { radius } => rim(radius, k.velocity, spin),
+        Shape::Square { half_side } => corners([half_side; 2], rock, k, spin),
+        Shape::Rectangle { half_length, half_width } => corners([half_length, half_width], rock, k, spin),
     }
 }
 
@@ -37,15 +38,15 @@ fn of_size<T: Real>(shape: &Shape, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) {
 const PATCH: f64 = 0.05;
 
 /// Slopes of the mean slip speed over the corners, each `sqrt(slip^2 + (patch x spin)^2)`.
-fn corners<T: Real>(a: f64, b: f64, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) {
+fn corners<T: Real>([a, b]: [f64; 2], rock: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
     let turn = Vec2::from_angle(k.yaw);
     let patch = PATCH * a.hypot(b);
-    let own = k.spin * patch;
+    let own = spin * patch;
     let of_patch = own * own;
     // Of both diagonals, one corner and the one across.
     let diagonal = |x: f64, y: f64| {
         let arm = turn.scaled(x) + turn.perp().scaled(y);
-        let turning = arm.perp() * k.spin;
+        let turning = arm.perp() * spin;
         let unit = |slip: Vec2<T>| {
             let squared = slip.norm_squared() + of_patch;
             let q = squared.value();
@@ -63,8 +64,8 @@ fn corners<T: Real>(a: f64, b: f64, rock: T, k: &Kinematics<T>) -> (Vec2<T>, T) 
 /// The mean slip speed M(v, w) over a rim that slides with v and turns with w = spin x radius is the
 /// perimeter of an ellipse with half axes v + w and |v - w| over 2 pi; force and torque are its slopes.
 /// Perimeter by Ramanujan (1914), off by less than 5e-4.
-fn rim<T: Real>(radius: f64, k: &Kinematics<T>) -> (Vec2<T>, T) {
-    let (v, w) = (k.velocity.norm(), k.spin * radius);
+fn rim<T: Real>(radius: f64, velocity: Vec2<T>, spin: T) -> (Vec2<T>, T) {
+    let (v, w) = (velocity.norm(), spin * radius);
     let speed = w.abs();
     let (large, small) = if v.value() >= speed.value() { (v, speed) } else { (speed, v) };
     if large.value() == 0.0 {
@@ -79,9 +80,9 @@ fn rim<T: Real>(radius: f64, k: &Kinematics<T>) -> (Vec2<T>, T) {
     let (along_large, along_small) = (g - x * slope * 2.0, q * slope * 2.0);
     let sign = if w.value() < 0.0 { -1.0 } else { 1.0 };
     if v.value() >= speed.value() {
-        (k.velocity.unit() * along_large, along_small * (radius * sign))
+        (velocity.unit() * along_large, along_small * (radius * sign))
     } else {
-        (k.velocity.unit() * along_small, along_large * (radius * sign))
+        (velocity.unit() * along_small, along_large * (radius * sign))
     }
 }
 
@@ -105,7 +106,7 @@ mod tests {
                 force += slip.scaled(1e-5);
                 torque += arm.cross(slip) * 1e-5;
             }
-            let (f, t) = rim(0.2, &k);
+            let (f, t) = rim(0.2, k.velocity, spin);
             assert!(
                 (f - force).norm() < 0.02 && (t - torque).abs() < 0.02 * 0.2,
                 "{f:?} {force:?} {t} {torque}"
@@ -117,7 +118,7 @@ mod tests {
     fn a_box_on_one_diagonal_turns_without_friction_while_it_slides_across_it() {
         let along = |yaw: f64| {
             let k = Kinematics { yaw, velocity: vec2(1.0, 0.0), ..kinematics(1.0, 0.1) };
-            corners(0.2, 0.2, 1.0, &k).1
+            corners([0.2; 2], 1.0, &k, k.spin).1
         };
         let quarter = std::f64::consts::FRAC_PI_4;
         assert!(along(quarter).abs() < 1e-4 || along(-quarter).abs() < 1e-4);
@@ -126,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_body_that_does_not_turn_feels_all_of_it_along_the_velocity() {
-        let (f, t) = corners(0.2, 0.2, 0.4, &kinematics(1.0, 0.0));
+        let (f, t) = corners([0.2; 2], 0.4, &kinematics(1.0, 0.0), 0.0);
         assert!((f - vec2(1.0, 0.2).unit()).norm() < 1e-15 && t.abs() < 1e-15);
     }
 }

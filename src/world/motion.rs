@@ -454,13 +454,10 @@ impl<T: Real> Kinematics<T> {
         let (d1, e0, e1) = ((s - s2) * 6.0 / h, -s * 4.0 + s2 * 3.0 + 1.0, s2 * 3.0 - s * 2.0);
         let place = |x0: T, v0: T, x1: T, v1: T| x0 + b1 * (x1 - x0) + c0 * v0 + c1 * v1;
         let speed = |x0: T, v0: T, x1: T, v1: T| d1 * (x1 - x0) + e0 * v0 + e1 * v1;
-        let vector = |f: &dyn Fn(T, T, T, T) -> T| Vec2 {
-            x: f(self.position.x, self.velocity.x, to.position.x, to.velocity.x),
-            y: f(self.position.y, self.velocity.y, to.position.y, to.velocity.y),
-        };
+        let (x0, v0, x1, v1) = (self.position, self.velocity, to.position, to.velocity);
         Kinematics {
-            position: vector(&place),
-            velocity: vector(&speed),
+            position: Vec2 { x: place(x0.x, v0.x, x1.x, v1.x), y: place(x0.y, v0.y, x1.y, v1.y) },
+            velocity: Vec2 { x: speed(x0.x, v0.x, x1.x, v1.x), y: speed(x0.y, v0.y, x1.y, v1.y) },
             yaw: place(self.yaw, self.spin, to.yaw, to.spin),
             spin: speed(self.yaw, self.spin, to.yaw, to.spin),
             roll: self.roll + (to.roll - self.roll) * s,

@@ -252,8 +252,8 @@ impl<'m, T: Scalar> Run<'m, T> {
         let body = &mut self.bodies[i];
         while let Some(&time) = self.times.get(body.next).filter(|&&t| t <= until.value()) {
             let moves = matches!(body.mode, Mode::Slide | Mode::Roll) && until.value() > since.value();
-            let state = if moves { from.between(since, to, until, time) } else { *to };
-            self.states[body.next][i] = Some(state);
+            let state = &mut self.states[body.next][i];
+            *state = Some(if moves { from.between(since, to, until, time) } else { *to });
             body.next += 1;
         }
     }
