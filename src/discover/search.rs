@@ -7,6 +7,7 @@ use crate::effects::EffectEntry;
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
 use rayon::prelude::*;
+use std::slice;
 
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters (BIC), that an effect must
 /// bring: the price of looking at the whole library.
@@ -35,6 +36,8 @@ const BEYOND: f64 = 2.0;
 const ANEW: usize = 3;
 /// First choices that are tried with a second effect beside them.
 const FIRST_CHOICES: usize = 3;
+/// Numbers of a law of which two may be what one of more stands for.
+const SIMPLE: usize = 2;
 
 /// What the force lens found.
 #[derive(Clone)]
@@ -97,6 +100,7 @@ pub fn search_on(
             }
         }
     }
+    greedy = as_pair(lens, models, &ranked, greedy, most, stop)?;
     if !explains(&greedy) {
         greedy = one_after_another(lens, models, 0, &[], stop)?;
     }
@@ -120,6 +124,29 @@ pub fn search_on(
     greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
     Ok(greedy)
+}
+
+/// Two laws of few numbers in place of what was found, where they do as well: a whirl far away is a drag and a wind.
+fn as_pair(
+    lens: &Lens,
+    models: &[Model],
+    ranked: &[(f64, Candidate)],
+    found: FreeMotion,
+    most: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let numbers = |motion: &FreeMotion| motion.found.iter().map(|c| c.added).sum::<usize>();
+    let (rich, mut least) = (numbers(&found), found.priced() + RICHER);
+    let mut best = found;
+    let simple = ranked.iter().filter(|(_, c)| c.added <= SIMPLE && c.added + 1 < rich && c.certain());
+    for (_, first) in simple.take(FIRST_CHOICES) {
+        let room = SIMPLE.min(rich - 1 - first.added);
+        let pair = laws_of(room, lens, models, most.min(2), slice::from_ref(first), stop)?;
+        if numbers(&pair) < rich && pair.priced() < least {
+            (least, best) = (pair.priced(), pair);
+        }
+    }
+    Ok(best)
 }
 
 /// What was found without its last `refused` effects.
@@ -178,12 +205,13 @@ pub fn leaves_something(chi_square: f64, degrees: f64) -> bool {
     chi_square > degrees + BEYOND * (2.0 * degrees).sqrt()
 }
 
-/// Candidates beside the models, best first: at most so many, those that promise most.
-fn round(lens: &Lens, models: &[Model], base: &Base, most: usize) -> Vec<(f64, Candidate)> {
+/// Candidates of at most `room` numbers beside the models, best first: at most so many, those that promise most.
+fn round(lens: &Lens, models: &[Model], base: &Base, room: usize, most: usize) -> Vec<(f64, Candidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
     let mut begun: Vec<(&'static EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
         .into_par_iter()
+        .filter(|entry| entry.spec.params.len() <= room)
         .filter_map(|entry| Some((entry, beginnings(lens, &base.fitted, entry, &region)?)))
         .collect();
     begun.sort_by(|a, b| b.1[0].gain.total_cmp(&a.1[0].gain));
@@ -227,6 +255,18 @@ fn one_after_another(
     given: &[Candidate],
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
+    laws_of(usize::MAX, lens, models, most, given, stop)
+}
+
+/// The same of laws that have at most `room` numbers, but for those that are given.
+fn laws_of(
+    room: usize,
+    lens: &Lens,
+    models: &[Model],
+    most: usize,
+    given: &[Candidate],
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
     let (mut free, mut seen) = fit_forces(lens, models);
     let mut state = FreeMotion {
         models: at_values(models, &free, &seen.values),
@@ -247,7 +287,7 @@ fn one_after_another(
                 let base = Base::new(lens, &state.models, free, seen);
                 // The first round ranks the library.
                 let most = if number == 0 { usize::MAX } else { PROMISING };
-                let ranked = round(lens, &state.models, &base, most);
+                let ranked = round(lens, &state.models, &base, room, most);
                 let known: f64 = state.found.iter().map(|c| c.gain).sum();
                 let more = |c: &Candidate| c.gain > REALISED * known;
                 let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c) && more(c)).cloned();
@@ -316,6 +356,51 @@ mod tests {
         let motion = search_on(&lens, &models, first, 2, &never).expect("never stops");
         let found: Vec<_> = motion.found.iter().map(|c| (c.entry.spec.name, c.gain)).collect();
         assert!(matches!(found[..], [("uniform_force", _)]), "{found:?}");
+    }
+
+    /// A whirl about a centre far away is both at once, but for one number more.
+    #[test]
+    fn a_drag_and_a_wind_are_no_whirl() {
+        let puck = Shape::Disc { radius: 0.1 };
+        let three = |[a, b, c]: [([f64; 2], [f64; 2]); 3]| {
+            vec![(puck, 0.5, a.0, a.1), (puck, 1.0, b.0, b.1), (puck, 2.0, c.0, c.1)]
+        };
+        let launches = [
+            three([
+                ([-1.07, -0.03], [1.84, 0.06]),
+                ([0.54, -1.03], [-1.15, 0.64]),
+                ([-0.58, 1.02], [0.07, -1.06]),
+            ]),
+            three([
+                ([-0.45, 0.72], [1.16, -1.12]),
+                ([0.44, -1.14], [0.33, 1.49]),
+                ([-0.65, 1.21], [0.66, -0.98]),
+            ]),
+            three([
+                ([0.16, -0.90], [0.16, 1.09]),
+                ([-0.75, 1.16], [0.62, -1.0]),
+                ([-1.33, 1.24], [0.69, -1.83]),
+            ]),
+            three([
+                ([-1.27, 0.68], [1.01, -1.11]),
+                ([-0.28, -0.73], [0.17, 0.96]),
+                ([1.14, -0.23], [-1.28, -0.07]),
+            ]),
+        ];
+        let law = "fx = 0.6 - 0.6*vx; fy = -0.4 - 0.6*vy";
+        let scenes = film_under(&launches, |model| {
+            let formula = Formula::new(law, vec![]).expect("it is one");
+            let active = ActiveEffect::of_formula("both", formula, &model.bodies).expect("it is one");
+            model.effects.push(active);
+        });
+        let lens = Lens::new(&scenes);
+        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+        let models = with_nuisance(&models);
+        let first = search(&lens, &models, &never).expect("never stops");
+        let motion = search_on(&lens, &models, first, 2, &never).expect("never stops");
+        let mut found: Vec<_> = motion.found.iter().map(|c| c.entry.spec.name).collect();
+        found.sort_unstable();
+        assert_eq!(found, ["linear_drag", "uniform_force"]);
     }
 
     /// Without the whirl, friction and where it acts bend as far as they can, and from there a wrong law is near.
