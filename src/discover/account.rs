@@ -93,23 +93,17 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
     let mut values = c.values.clone();
     // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
     let law = !c.entry.uses(Hook::Bodies);
-    let revision = revision.filter(|r| law && r.apart.is_empty() && !proof::loses(&r.fit));
-    let followed = revision.is_some_and(|r| r.reduced_chi_square < FOLLOWED);
+    let followed = |r: &&Revision| law && r.apart.is_empty() && r.reduced_chi_square < FOLLOWED;
     for (k, p) in c.entry.spec.params.iter().enumerate() {
-        let of = revision.and_then(|r| pooled(&estimates_of(&r.fit, c.entry, p.name)));
-        let apart = of.map_or(0.0, |(value, _)| value - values[k]);
+        let of = revision.filter(followed).and_then(|r| pooled(&estimates_of(&r.fit, c.entry, p.name)));
         match of {
-            Some((value, own)) if followed && own < sd[k] => {
-                sd[k] = widened(own, sd[k].hypot(apart.abs().min(AGREE * sd[k])));
+            Some((value, own)) if own < sd[k] => {
+                let apart = (value - values[k]).abs();
+                sd[k] = widened(own, sd[k].hypot(apart.min(AGREE * sd[k])));
                 values[k] = value;
             }
-            Some((_, own)) if followed => sd[k] = sd[k].hypot(own.min(AGREE * sd[k])),
-            // Trajectories that stray somewhat know no better than short films that disagree with them: it may be either.
-            Some((_, own)) if apart.abs() > AGREE * sd[k].hypot(own) => {
-                values[k] += 0.5 * apart;
-                sd[k] = sd[k].hypot(0.5 * apart);
-            }
-            _ => {}
+            Some((_, own)) => sd[k] = sd[k].hypot(own.min(AGREE * sd[k])),
+            None => {}
         }
         sd[k] = sd[k].max(least(k));
     }
