@@ -146,7 +146,8 @@ pub fn reason(
     match verdict {
         Verdict::EffectFound => {
             let what = if mostly_lost { "a part of the motion" } else { "the motion" };
-            format!("{} explains {what}; {left} remains", names.join(" and "))
+            let explain = if names.len() == 1 { "explains" } else { "explain" };
+            format!("{} {explain} {what}; {left} remains", names.join(" and "))
         }
         Verdict::Ambiguous => format!(
             "{} explain the motion equally well; film the launch given as experiment",
