@@ -76,6 +76,9 @@ pub fn text(found: &Discovery) -> String {
         let parameters: Vec<String> = effect.parameters.iter().map(parameter).collect();
         text += &format!("\n  {}: {}\n", effect.kind, parameters.join(", "));
     }
+    if !found.effects.is_empty() {
+        text += "  [in brackets: where they are with 95 % probability]\n";
+    }
     for kinds in &found.ambiguous {
         text += &format!("\n  cannot be told apart: {}\n", kinds.kinds.join(", "));
     }
@@ -111,8 +114,9 @@ fn smallest(found: &Discovery) -> String {
 /// A parameter with its interval as a person reads it.
 pub fn parameter(p: &FoundParameter) -> String {
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
-    match p.value.len() {
-        0 => format!("{} {}", p.name, p.word),
+    match p.value[..] {
+        [] => format!("{} {}", p.name, p.word),
+        [object] if p.name == "object_id" => format!("object {object:.0}"),
         _ => {
             let unit = if p.unit == "1" { "" } else { &p.unit };
             let told =

@@ -17,6 +17,9 @@ const AGREE: f64 = 2.0;
 /// Surfaces give, and sizes are known no better than positions are measured: deviation of a length, or of an angle seen
 /// from a metre away, in deviations of a measured position.
 const SURFACE: f64 = 0.5;
+/// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
+/// derivatives grow without end, and a fit's own deviation says what nobody can know.
+const REALISED: f64 = 0.02;
 
 /// What was added first, then the others by evidence.
 pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
@@ -85,9 +88,9 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
         owner: None,
     });
     let scale = c.remains.max(1.0).sqrt();
-    let least = |k: usize| match c.entry.spec.params[k].unit {
+    let least = |k: usize, value: f64| match c.entry.spec.params[k].unit {
         "m" | "rad" => SURFACE * noise_sigma,
-        _ => 0.0,
+        _ => REALISED * value.abs(),
     };
     let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
     let mut values = c.values.clone();
@@ -105,7 +108,7 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
             Some((_, own)) => sd[k] = sd[k].hypot(own.min(AGREE * sd[k])),
             None => {}
         }
-        sd[k] = sd[k].max(least(k));
+        sd[k] = sd[k].max(least(k, values[k]));
     }
     let mut parameters = reported(c.entry, &values, &sd);
     parameters.extend(object);

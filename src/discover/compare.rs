@@ -207,9 +207,8 @@ fn summary(scenes: &[SceneComparison]) -> String {
     let all = scenes.iter().flat_map(|s| s.regimes.iter().map(move |r| (s, r)));
     let worst = all
         .max_by(|a, b| excess(a.1).total_cmp(&excess(b.1)))
-        .map(|(s, r)| format!("{}: {}", s.name, r.regime));
-    let place = worst.unwrap_or_else(|| "everywhere".into());
-    format!("reduced chi-square {reduced:.2}: the model fails most at {place}")
+        .map(|(s, r)| format!(" most at {}: {}", s.name, r.regime));
+    format!("reduced chi-square {reduced:.2}: the model fails{}", worst.unwrap_or_default())
 }
 
 fn excess(r: &Regime) -> f64 {

@@ -106,6 +106,9 @@ struct Row {
     color: Option<String>,
 }
 
+/// Share by which times may come quicker than `fps` says.
+const OFF_CLOCK: f64 = 0.05;
+
 /// Whether `when` counts seconds, and the rows.
 type Rows = (bool, Vec<Row>);
 
@@ -263,8 +266,9 @@ impl Cells<'_> {
     fn row(&mut self, timed: bool) -> Option<Row> {
         let id = self.whole(Column::Id);
         let when = if timed { self.number(Column::Time) } else { self.whole(Column::Frame).map(f64::from) };
-        if when.is_none() {
-            self.wrong(if timed { Column::Time } else { Column::Frame }, "is empty or NaN; say when it was");
+        let clock = if timed { Column::Time } else { Column::Frame };
+        if when.is_none() && self.lacks(clock) {
+            self.wrong(clock, "is empty or NaN; say when it was");
         }
         let visible = match self.text(Column::Visible).map(str::to_ascii_lowercase).as_deref() {
             None | Some("1" | "true" | "yes") => true,
@@ -278,12 +282,18 @@ impl Cells<'_> {
         let (x, y, yaw) = (self.number(Column::X), self.number(Column::Y), self.number(Column::Yaw));
         let seen = match (x, y) {
             (Some(x), Some(y)) if visible => Some((x, y, yaw)),
-            (None, Some(_)) if visible => {
-                self.wrong(Column::X, "is empty or NaN, but y is not");
+            (None, Some(_)) if visible && self.lacks(Column::X) => {
+                self.wrong(
+                    Column::X,
+                    "is empty or NaN, but y is not; leave both empty where it was not seen",
+                );
                 None
             }
-            (Some(_), None) if visible => {
-                self.wrong(Column::Y, "is empty or NaN, but x is not");
+            (Some(_), None) if visible && self.lacks(Column::Y) => {
+                self.wrong(
+                    Column::Y,
+                    "is empty or NaN, but x is not; leave both empty where it was not seen",
+                );
                 None
             }
             _ => None,
@@ -349,6 +359,11 @@ impl Cells<'_> {
         self.record.get(*index).filter(|cell| !cell.is_empty())
     }
 
+    /// Whether the cell is empty or NaN.
+    fn lacks(&self, column: Column) -> bool {
+        self.text(column).is_none_or(|text| text.eq_ignore_ascii_case("nan"))
+    }
+
     /// A number in SI units; `None` where the cell is empty, NaN or wrong.
     fn number(&mut self, column: Column) -> Option<f64> {
         let factor = self.places.get(&column)?.1;
@@ -357,7 +372,7 @@ impl Cells<'_> {
             Ok(v) if v.is_finite() => Some(v * factor),
             _ if text.eq_ignore_ascii_case("nan") => None,
             _ => {
-                self.wrong(column, format!("is {text:?}; give a number"));
+                self.wrong(column, format!("is {text:?}; give a number such as 1.5"));
                 None
             }
         }
@@ -397,7 +412,15 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         let rough = distinct(0.0);
         let times = distinct(SAME_TIME * span / rough.len().max(2) as f64);
         let rate = (times.len() as f64 - 1.0) / span;
-        (times, notes.fps.unwrap_or(if rate.is_finite() && rate > 0.0 { rate } else { FPS }))
+        let rate = if rate.is_finite() && rate > 0.0 { rate } else { FPS };
+        // Frames may be left out, but there are none between two.
+        if let Some(fps) = notes.fps.filter(|fps| fps * (1.0 + OFF_CLOCK) < rate) {
+            let message = format!(
+                "is {fps}, but there are {rate:.1} times a second; correct one of both, or leave it out"
+            );
+            return Err(one("fps", message));
+        }
+        (times, notes.fps.unwrap_or(rate))
     } else {
         let fps = notes.fps.unwrap_or(FPS);
         let last = whens.last().copied().unwrap_or(0.0);

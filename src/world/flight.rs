@@ -10,6 +10,8 @@ pub(super) const SHORTEST_APPROACH: f64 = 1e-3;
 /// the shortest (s).
 const ROUGH: f64 = 1e-6;
 pub(super) const SHORTEST_STRETCH: f64 = 1e-3;
+/// No time at all (s): over less, differences of places are rounding.
+pub(super) const INSTANT: f64 = 1e-9;
 
 /// Where a stretch leads.
 pub(super) struct Flight<T> {

@@ -2,7 +2,7 @@
 
 use super::agenda::{Agenda, Next};
 use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
-use super::flight::{APPROACH_SHARE, Flight, SHORTEST_APPROACH, SHORTEST_STRETCH};
+use super::flight::{APPROACH_SHARE, Flight, INSTANT, SHORTEST_APPROACH, SHORTEST_STRETCH};
 use super::grid::Grid;
 use super::impact::Path;
 use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
@@ -23,8 +23,7 @@ use std::collections::BTreeMap;
 const MAX_STEP: f64 = 0.16;
 /// The same under forces that change with time: they may wake a body at rest.
 const UNSTEADY_STEP: f64 = 0.02;
-
-/// Longest stretch of bodies that press on each other (s), and of such that pull at each other, too.
+/// The same of bodies that press on each other, and of such that pull at each other, too.
 const CONTACT_STEP: f64 = 0.04;
 const PULL_STEP: f64 = 0.02;
 /// Overlap at which a stretch of touching bodies is halved (m).
@@ -200,9 +199,9 @@ impl<'m, T: Scalar> Run<'m, T> {
             }
         });
         let bodies = bodies.collect();
-        let values = || flat.iter().map(|v| v.value()).collect::<Vec<f64>>();
+        let real: Vec<f64> = flat.iter().map(|v| v.value()).collect();
         Run {
-            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &values())),
+            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &real)),
             times,
             states: times.iter().map(|_| model.bodies.iter().map(|_| None).collect()).collect(),
             laws,
@@ -251,9 +250,12 @@ impl<'m, T: Scalar> Run<'m, T> {
     pub(super) fn note(&mut self, i: usize, from: &Kinematics<T>, since: T, to: &Kinematics<T>, until: T) {
         let body = &mut self.bodies[i];
         while let Some(&time) = self.times.get(body.next).filter(|&&t| t <= until.value()) {
-            let moves = matches!(body.mode, Mode::Slide | Mode::Roll) && until.value() > since.value();
-            let state = &mut self.states[body.next][i];
-            *state = Some(if moves { from.between(since, to, until, time) } else { *to });
+            let moves = matches!(body.mode, Mode::Slide | Mode::Roll);
+            self.states[body.next][i] = Some(match moves {
+                true if (until - since).value() > INSTANT => from.between(since, to, until, time),
+                true => to.stepped(to, &Rates::zero(), -until + time),
+                false => *to,
+            });
             body.next += 1;
         }
     }
@@ -310,11 +312,8 @@ impl<'m, T: Scalar> Run<'m, T> {
             body.since = T::constant(start);
         }
         self.regroup();
-        for i in 0..self.bodies.len() {
-            if self.bodies[i].group[0] == i {
-                self.predict(i);
-            }
-        }
+        let all: Few<usize> = (0..self.bodies.len()).collect();
+        self.predict_all(&all);
         self.plan();
         while let Some((time, next)) = self.next_event() {
             if self.budget == 0 {
@@ -418,7 +417,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             }
             let pulls = self.laws.has_pair_forces() || !self.bonds.is_empty();
             let longest = if pulls { PULL_STEP } else { CONTACT_STEP };
-            if left > longest {
+            if left > longest + INSTANT {
                 until = since + longest;
                 change = Some((i, Change::Continue));
             }
