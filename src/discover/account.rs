@@ -19,7 +19,7 @@ const AGREE: f64 = 2.0;
 const SURFACE: f64 = 0.5;
 /// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
 /// derivatives grow without end, and a fit's own deviation says what nobody can know.
-const REALISED: f64 = 0.02;
+const NO_NEARER: f64 = 0.02;
 
 /// What was added first, then the others by evidence.
 pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
@@ -90,7 +90,7 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
     let scale = c.remains.max(1.0).sqrt();
     let least = |k: usize, value: f64| match c.entry.spec.params[k].unit {
         "m" | "rad" => SURFACE * noise_sigma,
-        _ => REALISED * value.abs(),
+        _ => NO_NEARER * value.abs(),
     };
     let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
     let mut values = c.values.clone();

@@ -325,7 +325,7 @@ fn laws_of(
 #[cfg(test)]
 mod tests {
     use super::super::screen::with_nuisance;
-    use super::super::tests::{CUBE, DISC, film_under};
+    use super::super::tests::{CUBE, DISC, Launch, film_under};
     use super::*;
     use crate::effects::effect;
     use crate::effects::formula::Formula;
@@ -334,6 +334,20 @@ mod tests {
     use crate::world::{ActiveEffect, Preset};
 
     const BALL: Shape = Shape::Ball { radius: 0.2 };
+
+    /// What is found, two laws at most, where a law acts that the library does not have.
+    fn found_under(law: &str, launches: &[Vec<Launch>]) -> FreeMotion {
+        let scenes = film_under(launches, |model| {
+            let formula = Formula::new(law, vec![]).expect("it is one");
+            let active = ActiveEffect::of_formula("law", formula, &model.bodies).expect("it is one");
+            model.effects.push(active);
+        });
+        let lens = Lens::new(&scenes);
+        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+        let models = with_nuisance(&models);
+        let first = search(&lens, &models, &never).expect("never stops");
+        search_on(&lens, &models, first, 2, &never).expect("never stops")
+    }
 
     /// A fan blows a little less at the far end: that is its wind still, and no source somewhere or patch beside.
     #[test]
@@ -344,16 +358,7 @@ mod tests {
             vec![(DISC, 0.6, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [1.5, 1.2], [-1.1, 0.2])],
         ];
         let wind = "fx = 0.4*(1 - 0.005*x); fy = -0.4*(1 + 0.005*y)";
-        let scenes = film_under(&launches, |model| {
-            let formula = Formula::new(wind, vec![]).expect("it is one");
-            let active = ActiveEffect::of_formula("wind", formula, &model.bodies).expect("it is one");
-            model.effects.push(active);
-        });
-        let lens = Lens::new(&scenes);
-        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
-        let models = with_nuisance(&models);
-        let first = search(&lens, &models, &never).expect("never stops");
-        let motion = search_on(&lens, &models, first, 2, &never).expect("never stops");
+        let motion = found_under(wind, &launches);
         let found: Vec<_> = motion.found.iter().map(|c| (c.entry.spec.name, c.gain)).collect();
         assert!(matches!(found[..], [("uniform_force", _)]), "{found:?}");
     }
@@ -388,16 +393,7 @@ mod tests {
             ]),
         ];
         let law = "fx = 0.6 - 0.6*vx; fy = -0.4 - 0.6*vy";
-        let scenes = film_under(&launches, |model| {
-            let formula = Formula::new(law, vec![]).expect("it is one");
-            let active = ActiveEffect::of_formula("both", formula, &model.bodies).expect("it is one");
-            model.effects.push(active);
-        });
-        let lens = Lens::new(&scenes);
-        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
-        let models = with_nuisance(&models);
-        let first = search(&lens, &models, &never).expect("never stops");
-        let motion = search_on(&lens, &models, first, 2, &never).expect("never stops");
+        let motion = found_under(law, &launches);
         let mut found: Vec<_> = motion.found.iter().map(|c| c.entry.spec.name).collect();
         found.sort_unstable();
         assert_eq!(found, ["linear_drag", "uniform_force"]);

@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 const SIGMA: f64 = 0.005;
 
 /// Launches of one video: shape, mass, place, velocity.
-type Launch = (Shape, f64, [f64; 2], [f64; 2]);
+pub(super) type Launch = (Shape, f64, [f64; 2], [f64; 2]);
 
 pub(super) const DISC: Shape = Shape::Disc { radius: 0.2 };
 pub(super) const CUBE: Shape = Shape::Square { half_side: 0.2 };

@@ -412,15 +412,17 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         let rough = distinct(0.0);
         let times = distinct(SAME_TIME * span / rough.len().max(2) as f64);
         let rate = (times.len() as f64 - 1.0) / span;
-        let rate = if rate.is_finite() && rate > 0.0 { rate } else { FPS };
+        let rate = Some(rate).filter(|rate| rate.is_finite() && *rate > 0.0);
         // Frames may be left out, but there are none between two.
-        if let Some(fps) = notes.fps.filter(|fps| fps * (1.0 + OFF_CLOCK) < rate) {
+        if let (Some(fps), Some(rate)) = (notes.fps, rate)
+            && fps * (1.0 + OFF_CLOCK) < rate
+        {
             let message = format!(
                 "is {fps}, but there are {rate:.1} times a second; correct one of both, or leave it out"
             );
             return Err(one("fps", message));
         }
-        (times, notes.fps.unwrap_or(rate))
+        (times, notes.fps.or(rate).unwrap_or(FPS))
     } else {
         let fps = notes.fps.unwrap_or(FPS);
         let last = whens.last().copied().unwrap_or(0.0);

@@ -199,9 +199,9 @@ impl<'m, T: Scalar> Run<'m, T> {
             }
         });
         let bodies = bodies.collect();
-        let real: Vec<f64> = flat.iter().map(|v| v.value()).collect();
+        let real = || flat.iter().map(|v| v.value()).collect::<Vec<f64>>();
         Run {
-            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &real)),
+            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &real())),
             times,
             states: times.iter().map(|_| model.bodies.iter().map(|_| None).collect()).collect(),
             laws,

@@ -109,6 +109,8 @@ fn everything_wrong_is_told_with_its_place() {
         "# fps: 25\nid,t,x,y\n1,0,0,0\n1,0.02,0,0\n1,0.04,0,0\n",
         &["fps: is 25, but there are 50.0 times a second; correct one of both, or leave it out"],
     );
+    // One time has no rate that could contradict.
+    assert!(!parse_csv("s", "# fps: 10\nid,t,x,y\n1,0,0,0\n").is_err_and(|e| e.to_string().contains("fps")));
     check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
     check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
     for empty in ["", "\n \n", "# fps: 25\n"] {
