@@ -1,7 +1,8 @@
 //! The account of a search: what was found with its intervals, the ranking, what would have been seen, and why.
 
-use super::contact::{ContactCandidate, estimates_of, pooled};
+use super::contact::{ContactCandidate, estimates_of};
 use super::force::Lens;
+use super::jackknife::Shared;
 use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported, widened};
 use super::proof;
 use super::revise::Revision;
@@ -74,10 +75,10 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
     }
 }
 
-/// A law of contact with its numbers, on one object if it has one: those of the trajectories where these are followed and tell
-/// more than short films. Near where surfaces stick a fit's own deviation is too small: the interval holds how far the short
-/// films disagree, up to a point.
-pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&Revision>) -> Found {
+/// A law of contact with its numbers, on one object if it has one: those of the `videos` that are followed, else those of short
+/// films. Near where surfaces stick and where bodies jostle a fit's own deviation is too small: the interval holds how far the
+/// videos disagree, and up to a point how far the short films do.
+pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Option<Shared>]>) -> Found {
     let object = c.object.map(f64::from).map(Value::Number);
     let object = object.map(|id| Reported {
         name: "object_id".into(),
@@ -95,20 +96,16 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, revision: Option<&R
     let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
     let mut values = c.values.clone();
     // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
-    let law = !c.entry.uses(Hook::Bodies);
-    let followed = |r: &&Revision| law && r.apart.is_empty() && r.reduced_chi_square < FOLLOWED;
-    for (k, p) in c.entry.spec.params.iter().enumerate() {
-        let of = revision.filter(followed).and_then(|r| pooled(&estimates_of(&r.fit, c.entry, p.name)));
-        match of {
-            Some((value, own)) if own < sd[k] => {
-                let apart = (value - values[k]).abs();
-                sd[k] = widened(own, sd[k].hypot(apart.min(AGREE * sd[k])));
-                values[k] = value;
-            }
-            Some((_, own)) => sd[k] = sd[k].hypot(own.min(AGREE * sd[k])),
-            None => {}
+    let videos = videos.filter(|_| !c.entry.uses(Hook::Bodies)).unwrap_or_default();
+    for (k, shared) in videos.iter().enumerate() {
+        if let Some(s) = shared {
+            let (own, apart) = (s.sd.max(s.scatter), (s.value - values[k]).abs());
+            sd[k] = if own < sd[k] { widened(own, sd[k].hypot(apart.min(AGREE * sd[k]))) } else { own };
+            values[k] = s.value;
         }
-        sd[k] = sd[k].max(least(k, values[k]));
+    }
+    for (sd, (k, value)) in sd.iter_mut().zip(values.iter().enumerate()) {
+        *sd = sd.max(least(k, *value));
     }
     let mut parameters = reported(c.entry, &values, &sd);
     parameters.extend(object);

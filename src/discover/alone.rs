@@ -17,7 +17,7 @@ pub const AT_NOISE: f64 = 1.5;
 const FEW: usize = 3;
 /// How the fit of one short film begins.
 pub const OPTIONS: FitOptions =
-    FitOptions { max_iterations: 40, method: Method::GaussNewton, begin: Begin::Turned };
+    FitOptions { max_iterations: 40, method: Method::GaussNewton, begin: Begin::Turned, effort: 1.0 };
 
 /// The films with a fit of each.
 pub struct Alone {

@@ -8,6 +8,7 @@ use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
+use super::jackknife::of_videos;
 use super::outcome::{Discovery, Found, Verdict};
 use super::proof;
 use super::revise::{
@@ -155,8 +156,9 @@ pub fn conclude(
         revisions.truncate(motion.found.len() + 1);
         revisions.push(stuck);
     }
-    if let Some(c) = proven {
-        effects.push(found_contact(c, noise_sigma, revisions.last()));
+    if let (Some(c), Some(last)) = (proven, revisions.last()) {
+        let videos = of_videos(lens, last, c.entry, &options.fit, stop)?;
+        effects.push(found_contact(c, noise_sigma, videos.as_deref()));
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);

@@ -4,6 +4,7 @@
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::cost::Cost;
 use super::film::Contacts;
+use super::jackknife::scatter;
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::{CERTAIN, with_effect};
@@ -11,7 +12,6 @@ use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
-use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -348,7 +348,7 @@ fn judged(
                 .filter(|&k| before.of_scene(k) - after.of_scene(k) > CHANCE * unit)
                 .collect();
             if score > PROOF && told.len() > 1 {
-                let scatter = scatter(films, &fit, entry, &values, &told, options, stop)?;
+                let scatter = scatter(&films.scenes, &fit, entry, &values, &told, options, stop)?;
                 sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = widened(*sd, scatter));
             }
             Ok(ContactCandidate {
@@ -391,35 +391,6 @@ fn without(
     let near = FitOptions { begin: Begin::Near, ..*options };
     let again = Cost::of(&estimate(&films.scenes, &models, &near, stop)?, None);
     Ok(if again.total() < before.total() { again } else { before.clone() })
-}
-
-/// Deviations of an effect's parameters by how much the films that tell of it disagree, whatever the noise is: each is left
-/// out in turn (Tukey's jackknife; Efron and Stein, Ann. Statist. 9 (1981) 586).
-fn scatter(
-    films: &Contacts,
-    with: &Fit,
-    entry: &EffectEntry,
-    values: &[f64],
-    told: &[usize],
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Vec<f64>, FitError> {
-    let near = FitOptions { begin: Begin::Near, ..*options };
-    let one = |&left_out: &usize| -> Result<Vec<f64>, FitError> {
-        let kept: Vec<usize> = (0..films.scenes.len()).filter(|&k| k != left_out).collect();
-        let scenes: Vec<Scene> = kept.iter().map(|&k| films.scenes[k].clone()).collect();
-        let models: Vec<Model> = kept.iter().map(|&k| with.scenes[k].model.clone()).collect();
-        let found = estimate(&scenes, &models, &near, stop)?;
-        let names = entry.spec.params.iter().zip(values);
-        Ok(names.map(|(p, v)| pooled(&estimates_of(&found, entry, p.name)).map_or(*v, |e| e.0)).collect())
-    };
-    let all: Result<Vec<Vec<f64>>, FitError> = told.par_iter().map(one).collect();
-    let (all, n) = (all?, told.len() as f64);
-    let deviation = |k: usize| {
-        let mean = all.iter().map(|v| v[k]).sum::<f64>() / n;
-        ((n - 1.0) / n * all.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>()).sqrt()
-    };
-    Ok((0..values.len()).map(deviation).collect())
 }
 
 /// Ids of the objects that meet others, those whose mass promises most: each tried in the films that show it, from where

@@ -14,10 +14,10 @@ use super::proof;
 use super::revise::{Revision, pooled_noise, trajectories};
 use super::screen::{region, sought, with_nuisance};
 use super::search::{FreeMotion, fewer, search, search_on};
-use super::whole::{STICKING, spinning, stuck};
+use super::whole::{STICKING, TRIED_EFFORT, spinning, stuck};
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
-use crate::fit::{Fit, FitError};
+use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::{Stop, part};
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
@@ -165,7 +165,8 @@ fn reread(
             if nearer {
                 break;
             }
-            let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &options.fit, stop)?;
+            let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
+            let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &tried, stop)?;
             nearer |= proof::follows_better(&last.fit, &fit);
         }
         if !nearer {
@@ -298,9 +299,10 @@ fn by_trajectories(
     if seen.len() < 2 {
         return Ok(seen.pop());
     }
+    let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
     let misfit = |reading: &Reading| -> Result<f64, FitError> {
         let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
-        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &options.fit, stop)?;
+        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &tried, stop)?;
         Ok(fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum())
     };
     let misfits: Vec<f64> = seen.par_iter().map(misfit).collect::<Result<_, _>>()?;

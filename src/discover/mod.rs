@@ -13,6 +13,7 @@ mod force;
 mod formula;
 mod free;
 mod inquire;
+mod jackknife;
 mod outcome;
 mod path;
 mod proof;

@@ -39,6 +39,8 @@ const PROMISING: f64 = 10.0;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
 const WHOLE_CERTAIN: f64 = 5.0;
 const TRIED_ITERATIONS: usize = 30;
+/// Effort of fits that only choose between models: the right one is followed soon, and the others are never.
+pub const TRIED_EFFORT: f64 = 0.25;
 /// Objects whose masses are tried, and walls and discs.
 const HEAVIEST: usize = 2;
 const PLACES: usize = 2;
@@ -91,7 +93,8 @@ pub fn asked(
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
     let region = region(lens.scenes);
     let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
-    let few = FitOptions { max_iterations: options.max_iterations.min(TRIED_ITERATIONS), ..*options };
+    let most = options.max_iterations.min(TRIED_ITERATIONS);
+    let few = FitOptions { max_iterations: most, effort: TRIED_EFFORT, ..*options };
     let mut trials = vec![];
     if let Some(starts) = fading(lens, base, models)
         && promises(lens, base, &starts.clone().map(|t| with(&t)), &few, stop)?
@@ -122,14 +125,7 @@ pub fn asked(
     let Some((best, fit)) = nearest.filter(near) else { return Ok(None) };
     let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
     let (with_law, name) = (with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name));
-    let mut found = revise(lens, &with_law, name, options, stop)?;
-    // What follows the first frames may not lead to what was found on all.
-    if proof::distance(&found.fit) > proof::distance(fit) + PROMISING {
-        let again = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
-        if proof::distance(&again.fit) < proof::distance(&found.fit) {
-            found = again;
-        }
-    }
+    let found = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
     let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
     let gained = proof::gained(&base.fit, &found.fit);
     // What an object is may show in the one video in which it meets others; what contacts share may show a little in each.

@@ -39,6 +39,17 @@ pub struct FitOptions {
     /// Where the search begins.
     #[serde(default)]
     pub begin: Begin,
+    /// Share of its work limit that the search may take: less where many models are tried of which most are wrong.
+    #[serde(default = "all", skip_serializing_if = "is_all")]
+    pub effort: f64,
+}
+
+fn all() -> f64 {
+    1.0
+}
+
+fn is_all(effort: &f64) -> bool {
+    *effort == all()
 }
 
 /// Where a search begins.
@@ -70,7 +81,7 @@ pub enum Method {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        FitOptions { max_iterations: 200, method: Method::default(), begin: Begin::default() }
+        FitOptions { max_iterations: 200, method: Method::default(), begin: Begin::default(), effort: all() }
     }
 }
 
@@ -216,6 +227,7 @@ pub fn estimate(
         }
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
+    problem.allow(options.effort);
     let frames = longest(scenes);
     let best = match options.method {
         Method::GaussNewton => {
@@ -265,9 +277,9 @@ fn of_set_up(
 ) -> Result<Solution, FitError> {
     let search =
         |point: &[f64]| minimise(problem, point, frames, problem.negligible(), options.max_iterations, stop);
-    problem.allow(AT_ONCE);
+    problem.allow(AT_ONCE * options.effort);
     let best = search(&problem.start())?;
-    problem.allow(1.0);
+    problem.allow(options.effort);
     if options.begin == Begin::Near || worst_chi_square(problem, &best.point, frames) <= GOOD {
         return Ok(best);
     }
@@ -284,12 +296,12 @@ fn gauss_newton(
     let budget = options.max_iterations;
     let enough = problem.negligible();
     let turned = matches!(options.begin, Begin::Turned | Begin::Near);
-    problem.allow(AT_ONCE);
+    problem.allow(AT_ONCE * options.effort);
     let mut best = match turned {
         true => minimise(problem, &problem.start(), frames, enough, budget, stop)?,
         false => of_any_yaw(problem, &problem.start(), frames, budget, stop)?,
     };
-    problem.allow(1.0);
+    problem.allow(options.effort);
     let good = |best: &Solution| worst_chi_square(problem, &best.point, frames) <= GOOD;
     if options.begin != Begin::Near && good(&best) {
         return Ok(best);
@@ -319,7 +331,7 @@ fn gauss_newton(
         }
     }
     if options.begin != Begin::Near {
-        problem.allow(AT_LAST);
+        problem.allow(AT_LAST * options.effort);
         best = scattered(problem, best, frames, budget, stop)?;
     }
     Ok(best)
@@ -451,6 +463,14 @@ fn check_each(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
 fn worst_chi_square(problem: &Problem, point: &[f64], frames: usize) -> f64 {
     let each = (0..problem.parts.len()).map(|i| scene_fit(problem, i, point, frames).reduced_chi_square);
     each.fold(0.0, f64::max)
+}
+
+/// Sum of the scenes' reduced chi-squares where their models stand.
+fn misfit(scenes: &[Scene], models: &[Model], stop: Stop) -> f64 {
+    let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
+    let problem = Problem::new(scenes, models.to_vec(), &noises, stop);
+    let (point, frames) = (problem.start(), longest(scenes));
+    (0..scenes.len()).map(|i| scene_fit(&problem, i, &point, frames).reduced_chi_square).sum()
 }
 
 fn scene_fit(problem: &Problem, index: usize, point: &[f64], frames: usize) -> SceneFit {

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// Draws from a posterior.
@@ -188,8 +189,10 @@ fn draws(problem: &Problem, point: &[f64], laplace: &Laplace, window: Window) ->
     let blocks = Blocks::new(problem, factor);
     let residuals: Vec<Vec<f64>> = parts.iter().map(|p| p.residuals.clone()).collect();
     let best = blocks.costs(problem, point, &residuals, parts, shares);
-    let draw = |_| {
-        let z = DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random)));
+    let unit: Vec<DVector<f64>> = (0..DRAWS)
+        .map(|_| DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random))))
+        .collect();
+    let draw = |z: DVector<f64>| {
         let worst = blocks.worst(&z);
         let shift: DVector<f64> = factor * z;
         let mut share = vec![1.0; best.len()];
@@ -228,7 +231,7 @@ fn draws(problem: &Problem, point: &[f64], laplace: &Laplace, window: Window) ->
         }
         problem.moved(point, |k| if bad[blocks.of[k]] { 0.0 } else { shift[k] * share[blocks.of[k]] })
     };
-    (0..DRAWS).map(draw).collect()
+    unit.into_par_iter().map(draw).collect()
 }
 
 /// What a draw does: residuals of each part, and which bodies met ([`Part::components`]).

@@ -5,7 +5,7 @@
 //! follow (quadratic penalty and consensus: Nocedal and Wright, Numerical Optimization, ch. 17; Boyd et al., Foundations and
 //! Trends in Machine Learning 3 (2011) ch. 7).
 
-use super::{Begin, Fit, FitError, FitOptions, GOOD, estimate, estimate_each, estimate_one};
+use super::{Begin, Fit, FitError, FitOptions, GOOD, estimate, estimate_each, estimate_one, misfit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Model, Parameter};
@@ -19,6 +19,8 @@ const ITERATIONS: usize = 12;
 /// Where the videos leave their noise by this much (share of chi-square) they have no numbers in common: no long search finds any.
 const PARTED: f64 = 10.0;
 const PARTED_ITERATIONS: usize = 5;
+/// They are near enough for a search of all at once where common numbers cost no more than this (share of chi-square).
+const NEAR: f64 = 1.001;
 /// They are as good as common within this share of the least deviation that a video leaves.
 const COMMON: f64 = 0.001;
 
@@ -119,10 +121,11 @@ fn drawn_together(
     common.values_mut().for_each(Common::begin);
     let mut stand: Vec<Model> = alone.iter().map(|a| a.scenes[0].model.clone()).collect();
     let mut spreads = spreads(&stand, &common);
-    let misfit = |fits: &[Fit]| -> f64 { fits.iter().map(|f| f.scenes[0].reduced_chi_square).sum() };
+    let apart = |fits: &[Fit]| -> f64 { fits.iter().map(|f| f.scenes[0].reduced_chi_square).sum() };
     let mut parted = false;
     for step in 0..STEPS {
-        if parted || spreads.values().all(|s| s.now <= s.enough) {
+        let enough = || misfit(scenes, &as_one(models, &stand, &common), stop) < NEAR * apart(alone);
+        if parted || spreads.values().all(|s| s.now <= s.enough) || enough() {
             break;
         }
         for (name, c) in common.iter_mut().filter(|_| step > 0) {
@@ -144,7 +147,7 @@ fn drawn_together(
         });
         let held: Vec<Model> = held.collect();
         let fits = estimate_each(scenes, &held, &few, stop)?;
-        parted = misfit(&fits) > PARTED * misfit(alone);
+        parted = apart(&fits) > PARTED * apart(alone);
         stand = fits.into_iter().flat_map(|f| f.scenes).map(|s| s.model).collect();
         for (scene, model) in stand.iter_mut().enumerate() {
             each_shared(model, |_, p, names| {
@@ -155,15 +158,20 @@ fn drawn_together(
             });
         }
     }
+    Ok(Drawn { models: as_one(models, &stand, &common), parted })
+}
+
+/// The models where each scene stands, with the shared numbers at their means.
+fn as_one(models: &[Model], stand: &[Model], common: &BTreeMap<String, Common>) -> Vec<Model> {
     let mut models = models.to_vec();
-    for (model, own) in models.iter_mut().zip(&stand) {
+    for (model, own) in models.iter_mut().zip(stand) {
         model.stand_as(own);
         each_shared(model, |_, p, names| {
             let values = p.values.iter_mut().zip(names);
             values.for_each(|(value, name)| *value = common.get(name).map_or(*value, |c| c.mean));
         });
     }
-    Ok(Drawn { models, parted })
+    models
 }
 
 /// By their full names, the shared numbers that scenes tell of. A scene that is not followed counts less.
