@@ -1,5 +1,6 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
+use super::central::central_law;
 use super::force::{Lens, Projector, Seen};
 use super::free::Free;
 use crate::num::{Vec2, vec2};
@@ -15,13 +16,13 @@ pub const SIMPLE_TERMS: usize = 2;
 const TURNS: usize = 9;
 const HALVINGS: i32 = 6;
 /// Fall of chi-square, in units of what remains, that a term must bring beyond its price.
-const PROOF: f64 = 20.0;
+pub(super) const PROOF: f64 = 20.0;
 
 /// One generic term: its text along x and along y, and its value.
-struct Term {
-    x: &'static str,
-    y: &'static str,
-    value: fn(&Kinematics<f64>, f64) -> Vec2,
+pub(super) struct Term {
+    pub x: &'static str,
+    pub y: &'static str,
+    pub value: fn(&Kinematics<f64>, f64) -> Vec2,
 }
 
 impl Term {
@@ -84,24 +85,22 @@ pub fn residual_law(
 ) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, &seen.values)?;
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let priced = |l: &Sparse| l.cost + l.numbers() as f64 * degrees.ln();
-    // The same law for all masses, or a force, along any axes: the data say which.
-    let turned = [false, true].map(|force| {
+    let priced = |cost: f64, numbers: usize| cost + numbers as f64 * degrees.ln();
+    let by_axes = |l: &Sparse| priced(l.cost, l.numbers());
+    // The same law for all masses, or a force, along any axes or about any centre: the data say which.
+    let laws = [false, true].map(|force| {
         let search = Search { lens, models, projector: &projector, start: seen.cost, force };
-        let upright = search.select(0.0, most)?;
-        let step = FRAC_PI_2 / TURNS as f64;
-        let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
-        let best = others.chain([upright.clone()]).min_by(|a, b| priced(a).total_cmp(&priced(b)))?;
-        let best = search.turn(best, step);
-        Some(if priced(&best) < priced(&upright) { best } else { upright })
+        let along_axes = search.select(0.0, most).map(|upright| {
+            let step = FRAC_PI_2 / TURNS as f64;
+            let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
+            let best = others.fold(upright.clone(), |a, b| if by_axes(&b) < by_axes(&a) { b } else { a });
+            let best = search.turn(best, step);
+            (if by_axes(&best) < by_axes(&upright) { best } else { upright }).law()
+        });
+        [along_axes, central_law(&search)]
     });
-    let best = turned.into_iter().flatten().min_by(|a, b| priced(a).total_cmp(&priced(b)))?;
-    Some(ResidualLaw {
-        text: best.text(),
-        numbers: best.numbers(),
-        cost: best.cost,
-        elsewhere: best.elsewhere,
-    })
+    let laws = laws.into_iter().flatten().flatten();
+    laws.min_by(|a, b| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers)))
 }
 
 /// A sum of terms along axes of its own.
@@ -124,6 +123,10 @@ impl Sparse {
 
     fn numbers(&self) -> usize {
         self.terms.len() + usize::from(self.angle != 0.0 && self.directed())
+    }
+
+    fn law(&self) -> ResidualLaw {
+        ResidualLaw { text: self.text(), numbers: self.numbers(), cost: self.cost, elsewhere: self.elsewhere }
     }
 
     fn text(&self) -> String {
@@ -170,12 +173,13 @@ fn along_own_axes(text: &str, angle: f64) -> String {
 }
 
 /// What the terms are fitted to.
-struct Search<'a> {
-    lens: &'a Lens<'a>,
-    models: &'a [Model],
-    projector: &'a Projector,
-    start: f64,
-    force: bool,
+pub(super) struct Search<'a> {
+    pub lens: &'a Lens<'a>,
+    pub models: &'a [Model],
+    pub projector: &'a Projector,
+    pub start: f64,
+    /// Whether it is a force, or the same acceleration for all masses.
+    pub force: bool,
 }
 
 impl Search<'_> {
@@ -241,13 +245,13 @@ impl Search<'_> {
         best
     }
 
-    fn unexplained(&self) -> Option<f64> {
+    pub fn unexplained(&self) -> Option<f64> {
         let none = DMatrix::zeros(self.projector.residual.len(), 0);
         Some(self.lens.joint(self.projector, self.start, &none)?.0)
     }
 
     /// Fall of chi-square on all tracks but the one that gains most.
-    fn elsewhere(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> f64 {
+    pub fn elsewhere(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> f64 {
         let none = DMatrix::zeros(self.projector.residual.len(), 0);
         let before = self.lens.by_track(&self.projector.moved(&none, &[]));
         let after = self.lens.by_track(&self.projector.moved(columns, amplitudes));
@@ -257,7 +261,7 @@ impl Search<'_> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::TERMS;
     use crate::body::{Body, Wrench};
     use crate::effects::formula::Formula;
@@ -265,27 +269,33 @@ mod tests {
     use crate::scene::Shape;
     use crate::world::Kinematics;
 
+    /// Asserts that a law's text gives the acceleration that it was fitted as.
+    pub fn agrees(text: &str, position: Vec2, velocity: Vec2, value: impl Fn(&Kinematics<f64>, f64) -> Vec2) {
+        let k = Kinematics { position, velocity, yaw: 0.2, spin: 0.9, roll: Vec2::zero() };
+        let body = Body {
+            shape: Shape::Disc { radius: 0.2 },
+            mass: 1.0,
+            position: k.position,
+            yaw: k.yaw,
+            velocity,
+            spin: k.spin,
+            roll: k.roll,
+        };
+        let formula = Formula::new(text, vec![]).expect("it is one");
+        let parameters: Vec<f64> = formula.parameters.iter().map(|p| p.default).collect();
+        let law = formula.read().expect("it is one");
+        let mut out = Wrench::zero();
+        assert!(law.force(&parameters, 1.7, &body, &mut out), "{text} at {position:?}, {velocity:?}");
+        assert!((out.force - value(&k, 1.7)).norm() < 1e-12, "{text} at {position:?}, {velocity:?}");
+    }
+
     #[test]
     fn what_a_term_is_fitted_as_is_what_its_text_says_at_rest_too() {
         for velocity in [vec2(0.3, -0.7), vec2(0.004, 0.001), Vec2::zero()] {
-            let k =
-                Kinematics { position: vec2(1.1, -0.4), velocity, yaw: 0.2, spin: 0.9, roll: Vec2::zero() };
-            let body = Body {
-                shape: Shape::Disc { radius: 0.2 },
-                mass: 1.0,
-                position: k.position,
-                yaw: k.yaw,
-                velocity,
-                spin: k.spin,
-                roll: k.roll,
-            };
             for term in &TERMS {
                 let side = |text: &str| if text.is_empty() { "0".to_string() } else { text.to_string() };
                 let text = format!("ax = {}; ay = {}", side(term.x), side(term.y));
-                let law = Formula::new(&text, vec![]).expect("it is one").read().expect("it is one");
-                let mut out = Wrench::zero();
-                assert!(law.force(&[], 1.7, &body, &mut out), "{text} at {velocity:?}");
-                assert!((out.force - (term.value)(&k, 1.7)).norm() < 1e-12, "{text} at {velocity:?}");
+                agrees(&text, vec2(1.1, -0.4), velocity, term.value);
             }
         }
     }

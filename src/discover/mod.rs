@@ -2,6 +2,7 @@
 
 mod account;
 mod alone;
+mod central;
 mod change;
 mod compare;
 mod conclude;

@@ -58,6 +58,7 @@ def laws(rng, s):
         "cubic_drag": ({"c": 0.3 * u}, lambda x, v, w, m, t: -0.3 * u * col(speed(v) ** 2) * v),
         "saddle": ({"k": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(m) * (2 * turned(x) - x)),
         "growing_wind": ({"b": 0.04 * u}, lambda x, v, w, m, t: 0.04 * u * t * np.outer(m, axis)),
+        "inverse_distance": ({"center": [*near], "S": 0.12 * u}, lambda x, v, w, m, t: 0.12 * u * (near - x) / ((near - x) ** 2).sum(-1, keepdims=True).clip(0.05 ** 2)),
         "anisotropic_drag": ({"c": 0.25 * u}, lambda x, v, w, m, t: -0.25 * u * turned(v)),
     }
     normal = way(1.0)
@@ -75,7 +76,7 @@ def laws(rng, s):
     return forces | {k: (p, None) for k, p in others.items()}
 
 
-OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "anisotropic_drag"]
+OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "inverse_distance", "anisotropic_drag"]
 ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk"], "sticky_contact": ["pymunk"]}
 
 
