@@ -111,8 +111,36 @@ fn nearer_centre(search: &Search, mut best: Central, step: Vec2) -> Central {
 
 #[cfg(test)]
 mod tests {
+    use super::super::force::{Lens, fit_forces};
+    use super::super::formula::{SIMPLE_TERMS, residual_law, tests::agrees};
+    use super::super::tests::{CUBE, DISC, film_under, models};
     use super::*;
-    use crate::discover::formula::tests::agrees;
+    use crate::effects::formula::Formula;
+    use crate::world::ActiveEffect;
+
+    #[test]
+    fn a_pull_that_falls_with_the_distance_is_found_with_its_centre() {
+        let launches = [
+            vec![(DISC, 0.6, [-1.5, 0.4], [0.7, 0.1]), (CUBE, 1.2, [1.4, -1.0], [-0.2, 0.5])],
+            vec![(DISC, 0.6, [0.2, 1.6], [0.3, -0.3]), (CUBE, 1.2, [-1.2, -1.3], [0.4, 0.1])],
+        ];
+        let pull = |side: &str| format!("0.2*({side})/((0.4 - x)^2 + (-0.3 - y)^2)");
+        let text = format!("fx = {}; fy = {}", pull("0.4 - x"), pull("-0.3 - y"));
+        let scenes = film_under(&launches, |model| {
+            let formula = Formula::new(&text, vec![]).expect("it is one");
+            model.effects.push(ActiveEffect::of_formula("pull", formula, &model.bodies).expect("it is one"));
+        });
+        let (lens, models) = (Lens::new(&scenes), models(&scenes));
+        let (free, seen) = fit_forces(&lens, &models);
+        let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS).expect("it proves itself");
+        let found = Formula::new(&law.text, vec![]).expect("it is one").parameters;
+        let number = |name: &str| found.iter().find(|p| p.name == name).expect(&law.text).default;
+        // Where surfaces hold what pulls in vain, the lens sees less of it; trajectories begin here.
+        for (name, truth, near) in [("c1", -0.2, 0.1), ("cx", 0.4, 0.05), ("cy", -0.3, 0.05)] {
+            assert!((number(name) - truth).abs() < near, "{}", law.text);
+        }
+        assert_eq!(law.numbers, NUMBERS);
+    }
 
     #[test]
     fn what_a_term_is_fitted_as_is_what_its_text_says_at_the_centre_too() {
