@@ -144,12 +144,12 @@ mod tests {
 
     #[test]
     fn what_a_term_is_fitted_as_is_what_its_text_says_at_the_centre_too() {
-        for term in 0..TERMS.len() {
+        for (term, Term { value, .. }) in TERMS.iter().enumerate() {
             for offset in [vec2(0.4, -0.9), vec2(0.01, 0.02), Vec2::zero()] {
                 let centre = vec2(0.7, 0.5);
                 let law = Central { term, centre, amplitude: 1.0, cost: 0.0 }.text(false);
                 agrees(&law, centre + offset, vec2(0.3, 0.1), |k, t| {
-                    (TERMS[term].value)(&Kinematics { position: k.position - centre, ..*k }, t)
+                    value(&Kinematics { position: k.position - centre, ..*k }, t)
                 });
             }
         }
