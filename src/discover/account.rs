@@ -8,7 +8,7 @@ use super::proof;
 use super::revise::Revision;
 use super::screen::Candidate;
 use super::search::{FreeMotion, PROOF};
-use crate::effects::{EffectEntry, Hook};
+use crate::effects::EffectEntry;
 use crate::fit::SceneFit;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
@@ -95,17 +95,13 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
     };
     let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
     let mut values = c.values.clone();
-    // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
-    let videos = videos.filter(|_| !c.entry.uses(Hook::Bodies)).unwrap_or_default();
-    for (k, shared) in videos.iter().enumerate() {
-        if let Some(s) = shared {
-            let (own, apart) = (s.sd.max(s.scatter), (s.value - values[k]).abs());
+    for (k, value) in values.iter_mut().enumerate() {
+        if let Some(s) = videos.and_then(|v| v[k]) {
+            let (own, apart) = (s.sd.max(s.scatter), (s.value - *value).abs());
             sd[k] = if own < sd[k] { widened(own, sd[k].hypot(apart.min(AGREE * sd[k]))) } else { own };
-            values[k] = s.value;
+            *value = s.value;
         }
-    }
-    for (sd, (k, value)) in sd.iter_mut().zip(values.iter().enumerate()) {
-        *sd = sd.max(least(k, *value));
+        sd[k] = sd[k].max(least(k, *value));
     }
     let mut parameters = reported(c.entry, &values, &sd);
     parameters.extend(object);

@@ -157,7 +157,11 @@ pub fn conclude(
         revisions.push(stuck);
     }
     if let (Some(c), Some(last)) = (proven, revisions.last()) {
-        let videos = of_videos(lens, last, c.entry, &options.fit, stop)?;
+        // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
+        let videos = match c.entry.uses(Hook::Bodies) {
+            true => None,
+            false => of_videos(lens, last, c.entry, &options.fit, stop)?,
+        };
         effects.push(found_contact(c, noise_sigma, videos.as_deref()));
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();

@@ -461,8 +461,12 @@ fn check_each(scenes: &[Scene], models: &[Model]) -> Result<(), FitError> {
 }
 
 fn worst_chi_square(problem: &Problem, point: &[f64], frames: usize) -> f64 {
-    let each = (0..problem.parts.len()).map(|i| scene_fit(problem, i, point, frames).reduced_chi_square);
-    each.fold(0.0, f64::max)
+    chi_squares(problem, point, frames).fold(0.0, f64::max)
+}
+
+/// Reduced chi-square of each scene.
+fn chi_squares(problem: &Problem, point: &[f64], frames: usize) -> impl Iterator<Item = f64> {
+    (0..problem.parts.len()).map(move |i| scene_fit(problem, i, point, frames).reduced_chi_square)
 }
 
 /// Sum of the scenes' reduced chi-squares where their models stand.
@@ -470,7 +474,7 @@ fn misfit(scenes: &[Scene], models: &[Model], stop: Stop) -> f64 {
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let problem = Problem::new(scenes, models.to_vec(), &noises, stop);
     let (point, frames) = (problem.start(), longest(scenes));
-    (0..scenes.len()).map(|i| scene_fit(&problem, i, &point, frames).reduced_chi_square).sum()
+    chi_squares(&problem, &point, frames).sum()
 }
 
 fn scene_fit(problem: &Problem, index: usize, point: &[f64], frames: usize) -> SceneFit {
