@@ -3,13 +3,15 @@
 use super::contact::{ContactCandidate, estimates_of};
 use super::force::Lens;
 use super::jackknife::Shared;
-use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported, widened};
+use super::outcome::{
+    Found, NINETY_FIVE, Owner, Ranked, Reported, Smallest, Value, Verdict, reported, widened,
+};
 use super::proof;
 use super::revise::Revision;
 use super::screen::Candidate;
 use super::search::{FreeMotion, PROOF};
-use crate::effects::EffectEntry;
-use crate::fit::SceneFit;
+use crate::effects::{EffectEntry, ParamSpec, Scope};
+use crate::fit::{Estimate, Fit, SceneFit};
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -50,6 +52,10 @@ pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str]
 /// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
 /// own deviation: the interval holds both.
 pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+    let (kind, effect) = (c.entry.kind.to_string(), c.entry.spec.name.to_string());
+    if of_objects(c.entry) {
+        return Found { kind, effect, parameters: by_object(&revision.fit, c.entry) };
+    }
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
     let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
     let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
@@ -68,11 +74,40 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
             sd[k] = sd[k].hypot(apart);
         }
     }
-    Found {
-        kind: c.entry.kind.to_string(),
-        effect: c.entry.spec.name.to_string(),
-        parameters: reported(c.entry, &values, &sd),
-    }
+    Found { kind, effect, parameters: reported(c.entry, &values, &sd) }
+}
+
+/// Whether each object has its own numbers of a law.
+pub fn of_objects(entry: &EffectEntry) -> bool {
+    entry.spec.params.iter().all(|p| p.scope == Scope::Object)
+}
+
+/// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
+/// than chance, the surest first; where none does, of the one that is nearest to it.
+pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
+    let first: Vec<&Estimate> =
+        entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry, p.name));
+    let one = |e: &&Estimate| -> Option<(f64, Vec<Reported>)> {
+        let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
+        let label = format!("[{object}]");
+        let of = |name: &str| {
+            let mut all = estimates_of(fit, entry, name).into_iter();
+            all.find(|o| o.scene == e.scene && o.name.ends_with(&label))
+        };
+        let own: Vec<Option<&Estimate>> = entry.spec.params.iter().map(|p| of(p.name)).collect();
+        let number =
+            |(e, p): (&Option<&Estimate>, &ParamSpec)| e.map_or((p.default, 0.0), |e| (e.value, e.sd));
+        let (values, sd): (Vec<f64>, Vec<f64>) = own.iter().zip(entry.spec.params).map(number).unzip();
+        let amplitudes = own.iter().take(entry.amplitudes).flatten();
+        let sure = amplitudes.map(|e| e.value.abs() / e.sd.max(f64::MIN_POSITIVE));
+        let owner = Owner { object, scene: e.scene, identified: own.iter().flatten().all(|e| e.identified) };
+        let told = reported(entry, &values, &sd).into_iter().map(|r| Reported { owner: Some(owner), ..r });
+        Some((sure.fold(0.0, f64::max), told.collect()))
+    };
+    let mut all: Vec<(f64, Vec<Reported>)> = first.iter().filter_map(one).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let differ = all.iter().take_while(|o| o.0 > NINETY_FIVE).count();
+    all.into_iter().take(differ.max(1)).flat_map(|o| o.1).collect()
 }
 
 /// A law of contact with its numbers, on one object if it has one: those of the `videos` that are followed, else those of short

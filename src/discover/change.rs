@@ -1,20 +1,21 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
+use super::account::{by_object, of_objects};
 use super::alone::Alone;
-use super::contact::{estimates_of, screen_contacts, with_contact};
+use super::contact::{estimates_of, screen_contacts, shows_at_contacts, with_contact};
 use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::inquire::{nearest, readings, too_little};
-use super::outcome::{Found, NINETY_FIVE, Owner, Ranked, Reported, Value, reported};
+use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::proof::distance;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::search::leaves_something;
 use super::whole::stuck;
 use crate::effects::formula::{Formula, FormulaError};
-use crate::effects::{EFFECTS, EffectEntry, Hook, ParamSpec, Scope};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate};
+use crate::effects::{EFFECTS, EffectEntry};
+use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, counted, part};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -303,8 +304,7 @@ fn with_library(
     if entry.spec.name == "sticky_contact" {
         return Ok((0.0, stuck(begun, entry, &region)));
     }
-    let matter = entry.uses(Hook::Matter);
-    if !(matter || entry.uses(Hook::Contact) || entry.uses(Hook::Bodies)) {
+    if !shows_at_contacts(entry) {
         return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
     }
     let (found, _) = screen_contacts(&Alone::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
@@ -410,7 +410,7 @@ impl Revision {
 fn found(revision: &Revision, name: &str) -> Found {
     let fit = &revision.fit;
     match named(name).find(|e| e.spec.name == name) {
-        Some(entry) if entry.spec.params.iter().all(|p| p.scope == Scope::Object) => {
+        Some(entry) if of_objects(entry) => {
             Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) }
         }
         Some(entry) => {
@@ -442,34 +442,6 @@ fn found(revision: &Revision, name: &str) -> Found {
     }
 }
 
-/// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
-/// than chance, the surest first; where none does, of the one that is nearest to it.
-fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
-    let first: Vec<&Estimate> =
-        entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry, p.name));
-    let one = |e: &&Estimate| -> Option<(f64, Vec<Reported>)> {
-        let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
-        let label = format!("[{object}]");
-        let of = |name: &str| {
-            let mut all = estimates_of(fit, entry, name).into_iter();
-            all.find(|o| o.scene == e.scene && o.name.ends_with(&label))
-        };
-        let own: Vec<Option<&Estimate>> = entry.spec.params.iter().map(|p| of(p.name)).collect();
-        let number =
-            |(e, p): (&Option<&Estimate>, &ParamSpec)| e.map_or((p.default, 0.0), |e| (e.value, e.sd));
-        let (values, sd): (Vec<f64>, Vec<f64>) = own.iter().zip(entry.spec.params).map(number).unzip();
-        let amplitudes = own.iter().take(entry.amplitudes).flatten();
-        let sure = amplitudes.map(|e| e.value.abs() / e.sd.max(f64::MIN_POSITIVE));
-        let owner = Owner { object, scene: e.scene, identified: own.iter().flatten().all(|e| e.identified) };
-        let told = reported(entry, &values, &sd).into_iter().map(|r| Reported { owner: Some(owner), ..r });
-        Some((sure.fold(0.0, f64::max), told.collect()))
-    };
-    let mut all: Vec<(f64, Vec<Reported>)> = first.iter().filter_map(one).collect();
-    all.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let differ = all.iter().take_while(|o| o.0 > NINETY_FIVE).count();
-    all.into_iter().take(differ.max(1)).flat_map(|o| o.1).collect()
-}
-
 fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
     let active = fit.scenes.first()?.model.effect(effect)?;
     active.parameters.iter().find(|p| p.name == parameter)?.values.first().copied()
@@ -481,7 +453,7 @@ mod tests {
     use super::super::inquire::diagnose;
     use super::super::tests::{CUBE, DISC, film, heavier_than_believed, models};
     use super::*;
-    use crate::discover::{DiscoverOptions, Verdict};
+    use crate::discover::{DiscoverOptions, Owner, Verdict};
     use crate::fit::fit;
     use crate::num::never;
 

@@ -29,8 +29,11 @@ const MOSTLY: f64 = 0.9;
 const NEARER: f64 = 0.05;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
-/// The rival that has the same hook as no law of contact, but shows in contacts only.
+/// What one object may be, other than believed: it shows in contacts only.
 pub const HEAVIER: &str = "mass_change";
+const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
+/// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
+const SCALE: &str = "wrong_scale";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
@@ -67,7 +70,13 @@ pub struct ContactCandidate {
 impl ContactCandidate {
     /// Whether short films speak for it, if too few of them: trajectories may prove it.
     pub fn suggested(&self) -> bool {
-        self.score > PROOF && self.values[0].abs() > CERTAIN * self.sd[0]
+        self.score > PROOF && self.certain()
+    }
+
+    /// Whether an amplitude differs from none.
+    fn certain(&self) -> bool {
+        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
+        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
     }
 
     /// Whether a single short film speaks for it as clearly as several would.
@@ -81,7 +90,7 @@ impl ContactCandidate {
         let often = self.gained > 1 || self.strong();
         if self.object.is_some() {
             // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them.
-            return self.strong() && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
+            return self.strong() && self.gained > 1 && self.certain();
         }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
         let acts = self.values.first().is_some_and(|a| *a != 0.0);
@@ -89,6 +98,12 @@ impl ContactCandidate {
         let explained = self.remains < EXPLAINED || self.remains - 1.0 < (1.0 - MOSTLY) * beyond;
         self.score > PROOF && explained && (!law || (often && acts))
     }
+}
+
+/// Whether a law shows where objects touch each other, or something.
+pub fn shows_at_contacts(entry: &EffectEntry) -> bool {
+    let acts = [Hook::Contact, Hook::Bodies, Hook::Matter].iter().any(|hook| entry.uses(*hook));
+    acts || entry.spec.name == SCALE
 }
 
 /// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows. Empty where
@@ -118,11 +133,12 @@ pub fn screen_contacts(
                 discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
             ),
             // One object at a time: masses that are all free take up much of what engines do at contacts.
-            HEAVIER => {
-                let ids = heavier(&films, &ended, &before, entry, region, &near, stop)?;
-                trials.extend(ids.into_iter().map(|id| (entry, vec![0.0], Some(id))));
+            name if OF_ONE.contains(&name) => {
+                let ids = odd_ones(&films, &ended, &before, entry, region, &near, stop)?;
+                let none = vec![0.0; entry.spec.params.len()];
+                trials.extend(ids.into_iter().map(|id| (entry, none.clone(), Some(id))));
             }
-            _ if entry.uses(Hook::Contact) => {
+            name if entry.uses(Hook::Contact) || name == SCALE => {
                 trials.extend(entry.seeds(region).into_iter().map(|values| (entry, values, None)));
             }
             _ => {}
@@ -393,9 +409,9 @@ fn without(
     Ok(if again.total() < before.total() { again } else { before.clone() })
 }
 
-/// Ids of the objects that meet others, those whose mass promises most: each tried in the films that show it, from where
+/// Ids of the objects that meet others, those of which the law promises most: each tried in the films that show it, from where
 /// these are followed best.
-fn heavier(
+fn odd_ones(
     films: &Contacts,
     ended: &[Model],
     before: &[f64],
@@ -408,7 +424,8 @@ fn heavier(
     let ids: BTreeSet<u32> =
         films.models.iter().filter(meet).flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
     let fall = |id: u32| -> Result<(f64, u32), FitError> {
-        let models = with_contact(ended, entry, &[0.0], Some(id), region);
+        let none = vec![0.0; entry.spec.params.len()];
+        let models = with_contact(ended, entry, &none, Some(id), region);
         let mut fall = 0.0;
         for film in (0..models.len()).filter(|&film| models[film].body_index(id).is_some()) {
             let fitted = estimate_one(&films.scenes[film], &models[film], near, stop)?;

@@ -6,7 +6,7 @@ use super::path::{Path, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Kinematics, Model, Snapshot, accelerations, accelerations_of, affected};
+use crate::world::{Kinematics, Model, Snapshot, Views, accelerations, accelerations_of, affected};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -174,16 +174,19 @@ impl<'a> Lens<'a> {
             None => accelerations(model, flat, instants),
         };
         let written = |s: &&Stretch| s.scene == scene && of.is_none_or(|of| of[s.body]);
+        let views = Views::new(model, flat);
         for s in self.stretches.iter().filter(written) {
             let sigma = self.noises[scene].position;
+            let at = |f: usize| instants[f].bodies.iter().position(|b| b.0 == s.body);
+            // How a ball turns about the vertical no trajectory follows.
+            let turns = !model.bodies[s.body].shape.is_ball();
             let measured = |f: usize| {
                 let sample = &self.scenes[scene].tracks[s.body].samples;
-                sample.binary_search_by_key(&f, |x| x.frame).map(|at| sample[at].position).ok()
+                let seen = sample.binary_search_by_key(&f, |x| x.frame).map(|at| sample[at].position).ok()?;
+                let yaw = at(f).filter(|_| turns).map_or(0.0, |at| instants[f].bodies[at].1.yaw);
+                Some(views.undone(s.body, seen, yaw))
             };
-            let acceleration = |f: usize| {
-                let at = self.instants[scene][f].bodies.iter().position(|b| b.0 == s.body);
-                at.map_or(Vec2::zero(), |at| accelerations[f][at])
-            };
+            let acceleration = |f: usize| at(f).map_or(Vec2::zero(), |at| accelerations[f][at]);
             let integrated = integral(&self.scenes[scene], &s.frames, acceleration);
             let differences = s.frames.iter().zip(&integrated);
             let differences = differences.map(|(&f, at)| measured(f).unwrap_or(Vec2::zero()) - *at);

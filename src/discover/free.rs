@@ -8,8 +8,9 @@ const STEP_SHARE: f64 = 1e-4;
 pub const STEP: f64 = 1e-3;
 /// Step for lengths that a search begins with (m): the edge of a patch lies between two frames.
 const STRIDE: f64 = 0.04;
-/// Parameters that turn bodies and move none: the force lens is blind to them.
-const TURN_ONLY: [(&str, &str); 1] = [("friction_offset", "lever")];
+/// Parameters to which the force lens is blind: what turns bodies and moves none, and a scale, which friction of another size
+/// makes good between contacts.
+const BLIND: [(&str, &str); 2] = [("friction_offset", "lever"), ("wrong_scale", "excess")];
 
 /// One parameter that the lens can move, and where it stands in each model.
 #[derive(Debug, Clone)]
@@ -24,20 +25,37 @@ pub struct Free {
     pub step: f64,
 }
 
-/// Free parameters of all effects that act between contacts.
+impl Free {
+    /// Whether it is this parameter of an effect, whoever shares it.
+    pub fn is(&self, entry: &EffectEntry, parameter: &str) -> bool {
+        let rest = self.name.strip_prefix(entry.spec.name).and_then(|rest| rest.strip_prefix('.'));
+        let whose = rest.and_then(|rest| rest.strip_prefix(parameter));
+        whose.is_some_and(|whose| whose.is_empty() || whose.starts_with(['[', '@']))
+    }
+}
+
+/// Whether an effect shows between contacts.
+pub fn shows(entry: &EffectEntry) -> bool {
+    let acts = [Hook::Force, Hook::Pair, Hook::Observe].iter().any(|hook| entry.uses(*hook));
+    acts && entry.spec.params.iter().any(|p| !blind(entry.spec.name, p.name))
+}
+
+fn blind(effect: &str, parameter: &str) -> bool {
+    BLIND.contains(&(effect, parameter))
+}
+
+/// Free parameters of all effects that show between contacts.
 pub fn free_parameters(models: &[Model]) -> Vec<Free> {
     let mut free: Vec<Free> = vec![];
     for (scene, model) in models.iter().enumerate() {
         let mut at = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
             let entry = effect(&active.name);
-            let forces = |e: &EffectEntry| e.uses(Hook::Force) || e.uses(Hook::Pair);
-            let blind = |p: &str| TURN_ONLY.contains(&(active.name.as_str(), p));
-            let acts = active.on && (active.formula.is_some() || entry.is_some_and(forces));
+            let acts = active.on && (active.formula.is_some() || entry.is_some_and(shows));
             for (k, parameter) in active.parameters.iter().enumerate() {
                 let bounds = active.bounds(k);
                 for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
-                    if acts && parameter.prior.sd > 0.0 && !blind(&parameter.name) {
+                    if acts && parameter.prior.sd > 0.0 && !blind(&active.name, &parameter.name) {
                         let place =
                             if !active.shares(parameter) { format!("@{scene}") } else { String::new() };
                         let name = parameter.full_name(active, label) + &place;

@@ -6,7 +6,7 @@ use super::proof;
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{Model, trace};
+use crate::world::{Limits, Model, film};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -469,7 +469,8 @@ fn follows<'f>(shown: &Scene, fitted: &'f SceneFit) -> Option<&'f Model> {
 /// Error of each scene on the frames that were not shown.
 fn errors(scenes: &[Scene], shown: &[Scene], fitted: &Fit) -> Vec<HeldOut> {
     let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
-        let rollout = trace(&fitted.model, &scene.times);
+        let model = &fitted.model;
+        let rollout = film::<f64>(model, &model.flatten(), &scene.times, &Limits::default());
         let mut sum = HeldOut::default();
         for (body, (track, seen)) in scene.tracks.iter().zip(&part.tracks).enumerate() {
             if seen.samples.len() < FEWEST {

@@ -1,7 +1,7 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
 use super::force::{Lens, PROOFS, Projector, Seen};
-use super::free::{Free, at_values, flats, free_parameters, stride, values_of};
+use super::free::{Free, at_values, flats, free_parameters, shows, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
 use crate::num::vec2;
 use crate::scene::Scene;
@@ -43,8 +43,9 @@ pub struct Candidate {
     /// Parameters in the order of the spec.
     pub values: Vec<f64>,
     pub sd: Vec<f64>,
-    /// How many parameters it adds.
+    /// How many parameters it adds, and how many of them, the first, are amplitudes: each object may have its own.
     pub added: usize,
+    pub amplitudes: usize,
     /// Fall of the lens's cost against the model without it.
     pub gain: f64,
     /// Fall of the cost on what was left out, summed: the law's numbers are of the other parts, all else suits the part.
@@ -78,7 +79,7 @@ pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
 impl Candidate {
     /// Whether an amplitude differs from zero beyond doubt.
     pub fn certain(&self) -> bool {
-        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
+        let amplitudes = self.values.iter().zip(&self.sd).take(self.amplitudes);
         amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
     }
 }
@@ -192,7 +193,7 @@ pub fn beginnings(
     entry: &'static EffectEntry,
     region: &Region,
 ) -> Option<Vec<Beginning>> {
-    if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
+    if !shows(entry) {
         return None;
     }
     let projector = stand.projector.as_ref()?;
@@ -248,6 +249,7 @@ pub fn screen(
     let refined = tried.iter().take(REFINED).map(|b| refine(lens, &stand.models, entry, &b.values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
+    let amplitude = |f: &Free| entry.spec.params[..entry.amplitudes].iter().any(|p| f.is(entry, p.name));
     // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
     // no other part shows) is no matter of the law.
     let others_own: Vec<Free> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
@@ -272,6 +274,7 @@ pub fn screen(
         values: added.iter().map(|&k| seen_with.values[k]).collect(),
         sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
         added: added.len(),
+        amplitudes: added.iter().filter(|&&k| amplitude(&free_with[k])).count(),
         gain: seen.cost - seen_with.cost,
         held_out,
         left_out,

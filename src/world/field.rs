@@ -1,5 +1,6 @@
 //! Accelerations that a model gives to bodies in free motion, without simulating: what a fit of forces compares.
 
+use super::film::Views;
 use super::model::Model;
 use super::motion::{Kinematics, Laws, Mode};
 use crate::body::Wrench;
@@ -51,10 +52,12 @@ pub fn accelerations_of(
     instants.iter().map(one).collect()
 }
 
-/// By index, the bodies that may accelerate otherwise under the numbers `to` than under `from`.
+/// By index, the bodies that may accelerate otherwise, or be seen elsewhere, under the numbers `to` than under `from`.
 pub fn affected(model: &Model, from: &[f64], to: &[f64]) -> Vec<bool> {
+    let [seen, seen_then] = [from, to].map(|flat| Views::new(model, flat));
     let (from, to) = (Laws::<f64>::new(model, from), Laws::<f64>::new(model, to));
-    (0..model.bodies.len()).map(|i| from.has_pair_forces() || !from.same(&to, i)).collect()
+    let same = |i: usize| from.same(&to, i) && seen.same(&seen_then, i);
+    (0..model.bodies.len()).map(|i| from.has_pair_forces() || !same(i)).collect()
 }
 
 #[cfg(test)]

@@ -4,8 +4,11 @@ use super::model::{BODY_VALUES, Model};
 use super::motion::Kinematics;
 use super::simulate::{Limits, Rollout, simulate};
 use crate::body::View;
-use crate::effects::{Hook, Hooks, Scalar};
+use crate::effects::{Hook, Hooks, ObserveFn, Scalar};
 use crate::num::{Real, Vec2};
+
+/// Iterations by which a view is undone: each leaves of an error what the view distorts, some per cent at most.
+const UNDOING: usize = 5;
 
 /// Simulates as [`simulate`] does and gives what the camera reports at the film's `times` (s): positions and yaws are
 /// the seen ones. Without effects of the camera it is the simulation.
@@ -31,6 +34,44 @@ pub fn film<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits
         }
     }
     rollout
+}
+
+/// How the camera of a model sees each body.
+pub struct Views {
+    /// By body; most have none.
+    of: Vec<Vec<(ObserveFn<f64>, Vec<f64>)>>,
+}
+
+impl Views {
+    /// Under the numbers `flat` ([`Model::flatten`]).
+    pub fn new(model: &Model, flat: &[f64]) -> Self {
+        let mut of = vec![vec![]; model.bodies.len()];
+        for (active, entry, first) in model.active().filter(|(_, entry, _)| entry.uses(Hook::Observe)) {
+            for (body, views) in model.bodies.iter().zip(&mut of) {
+                views.push((f64::hooks(entry).observe, active.values_for(first, flat, body, body)));
+            }
+        }
+        Views { of }
+    }
+
+    /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
+    pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
+        let mut place = seen;
+        if self.of[i].is_empty() {
+            return place;
+        }
+        for _ in 0..UNDOING {
+            let mut view = View { position: place, yaw };
+            self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
+            place += seen - view.position;
+        }
+        place
+    }
+
+    /// Whether body `i` is seen in `other` as here; both are of one model.
+    pub(super) fn same(&self, other: &Self, i: usize) -> bool {
+        self.of[i].iter().zip(&other.of[i]).all(|(a, b)| a.1 == b.1)
+    }
 }
 
 /// States at the true times of the frames. A body is in the film from its start on by the film's clock; what the true

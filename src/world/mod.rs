@@ -26,7 +26,7 @@ mod trace;
 
 pub use anchor::Anchor;
 pub use field::{Snapshot, accelerations, accelerations_of, affected};
-pub use film::film;
+pub use film::{Views, film};
 pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};
 pub use model::{

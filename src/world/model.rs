@@ -270,7 +270,7 @@ impl ActiveEffect {
     /// id from video to video; what it does, or meets, does not.
     pub fn shares(&self, parameter: &Parameter) -> bool {
         let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
-        !own || effect(&self.name).is_some_and(|e| e.uses(Hook::Matter))
+        !own || effect(&self.name).is_some_and(|e| e.uses(Hook::Matter) || e.uses(Hook::Observe))
     }
 
     /// The effect as its spec gives it, with a value for every body.

@@ -1,6 +1,6 @@
 """Writes groups of videos with one hidden effect, simulated by MuJoCo, pymunk and Bullet: `pip install mujoco pymunk pybullet numpy`.
 
-    groups.py DIR [--engine mujoco,pymunk,bullet] [--kinds a,b|library|outside|control] [--strength 1.0] [--seeds 1,2]
+    groups.py DIR [--engine mujoco,pymunk,bullet] [--kinds a,b|library|outside|rivals|control] [--strength 1.0] [--seeds 1,2]
     groups.py --check        what the simulations do at contacts and on the table, without any hidden effect
 
 A group is four videos of 128 frames of 4 to 6 discs, balls and cubes, 5 mm noise; the layout is that of the benchmark's
@@ -62,6 +62,7 @@ def laws(rng, s):
         "anisotropic_drag": ({"c": 0.25 * u}, lambda x, v, w, m, t: -0.25 * u * turned(v)),
     }
     normal = way(1.0)
+    tilt, arm = 0.02 * u * axis, 0.05 * u * normal
     others = {
         "friction_patch": {"center": [*near], "radius": rng.uniform(0.7, 1.1), "k": 1 + 2.5 * u},
         "hidden_wall": {"point": [*(-1.1 * normal)], "normal": [*normal], "restitution": rng.uniform(0.5, 0.9)},
@@ -71,12 +72,18 @@ def laws(rng, s):
         "speed_dependent_restitution": {"v0": 1.3 / u},
         "sticky_contact": {},
         "soft_contact": {"duration": 0.1 * u},
+        # No physics, but what is seen or believed is wrong; of an object: of the first, a marker's is no ball.
+        "wrong_scale": {"scale": 1 + 0.06 * u},
+        "tilted_camera": {"h": [*tilt]},
+        "off_centre_marker": {"arm": [*arm]},
+        "wrong_size": {"factor": 1 + 0.25 * u},
         "none": {},
     }
     return forces | {k: (p, None) for k, p in others.items()}
 
 
 OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "inverse_distance", "anisotropic_drag"]
+RIVALS = ["wrong_scale", "tilted_camera", "off_centre_marker", "wrong_size"]
 ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk"], "sticky_contact": ["pymunk"]}
 
 
@@ -322,6 +329,20 @@ def throw(rng, rolls, avoid):
     return bodies
 
 
+def seen_as(kind, params, true):
+    """What a tracker reports of places (frame, body, [x, y, yaw, ...])."""
+    seen = true[..., :3].copy()
+    if kind == "wrong_scale":
+        seen[..., :2] *= params["scale"]
+    if kind == "tilted_camera":
+        seen[..., :2] /= 1 - seen[..., :2] @ np.array(params["h"])[:, None]
+    if kind == "off_centre_marker":
+        c, s = np.cos(seen[:, 0, 2]), np.sin(seen[:, 0, 2])
+        x, y = params["arm"]
+        seen[:, 0, :2] += np.stack([c * x - s * y, s * x + c * y], -1)
+    return seen
+
+
 def write(path, content):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content))
@@ -346,11 +367,15 @@ def group(folder, engine, kind, strength, seed):
     hidden = [] if kind == "none" else [{"kind": kind, "params": params}]
     for index in range(4):
         bodies = throw(rng, world["sphere_motion"] == "roll", avoid)
+        if kind == "off_centre_marker":
+            bodies.sort(key=lambda b: b["shape"] == "sphere")
         true = simulate(engine, bodies, world, kind, law)
-        noisy = true[..., :3] + rng.normal(size=true[..., :3].shape) * [NOISE, NOISE, NOISE_YAW]
+        noisy = seen_as(kind, params, true) + rng.normal(size=true[..., :3].shape) * [NOISE, NOISE, NOISE_YAW]
         noisy[..., 2] = (noisy[..., 2] + math.pi) % (2 * math.pi) - math.pi
         looks = ("material", "shape", "mass")
         objects = [{"object_id": k, "color": "gray", "size": SIZE, **{w: b[w] for w in looks}} for k, b in enumerate(bodies)]
+        if kind == "wrong_size":
+            objects[0]["size"] = SIZE / params["factor"]
         see = lambda k, p: {"object_id": k, "location": [*p[:2].round(5), SIZE], "orientation": [0, 0, round(p[2], 5)], "inside_camera_view": True}
         film = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row)]} for f, row in enumerate(noisy)]
         name = f"scene_{index:02}"
@@ -398,7 +423,8 @@ def main():
     if asked.check or not asked.folder:
         return check()
     everything = list(laws(np.random.default_rng(0), 1.0))
-    sets = {"outside": OUTSIDE, "control": ["none"], "library": [k for k in everything if k not in OUTSIDE + ["none"]]}
+    sets = {"outside": OUTSIDE, "rivals": RIVALS, "control": ["none"]}
+    sets["library"] = [k for k in everything if k not in sum(sets.values(), [])]
     kinds = [kind for word in asked.kinds.split(",") for kind in sets.get(word, [word])]
     if unknown := [kind for kind in kinds if kind not in everything]:
         words.error(f"unknown kinds {unknown}; known: {', '.join([*sets, *everything])}")
