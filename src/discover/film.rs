@@ -1,8 +1,9 @@
 //! Short films around each contact and each jump without a partner, with models of what they show.
 
 use super::force::Lens;
+use super::free::shows;
 use super::path::{Jump, Path, started};
-use crate::effects::{Hook, Scope, effect};
+use crate::effects::{Scope, effect};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
 use std::ops::Range;
@@ -16,6 +17,12 @@ const LONGEST: usize = 40;
 /// Objects of a film from which it may be a heap, and fewest frames before and after a meeting in it that tell of it.
 const HEAPED: usize = 3;
 const TELLING: usize = 5;
+/// Jumps of two objects are one meeting, though sizes that are believed keep them apart: within so many frames, with opposite
+/// changes (cosine), away from each other (cosine), no farther than this many times what is believed.
+const TOGETHER: usize = 2;
+const OPPOSITE: f64 = 0.9;
+const AWAY: f64 = 0.5;
+const REACH: f64 = 2.0;
 /// Prior deviation of the ratio of a pair's restitution to the others'.
 const SCATTER: f64 = 0.15;
 
@@ -66,8 +73,17 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
                 spans.extend(run.map(|(a, b)| (a, b, vec![i, j])));
             }
             for jump in &path.jumps {
-                spans.push((jump.frame, jump.frame, vec![i]));
-                all.jumps.push((index, *jump));
+                let radius = |k: usize| scene.objects[k].shape.bounding_radius();
+                let meets = |&j: &usize| {
+                    j != i && paths[j].jumps.iter().any(|k| meet(jump, k, REACH * (radius(i) + radius(j))))
+                };
+                let partner = (0..paths.len()).find(meets);
+                let mut objects: Vec<usize> = partner.into_iter().chain([i]).collect();
+                objects.sort_unstable();
+                spans.push((jump.frame, jump.frame, objects));
+                if partner.is_none() {
+                    all.jumps.push((index, *jump));
+                }
             }
         }
         spans.sort();
@@ -90,6 +106,15 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
         }
     }
     all
+}
+
+/// Whether two jumps are what two objects do to each other, at this distance (m) at most.
+fn meet(a: &Jump, b: &Jump, reach: f64) -> bool {
+    let (apart, back) = (b.position - a.position, -a.change.unit());
+    a.frame.abs_diff(b.frame) <= TOGETHER
+        && apart.norm() < reach
+        && back.dot(b.change.unit()) > OPPOSITE
+        && back.dot(apart.unit()) > AWAY
 }
 
 /// Frames in which objects are near each other.
@@ -177,8 +202,7 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
     part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
     for active in &mut part.effects {
         let entry = effect(&active.name);
-        let between =
-            active.formula.is_some() || entry.is_some_and(|e| e.uses(Hook::Force) || e.uses(Hook::Pair));
+        let between = active.formula.is_some() || entry.is_some_and(shows);
         for p in &mut active.parameters {
             let mut own = Parameter::new(&p.name, p.scope, p.prior, &part.bodies);
             for (label, (value, mean)) in own.labels.iter().zip(own.values.iter_mut().zip(&mut own.means)) {
@@ -204,6 +228,7 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num::vec2;
 
     #[test]
     fn a_heap_is_no_longer_than_a_short_film() {
@@ -221,6 +246,22 @@ mod tests {
                 "{before:?} {after:?}"
             );
         }
+    }
+
+    #[test]
+    fn two_that_part_at_once_have_met_though_sizes_keep_them_apart() {
+        let at = |frame: usize, x: f64, change: f64| Jump {
+            frame,
+            position: vec2(x, 0.0),
+            change: vec2(change, 0.1),
+            sigmas: 9.0,
+        };
+        let meets = |b: Jump| meet(&at(20, 0.0, -0.5), &b, 0.8);
+        assert!(meets(at(21, 0.5, 0.7)));
+        assert!(!meets(at(24, 0.5, 0.7)), "later");
+        assert!(!meets(at(21, 0.9, 0.7)), "too far");
+        assert!(!meets(at(21, 0.5, -0.7)), "the same way");
+        assert!(!meets(at(21, -0.5, 0.7)), "through each other");
     }
 
     #[test]

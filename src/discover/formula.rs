@@ -131,32 +131,47 @@ impl Sparse {
 
     fn text(&self) -> String {
         let turned = self.angle != 0.0 && self.directed();
+        let own = |text: &str| if turned { along_own_axes(text) } else { text.to_string() };
+        // What acts along one axis, if anything does.
         let side = |text: fn(&Term) -> &'static str| {
-            let parts = self.terms.iter().enumerate().filter(|(_, k)| !text(&TERMS[**k]).is_empty());
-            let name = |k: usize| {
-                if turned { along_own_axes(text(&TERMS[k]), self.angle) } else { text(&TERMS[k]).into() }
-            };
-            let sum: Vec<String> = parts.map(|(i, k)| format!("c{}*({})", i + 1, name(*k))).collect();
-            let sum = if sum.is_empty() { "0".to_string() } else { sum.join(" + ") };
-            if self.force { format!("({sum})/m") } else { sum }
+            let terms = self.terms.iter().enumerate().map(|(i, &k)| (i + 1, text(&TERMS[k])));
+            let sum: Vec<String> =
+                terms.filter(|t| !t.1.is_empty()).map(|(i, text)| format!("c{i}*({})", own(text))).collect();
+            let sum = (!sum.is_empty()).then(|| sum.join(" + "))?;
+            Some(if self.force { format!("({sum})/m") } else { sum })
         };
-        let (ax, ay) = (side(|t| t.x), side(|t| t.y));
-        let amplitudes: String =
-            self.amplitudes.iter().enumerate().map(|(i, a)| format!("let c{} = {a:.4e}; ", i + 1)).collect();
-        if !turned {
-            return format!("{amplitudes}ax = {ax}; ay = {ay}");
+        let (along, across) = (side(|t| t.x), side(|t| t.y));
+        let part = |factor: &str, of: &Option<String>| of.as_ref().map(|of| format!("{factor}*({of})"));
+        let (ax, ay) = match turned {
+            false => (along, across),
+            true => (
+                sum_of([part("cos(turn)", &along), part("-sin(turn)", &across)]),
+                sum_of([part("sin(turn)", &along), part("cos(turn)", &across)]),
+            ),
+        };
+        let amplitudes = self.amplitudes.iter().enumerate();
+        let mut text: String = amplitudes.map(|(i, a)| format!("let c{} = {a:.4e}; ", i + 1)).collect();
+        if turned {
+            text += &format!("let turn [rad] = {:.4}; ", self.angle);
         }
-        let (s, c) = self.angle.sin_cos();
-        format!("{amplitudes}ax = {c:.4}*({ax}) - {s:.4}*({ay}); ay = {s:.4}*({ax}) + {c:.4}*({ay})")
+        let sides = [("ax", ax), ("ay", ay)].into_iter();
+        text + &sides
+            .filter_map(|(name, of)| Some(format!("{name} = {}", of?)))
+            .collect::<Vec<_>>()
+            .join("; ")
     }
 }
 
-/// A term's text with x, y, vx, vy along the law's own axes, which are turned by `angle` (rad).
-fn along_own_axes(text: &str, angle: f64) -> String {
-    let (s, c) = angle.sin_cos();
+fn sum_of(parts: [Option<String>; 2]) -> Option<String> {
+    let parts: Vec<String> = parts.into_iter().flatten().collect();
+    (!parts.is_empty()).then(|| parts.join(" + "))
+}
+
+/// A term's text with x, y, vx, vy along the law's own axes, which are turned by the parameter `turn`.
+fn along_own_axes(text: &str) -> String {
     let renamed = |word: &str| match word {
-        "x" | "vx" => format!("({c:.4}*{word} + {s:.4}*{})", word.replace('x', "y")),
-        "y" | "vy" => format!("({c:.4}*{word} - {s:.4}*{})", word.replace('y', "x")),
+        "x" | "vx" => format!("(cos(turn)*{word} + sin(turn)*{})", word.replace('x', "y")),
+        "y" | "vy" => format!("(cos(turn)*{word} - sin(turn)*{})", word.replace('y', "x")),
         other => other.to_string(),
     };
     let (mut out, mut word) = (String::new(), String::new());
@@ -262,12 +277,36 @@ impl Search<'_> {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::TERMS;
+    use super::{Sparse, TERMS};
     use crate::body::{Body, Wrench};
     use crate::effects::formula::Formula;
     use crate::num::{Vec2, vec2};
     use crate::scene::Shape;
     use crate::world::Kinematics;
+
+    #[test]
+    fn a_law_along_axes_of_its_own_is_what_its_text_says() {
+        let angle: f64 = 0.7;
+        let (position, velocity) = (vec2(1.1, -0.4), vec2(0.3, -0.7));
+        for terms in [vec![6, 13], vec![3], vec![14, 19, 20]] {
+            let amplitudes: Vec<f64> = terms.iter().map(|&k| 0.5 + k as f64).collect();
+            let sum = |k: &Kinematics<f64>, t: f64| {
+                let own = |v: Vec2| v.unrotated(Vec2::from_angle(angle));
+                let k = Kinematics { position: own(k.position), velocity: own(k.velocity), ..*k };
+                let each = terms.iter().zip(&amplitudes).map(|(&n, a)| (TERMS[n].value)(&k, t).scaled(*a));
+                each.fold(Vec2::zero(), |a, b| a + b).rotated(Vec2::from_angle(angle))
+            };
+            let law = Sparse {
+                force: false,
+                angle,
+                terms: terms.clone(),
+                amplitudes: amplitudes.clone(),
+                cost: 0.0,
+                elsewhere: 0.0,
+            };
+            agrees(&law.text(), position, velocity, sum);
+        }
+    }
 
     /// Asserts that a law's text gives the acceleration that it was fitted as.
     pub fn agrees(text: &str, position: Vec2, velocity: Vec2, value: impl Fn(&Kinematics<f64>, f64) -> Vec2) {

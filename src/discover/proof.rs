@@ -52,8 +52,11 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     let strain = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).strain(|k| told[k]);
     let nearer: f64 =
         before_fit.iter().zip(after_fit).zip(&told).filter(|(_, t)| **t).map(|((b, a), _)| gain(b, a)).sum();
-    // A scene with numbers of its own has paid for none of them yet.
-    let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
+    // A scene with numbers of its own has paid for none of them yet; one that says nothing need not.
+    let own = |r: &Revision| {
+        let named = |k: usize| r.apart.contains(&r.fit.scenes[k].name);
+        ((0..told.len()).filter(|&k| told[k] && named(k)).count() * shared(r)) as f64
+    };
     let price = added as f64 + own(after) - own(before);
     nearer + strain(before) - strain(after) > price * (count as f64).ln()
 }
@@ -141,6 +144,7 @@ fn shared(revision: &Revision) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::effect;
     use crate::world::Model;
 
     fn fits(chi_squares: [f64; 3]) -> [SceneFit; 3] {
@@ -184,6 +188,35 @@ mod tests {
         assert!(silent([5.2, 94.0, 1.0], [39.9, 102.0, 1.0]));
         assert!(!silent([5.2, 94.0, 1.0], [39.9, 102.0, 2.0]), "the one that is followed speaks against it");
         assert!(!silent([1.2, 94.0, 1.0], [1.1, 102.0, 1.0]), "most are followed");
+    }
+
+    /// Numbers of its own in a scene that neither follows are no gift to the law that does without.
+    #[test]
+    fn a_lost_scene_pays_no_price() {
+        let revision = |apart: &[&str]| {
+            let mut fit = fit([480.0, 1.0, 1.0]);
+            for (k, scene) in fit.scenes.iter_mut().enumerate() {
+                let mut active = ActiveEffect::new(&effect("tilt").expect("it is there").spec, &[]);
+                for p in &mut active.parameters {
+                    (p.prior.sd, p.labels) = (1.0, vec![String::new()]);
+                }
+                scene.model.effects.push(active);
+                scene.name = k.to_string();
+            }
+            let apart = apart.iter().map(|s| s.to_string()).collect();
+            let [rmse, held_out_rmse, left_out_rmse] = [0.01; 3];
+            Revision {
+                effect: None,
+                fit,
+                rmse,
+                held_out_rmse,
+                left_out_rmse,
+                reduced_chi_square: 160.0,
+                apart,
+            }
+        };
+        assert!(!borne_out(&revision(&["0"]), &revision(&[]), 1));
+        assert!(borne_out(&revision(&["1"]), &revision(&[]), 1), "two numbers of its own in place of one");
     }
 
     #[test]
