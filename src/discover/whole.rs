@@ -198,7 +198,8 @@ fn fading(lens: &Lens, base: &Revision, models: &[Model]) -> Option<[Trial; 2]> 
 /// Whether a law is no matter of one video: the others are nearer with it too, or have numbers in common that they had not.
 fn shows_elsewhere(base: &Revision, found: &Revision) -> bool {
     let gathers = !base.apart.is_empty() && found.apart.is_empty();
-    (gathers || proof::elsewhere(&base.fit, &found.fit) > 0.0) && found.held_out_rmse < base.held_out_rmse
+    let nearer = gathers || proof::elsewhere(&base.fit, &found.fit) > PROMISING;
+    nearer && found.held_out_rmse < base.held_out_rmse
 }
 
 /// Whether a ball rolls, which shows whether rolling rubs at contacts.
