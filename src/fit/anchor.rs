@@ -5,7 +5,7 @@ use super::SceneFit;
 use super::noise::Noise;
 use crate::num::{Vec2, vec2, wrapped};
 use crate::scene::Scene;
-use crate::world::{Anchor, EventKind, State, Trace};
+use crate::world::{Anchor, EventKind, State, Trace, Views};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -79,8 +79,10 @@ pub fn deviation(scene: &Scene, fitted: &SceneFit, run: &Trace, body: usize, tim
     }
     let noise = Noise::of_fit(scene, fitted.noise_sigma);
     let centre = near.iter().map(|n| n.0).sum::<f64>() / near.len() as f64;
+    let views = Views::new(&fitted.model, &fitted.model.flatten());
     let places = near.iter().map(|(t, s, state)| {
-        let (off, c) = (s.position - state.position, noise.covariance(s.covariance));
+        let measured = views.undone(body, s.position, state.yaw);
+        let (off, c) = (measured - state.position, noise.covariance(s.covariance));
         Point { time: t - centre, off: [off.x, off.y], variance: [c.xx, c.yy] }
     });
     let place = Line::through(&places.collect::<Vec<_>>());

@@ -90,7 +90,7 @@ pub fn imagine(
             run.events.extend(seen);
             run.events.sort_by(|a, b| a.time.total_cmp(&b.time));
         }
-        run
+        run.as_seen(model)
     };
     let fitted = &fit.scenes[index];
     let mut model = edited(&fitted.model)?;

@@ -3,12 +3,14 @@
 use super::model::{BODY_VALUES, Model};
 use super::motion::Kinematics;
 use super::simulate::{Limits, Rollout, simulate};
+use super::trace::Trace;
 use crate::body::View;
 use crate::effects::{Hook, Hooks, ObserveFn, Scalar};
-use crate::num::{Real, Vec2};
+use crate::num::{Real, Vec2, vec2};
 
-/// Iterations by which a view is undone: each leaves of an error what the view distorts, some per cent at most.
-const UNDOING: usize = 5;
+/// Newton's steps by which a view is undone, and the step of their differences (m).
+const UNDOING: usize = 4;
+const STEP: f64 = 1e-5;
 
 /// Simulates as [`simulate`] does and gives what the camera reports at the film's `times` (s): positions and yaws are
 /// the seen ones. Without effects of the camera it is the simulation.
@@ -54,6 +56,13 @@ impl Views {
         Views { of }
     }
 
+    /// What the camera reports of body `i` at this place (m) with this yaw (rad).
+    fn seen(&self, i: usize, position: Vec2, yaw: f64) -> View<f64> {
+        let mut view = View { position, yaw };
+        self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
+        view
+    }
+
     /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
     pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
         let mut place = seen;
@@ -61,9 +70,15 @@ impl Views {
             return place;
         }
         for _ in 0..UNDOING {
-            let mut view = View { position: place, yaw };
-            self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
-            place += seen - view.position;
+            let at = |d: Vec2| self.seen(i, place + d, yaw).position;
+            let here = at(Vec2::zero());
+            let [along, across] =
+                [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
+            let (off, turned) = (seen - here, along.cross(across));
+            if turned == 0.0 {
+                break;
+            }
+            place += vec2(off.cross(across), along.cross(off)).scaled(1.0 / turned);
         }
         place
     }
@@ -71,6 +86,22 @@ impl Views {
     /// Whether body `i` is seen in `other` as here; both are of one model.
     pub(super) fn same(&self, other: &Self, i: usize) -> bool {
         self.of[i].iter().zip(&other.of[i]).all(|(a, b)| a.1 == b.1)
+    }
+}
+
+impl Trace {
+    /// With places and yaws as the camera of the model reports them, to be compared with what it did.
+    pub fn as_seen(mut self, model: &Model) -> Self {
+        let views = Views::new(model, &model.flatten());
+        if views.of.iter().all(|of| of.is_empty()) {
+            return self;
+        }
+        for (i, state) in self.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
+            let Some(state) = state else { continue };
+            let seen = views.seen(i, state.position, state.yaw);
+            (state.position, state.yaw) = (seen.position, seen.yaw);
+        }
+        self
     }
 }
 
@@ -111,5 +142,42 @@ impl<T: Real> Kinematics<T> {
     pub(super) fn starting(p: &[T]) -> Self {
         let vector = |k: usize| Vec2 { x: p[k], y: p[k + 1] };
         Kinematics { position: vector(0), yaw: p[2], velocity: vector(3), spin: p[5], roll: vector(6) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_trace_as_seen_is_the_film() {
+        let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(1.0, 0.4), vec2(0.5, -0.1))];
+        let model = model(bodies, &[("wrong_scale", &[0.06]), ("off_centre_marker", &[0.03, 0.01])]);
+        let seen = trace(&model, &seconds(2)).as_seen(&model).states;
+        let filmed = film::<f64>(&model, &model.flatten(), &seconds(2), &Limits::default()).states;
+        for (a, b) in seen.iter().flatten().zip(filmed.iter().flatten()) {
+            let places = [a.map(|a| (a.position, a.yaw)), b.map(|b| (b.position, b.yaw))];
+            assert!(places[0].is_some() && places[0] == places[1], "{places:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_view_is_undone(
+            x in -3.0..3.0f64, y in -3.0..3.0f64, yaw in -3.0..3.0f64, scale in -0.4..0.9f64, tilt in -0.08..0.08f64, arm in -0.1..0.1f64,
+        ) {
+            let laws: &[(&str, &[f64])] =
+                &[("off_centre_marker", &[arm, 0.05]), ("tilted_camera", &[tilt, 0.02]), ("wrong_scale", &[scale])];
+            let model = model(vec![body(0, Shape::Square { half_side: 0.2 }, vec2(0.0, 0.0), vec2(0.0, 0.0))], laws);
+            let views = Views::new(&model, &model.flatten());
+            let place = vec2(x, y);
+            let seen = views.seen(0, place, yaw).position;
+            prop_assert!((seen - place).norm() > 1e-3);
+            prop_assert!((views.undone(0, seen, yaw) - place).norm() < 1e-6);
+        }
     }
 }

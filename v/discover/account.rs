@@ -1,0 +1,197 @@
+//! The account of a search: what was found with its intervals, the ranking, what would have been seen, and why.
+
+use super::contact::{ContactCandidate, estimates_of};
+use super::force::Lens;
+use super::jackknife::Shared;
+use super::outcome::{Found, Ranked, Reported, Smallest, Value, Verdict, reported, widened};
+use super::proof;
+use super::revise::Revision;
+use super::screen::Candidate;
+use super::search::{FreeMotion, PROOF};
+use crate::effects::EffectEntry;
+use crate::fit::SceneFit;
+
+/// A fit in trajectory space up to this reduced chi-square has followed the contacts.
+pub const FOLLOWED: f64 = 1.3;
+/// Lens and trajectories agree on a number within this many deviations.
+const AGREE: f64 = 2.0;
+/// Surfaces give, and sizes are known no better than positions are measured: deviation of a length, or of an angle seen
+/// from a metre away, in deviations of a measured position.
+const SURFACE: f64 = 0.5;
+/// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
+/// derivatives grow without end, and a fit's own deviation says what nobody can know.
+const NO_NEARER: f64 = 0.02;
+
+/// What was added first, then the others by evidence.
+pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
+    let degrees = motion.degrees_of_freedom;
+    let mut ranked: Vec<Ranked> = motion
+        .ranked
+        .iter()
+        .map(|(score, c)| Ranked {
+            kind: c.entry.kind.to_string(),
+            effect: c.entry.spec.name.to_string(),
+            log_evidence: 0.5 * score,
+            held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
+        })
+        .collect();
+    ranked.extend(contacts.iter().map(|c| Ranked {
+        kind: c.entry.kind.to_string(),
+        effect: c.entry.spec.name.to_string(),
+        log_evidence: 0.5 * c.score,
+        held_out_rmse: sigma * c.remains.sqrt(),
+    }));
+    let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
+    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
+    ranked
+}
+
+/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
+/// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
+/// own deviation: the interval holds both.
+pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+    let scale = motion.reduced_chi_square().max(1.0).sqrt();
+    let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
+    let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
+    let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
+    for (k, p) in c.entry.spec.params.iter().enumerate() {
+        let name = format!("{}.{}", c.entry.spec.name, p.name);
+        if let Some(at) = motion.free.iter().position(|f| f.name == name) {
+            values[k] = motion.seen.values[at];
+            sd[k] = scatter.as_ref().map_or(sd[k], |all| widened(sd[k], all[at]));
+        }
+        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
+            let apart = e.value - values[k];
+            if apart.abs() < AGREE * sd[k] {
+                values[k] = e.value;
+            }
+            sd[k] = sd[k].hypot(apart);
+        }
+    }
+    Found {
+        kind: c.entry.kind.to_string(),
+        effect: c.entry.spec.name.to_string(),
+        parameters: reported(c.entry, &values, &sd),
+    }
+}
+
+/// A law of contact with its numbers, on one object if it has one: those of the `videos` that are followed, else those of short
+/// films. Near where surfaces stick and where bodies jostle a fit's own deviation is too small: the interval holds how far the
+/// videos disagree, and up to a point how far the short films do.
+pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Option<Shared>]>) -> Found {
+    let object = c.object.map(f64::from).map(Value::Number);
+    let object = object.map(|id| Reported {
+        name: "object_id".into(),
+        unit: String::new(),
+        value: id.clone(),
+        low: id.clone(),
+        high: id,
+        owner: None,
+    });
+    let scale = c.remains.max(1.0).sqrt();
+    let least = |k: usize, value: f64| match c.entry.spec.params[k].unit {
+        "m" | "rad" => SURFACE * noise_sigma,
+        _ => NO_NEARER * value.abs(),
+    };
+    let mut sd: Vec<f64> = c.sd.iter().map(|sd| scale * sd).collect();
+    let mut values = c.values.clone();
+    for (k, value) in values.iter_mut().enumerate() {
+        if let Some(s) = videos.and_then(|v| v[k]) {
+            let (own, apart) = (s.sd.max(s.scatter), (s.value - *value).abs());
+            sd[k] = if own < sd[k] { widened(own, sd[k].hypot(apart.min(AGREE * sd[k]))) } else { own };
+            *value = s.value;
+        }
+        sd[k] = sd[k].max(least(k, *value));
+    }
+    let mut parameters = reported(c.entry, &values, &sd);
+    parameters.extend(object);
+    Found { kind: c.entry.kind.to_string(), effect: c.entry.spec.name.to_string(), parameters }
+}
+
+/// The smallest amplitude of each kind of force that the lens would have proven.
+pub fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
+    let price = |c: &Candidate| PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
+    let unit = motion.reduced_chi_square().max(1.0);
+    let one = |c: &Candidate| {
+        let entry: &'static EffectEntry = c.entry;
+        let sd = c.sd[..entry.amplitudes.min(c.sd.len())].iter().fold(0.0, |a: f64, b| a.max(*b));
+        Smallest {
+            kind: entry.kind.to_string(),
+            effect: entry.spec.name.to_string(),
+            parameter: entry.spec.params[0].name.to_string(),
+            value: (price(c) * unit).sqrt() * sd,
+            unit: entry.spec.params[0].unit.to_string(),
+        }
+    };
+    motion.ranked.iter().map(|(_, c)| one(c)).collect()
+}
+
+/// Why the verdict is what it is.
+pub fn reason(
+    verdict: Verdict,
+    motion: &FreeMotion,
+    left: &str,
+    effects: &[Found],
+    ambiguous: &[Vec<String>],
+    written: bool,
+    last: Option<&Revision>,
+) -> String {
+    let mostly_lost = last.is_some_and(|r| proof::loses_most(&r.fit));
+    let off = last.is_some_and(|r| r.reduced_chi_square > super::MISFIT);
+    let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
+    match verdict {
+        Verdict::EffectFound => {
+            let what = if mostly_lost { "a part of the motion" } else { "the motion" };
+            let explain = if names.len() == 1 { "explains" } else { "explain" };
+            format!("{} {explain} {what}; {left} remains", names.join(" and "))
+        }
+        Verdict::Ambiguous => format!(
+            "{} explain the motion equally well; film the launch given as experiment",
+            ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
+        ),
+        Verdict::Adequate if mostly_lost => {
+            format!(
+                "between contacts nothing is missing that the library has; {left}, but contacts are not explained: film single ones"
+            )
+        }
+        Verdict::Adequate if off && motion.reduced_chi_square() > super::MISFIT => format!(
+            "nothing is missing that more than one object shows; {left}, as one object moves as nothing explains: it may have \
+             met something; diagnose shows where"
+        ),
+        Verdict::Adequate if off => format!(
+            "nothing is proven to be missing; {left}, but past contacts more remains: film more, and single contacts"
+        ),
+        Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
+        Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
+            "the formula explains the motion better than any law of the library, and is as simple".into()
+        }
+        Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
+            "between contacts the motion is explained, what contacts do is not; film single contacts".into()
+        }
+        Verdict::OutsideLibrary => {
+            let formula = match written {
+                true => "the formula says more",
+                false => "no formula that was tried halves the error on frames that it has not seen",
+            };
+            let after = if effects.is_empty() { "" } else { " after its best" };
+            format!("no law of the library is the one; {left} remains{after}, and {formula}")
+        }
+        Verdict::NotIdentifiable => String::new(),
+    }
+}
+
+/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.
+pub fn unfollowed(last: &Revision) -> String {
+    let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
+    lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
+    let Some(worst) = lost.first() else { return String::new() };
+    let others = match lost.len() {
+        1 => String::new(),
+        n => format!(" and {} more", n - 1),
+    };
+    format!(
+        "; past contacts the simulation does not follow {}{others} (reduced chi-square {:.0}): those are chaotic or \
+         unlike the model's; compare shows where",
+        worst.name, worst.reduced_chi_square
+    )
+}

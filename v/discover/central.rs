@@ -1,0 +1,157 @@
+//! A law about a centre that no library lists: what pulls, pushes or swirls by the distance from a place nobody told.
+
+use super::formula::{PROOF, ResidualLaw, Search, Term};
+use super::screen::region;
+use crate::num::{Vec2, vec2};
+use crate::world::Kinematics;
+use nalgebra::DMatrix;
+
+/// Centres that are tried along each coordinate, and how often the distance between two of them is halved.
+const PLACES: usize = 7;
+const HALVINGS: i32 = 8;
+/// An amplitude and a place.
+const NUMBERS: usize = 3;
+
+/// Terms of the place against the centre, (X, Y), at the distance D.
+const TERMS: [Term; 5] = [
+    Term { x: "X/max(D, 0.05)", y: "Y/max(D, 0.05)", value: |k, _| k.position.scaled(1.0 / apart(k)) },
+    Term {
+        x: "X/max(D, 0.05)^2",
+        y: "Y/max(D, 0.05)^2",
+        value: |k, _| k.position.scaled(1.0 / apart(k).powi(2)),
+    },
+    Term { x: "X*D", y: "Y*D", value: |k, _| k.position.scaled(k.position.norm()) },
+    Term { x: "-Y", y: "X", value: |k, _| k.position.perp() },
+    Term {
+        x: "-Y/max(D, 0.05)^2",
+        y: "X/max(D, 0.05)^2",
+        value: |k, _| k.position.perp().scaled(1.0 / apart(k).powi(2)),
+    },
+];
+
+/// A formula has a value at the centre, too.
+fn apart(k: &Kinematics<f64>) -> f64 {
+    k.position.norm().max(0.05)
+}
+
+/// One term about a centre.
+#[derive(Clone)]
+struct Central {
+    term: usize,
+    centre: Vec2,
+    amplitude: f64,
+    cost: f64,
+}
+
+/// The best law about a centre within the region of the data, if it proves itself.
+pub fn central_law(search: &Search) -> Option<ResidualLaw> {
+    let (area, none) = (region(search.lens.scenes), search.unexplained()?);
+    let step = (area.high - area.low).scaled(1.0 / (PLACES - 1) as f64);
+    let places = (0..PLACES * PLACES).map(|k| {
+        let (i, j) = ((k % PLACES) as f64, (k / PLACES) as f64);
+        vec2(area.low.x + i * step.x, area.low.y + j * step.y)
+    });
+    let tried = places.flat_map(|centre| (0..TERMS.len()).map(move |term| (term, centre)));
+    let all = tried.filter_map(|(term, centre)| about(search, term, centre));
+    let best = nearer_centre(search, all.min_by(|a, b| a.cost.total_cmp(&b.cost))?, step);
+    let degrees = search.lens.degrees_of_freedom().max(1) as f64;
+    let remains = (best.cost / degrees).max(1.0);
+    if (none - best.cost) / remains < PROOF + NUMBERS as f64 * degrees.ln() {
+        return None;
+    }
+    let elsewhere = search.elsewhere(&column(search, best.term, best.centre), &[best.amplitude]);
+    Some(ResidualLaw { text: best.text(search.force), numbers: NUMBERS, cost: best.cost, elsewhere })
+}
+
+impl Central {
+    fn text(&self, force: bool) -> String {
+        let (Central { centre, amplitude, .. }, term) = (self, &TERMS[self.term]);
+        let side = |text: &str| {
+            let text = text.replace('D', "sqrt(X^2 + Y^2)").replace('X', "(x - cx)").replace('Y', "(y - cy)");
+            if force { format!("c1*({text})/m") } else { format!("c1*({text})") }
+        };
+        format!(
+            "let c1 = {amplitude:.4e}; let cx [m] = {:.4}; let cy [m] = {:.4}; ax = {}; ay = {}",
+            centre.x,
+            centre.y,
+            side(term.x),
+            side(term.y)
+        )
+    }
+}
+
+fn column(search: &Search, term: usize, centre: Vec2) -> DMatrix<f64> {
+    let value = |k: &Kinematics<f64>, t: f64| {
+        (TERMS[term].value)(&Kinematics { position: k.position - centre, ..*k }, t)
+    };
+    DMatrix::from_columns(&[search.lens.column(search.models, search.force, value)])
+}
+
+fn about(search: &Search, term: usize, centre: Vec2) -> Option<Central> {
+    let (cost, amplitudes) =
+        search.lens.joint(search.projector, search.start, &column(search, term, centre))?;
+    Some(Central { term, centre, amplitude: amplitudes[0], cost })
+}
+
+/// The same term about centres that are nearer and nearer, while the cost falls.
+fn nearer_centre(search: &Search, mut best: Central, step: Vec2) -> Central {
+    for halving in 1..=HALVINGS {
+        let step = step.scaled(0.5f64.powi(halving));
+        let ways = [vec2(step.x, 0.0), vec2(-step.x, 0.0), vec2(0.0, step.y), vec2(0.0, -step.y)];
+        for way in ways.into_iter().cycle().take(2 * ways.len()) {
+            if let Some(tried) = about(search, best.term, best.centre + way)
+                && tried.cost < best.cost
+            {
+                best = tried;
+            }
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::force::{Lens, fit_forces};
+    use super::super::formula::{SIMPLE_TERMS, residual_law, tests::agrees};
+    use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::*;
+    use crate::effects::formula::Formula;
+    use crate::world::ActiveEffect;
+
+    #[test]
+    fn a_pull_that_falls_with_the_distance_is_found_with_its_centre() {
+        let launches = [
+            vec![(DISC, 0.6, [-1.5, 0.4], [0.7, 0.1]), (CUBE, 1.2, [1.4, -1.0], [-0.2, 0.5])],
+            vec![(DISC, 0.6, [0.2, 1.6], [0.3, -0.3]), (CUBE, 1.2, [-1.2, -1.3], [0.4, 0.1])],
+        ];
+        let pull = |side: &str| format!("0.2*({side})/((0.4 - x)^2 + (-0.3 - y)^2)");
+        let text = format!("fx = {}; fy = {}", pull("0.4 - x"), pull("-0.3 - y"));
+        let scenes = film_under(&launches, |model| {
+            let formula = Formula::new(&text, vec![]).expect("it is one");
+            model.effects.push(ActiveEffect::of_formula("pull", formula, &model.bodies).expect("it is one"));
+        });
+        let (lens, models) = (Lens::new(&scenes), models(&scenes));
+        let (free, seen) = fit_forces(&lens, &models);
+        let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS).expect("it proves itself");
+        let found = Formula::new(&law.text, vec![]).expect("it is one").parameters;
+        let number = |name: &str| found.iter().find(|p| p.name == name).expect(&law.text).default;
+        // Where surfaces hold what pulls in vain, the lens sees less of it; trajectories begin here.
+        for (name, truth, near) in [("c1", -0.2, 0.1), ("cx", 0.4, 0.05), ("cy", -0.3, 0.05)] {
+            assert!((number(name) - truth).abs() < near, "{}", law.text);
+        }
+        assert_eq!(law.numbers, NUMBERS);
+    }
+
+    #[test]
+    fn what_a_term_is_fitted_as_is_what_its_text_says_at_the_centre_too() {
+        for (term, Term { value, .. }) in TERMS.iter().enumerate() {
+            for offset in [vec2(0.4, -0.9), vec2(0.01, 0.02), Vec2::zero()] {
+                let centre = vec2(0.7, 0.5);
+                let law = Central { term, centre, amplitude: 1.0, cost: 0.0 }.text(false);
+                agrees(&law, centre + offset, vec2(0.3, 0.1), |k, t| {
+                    value(&Kinematics { position: k.position - centre, ..*k }, t)
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,498 @@
+//! What of the lenses' findings trajectories bear out, and the verdict.
+
+use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
+use super::alone::Alone;
+use super::change::{Change, FORMULA, propose};
+use super::contact::{ContactCandidate, estimates_of, pooled, with_contact};
+use super::experiment::tell_apart;
+use super::film::contacts;
+use super::force::{Lens, fit_forces};
+use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
+use super::jackknife::of_videos;
+use super::outcome::{Discovery, Found, Verdict};
+use super::proof;
+use super::revise::{
+    Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise, without_effect,
+};
+use super::screen::{CERTAIN, Candidate, region};
+use super::search::{CLEAN, FreeMotion, fewer};
+use super::whole::{STICKING, asked, balls_roll, mended, sticking};
+use crate::effects::Hook;
+use crate::effects::formula::Formula;
+use crate::fit::{Begin, FitError, FitOptions, estimate};
+use crate::num::{Stop, counted, part};
+use crate::world::Model;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// A scene up to this reduced chi-square is explained but for what engines do at contacts.
+const NEARLY: f64 = 2.0;
+/// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.
+const MOSTLY: f64 = 0.9;
+/// Share of the work that the revisions take.
+const REVISIONS: f64 = 0.7;
+/// Laws that few short films speak for and trajectories are asked about.
+const SUGGESTIONS: usize = 2;
+/// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
+const LOST: f64 = 100.0;
+
+/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
+const FORMULA_PROOF: f64 = 40.0;
+/// The same of one that has fewer numbers than the two laws of the library that it stands against.
+const SIMPLER_PROOF: f64 = 10.0;
+/// The same of one that trajectories are asked about: what the best of 21 terms, as forces and as accelerations, has by chance
+/// (2 ln 42).
+const WORTH_ASKING: f64 = 7.5;
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct DiscoverOptions {
+    /// Most effects that are added.
+    pub max_effects: usize,
+    pub fit: FitOptions,
+}
+
+impl Default for DiscoverOptions {
+    fn default() -> Self {
+        DiscoverOptions { max_effects: 2, fit: FitOptions { max_iterations: 60, ..FitOptions::default() } }
+    }
+}
+
+/// One reading of the base with what the lenses see of it.
+pub struct Reading {
+    pub models: Vec<Model>,
+    pub motion: FreeMotion,
+    pub contacts: Vec<ContactCandidate>,
+    /// Chi-square of the short films around contacts.
+    pub films: f64,
+}
+
+/// What the trajectories bear out of what the lenses see.
+pub fn conclude(
+    lens: &Lens,
+    reading: Reading,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    let Reading { models, motion, contacts: of_contacts, .. } = reading;
+    let noise_sigma = pooled_noise(lens);
+    let region = region(lens.scenes);
+    let room = options.max_effects > motion.found.len();
+    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
+    // All revisions at once: none needs another.
+    let base = models.clone();
+    let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
+    for (number, step) in motion.found.iter().enumerate() {
+        let last = number + 1 == motion.found.len();
+        let models = if last { &motion.models } else { &step.models };
+        steps.push((Some(step.entry.spec.name), models.clone()));
+    }
+    if let Some(c) = proven {
+        let name = Some(c.entry.spec.name);
+        steps.push((name, with_contact(&motion.models, c.entry, &c.values, c.object, &region)));
+        // What nobody saw, or a law of contact, may look like a force.
+        if !motion.found.is_empty() {
+            steps.push((name, with_contact(&base, c.entry, &c.values, c.object, &region)));
+        }
+    }
+    let fits = steps.len() * fits_of_revision(lens.scenes);
+    let told = counted(stop, [0.0, REVISIONS], fits);
+    let revise =
+        |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
+    let revisions: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
+    let stop: Stop = &part(stop, [REVISIONS, 1.0]);
+    let (asked_for, forces) = (proven, motion.found.len());
+    let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
+    if proven.is_none() && room {
+        let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
+        // What was refused beside the same forces would be again.
+        let refused = asked_for.filter(|_| motion.found.len() == forces).map(|c| c.entry.spec.name);
+        let open = |c: &&ContactCandidate| c.suggested() && refused != Some(c.entry.spec.name);
+        for c in of_contacts.iter().filter(open).take(SUGGESTIONS) {
+            let last = &revisions[motion.found.len()];
+            if let Some(mended) = mended(lens, last, c, &law(c), &options.fit, stop)? {
+                revisions.push(mended);
+                proven = Some(c);
+                break;
+            }
+        }
+    }
+    let other = match proven {
+        Some(c) => otherwise(lens, c, &motion.models, revisions.last(), &options.fit, stop)?,
+        None => None,
+    };
+    let other = other.map(|(law, revision)| {
+        revisions.pop();
+        revisions.push(revision);
+        law
+    });
+    proven = other.as_ref().or(proven);
+    let whole = match proven {
+        None if room && motion.typical < super::MISFIT => {
+            asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
+        }
+        _ => None,
+    };
+    let whole = whole.map(|(law, mended)| {
+        revisions.push(mended);
+        law
+    });
+    proven = proven.or(whole.as_ref());
+    let last = &revisions[motion.found.len()];
+    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
+    // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
+    let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
+    let lost = proven.is_none()
+        && 2 * off > last.fit.scenes.len()
+        && Alone::of(&contacts(lens, &motion.models), stop)?.meetings_lost();
+    // What sticks may look like another law of contact, which then does not follow what was filmed.
+    let told = revisions.last().unwrap_or(last);
+    let open = match proven {
+        None => room && told.reduced_chi_square > FOLLOWED && proof::astray(&told.fit),
+        Some(_) => proof::loses(&told.fit),
+    };
+    if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {
+        proven = None;
+        effects.push(Found { kind: STICKING.into(), effect: STICKING.into(), parameters: vec![] });
+        revisions.truncate(motion.found.len() + 1);
+        revisions.push(stuck);
+    }
+    if let (Some(c), Some(last)) = (proven, revisions.last()) {
+        // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
+        let videos = match c.entry.uses(Hook::Bodies) {
+            true => None,
+            false => of_videos(lens, last, c.entry, &options.fit, stop)?,
+        };
+        effects.push(found_contact(c, noise_sigma, videos.as_deref()));
+    }
+    let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
+    let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
+    let ambiguous: Vec<Vec<String>> =
+        motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
+    // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
+    // Engines do more at contacts than any law, and a video may be lost to chaos alone.
+    let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
+    let explains = |r: &Revision| {
+        let near = r.fit.scenes.iter().filter(|s| s.reduced_chi_square < NEARLY).count();
+        let first = revisions.first().map_or(0.0, |r| r.reduced_chi_square);
+        let mostly = r.reduced_chi_square - 1.0 < (1.0 - MOSTLY) * (first - 1.0);
+        r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
+    };
+    let explained = proven.is_some() && revisions.last().is_some_and(explains);
+    // Where trajectories are followed from their start, the lens is what fails, at contacts that come too close.
+    let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
+    let followed = ended <= 1.0 + CLEAN;
+    let misfit = motion.typical > super::MISFIT && !explained && !followed;
+    let law_beside = |models: &[Model], most: usize| {
+        let (free, seen) = fit_forces(lens, models);
+        residual_law(lens, models, &free, &seen, most)
+    };
+    // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
+    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
+    // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
+    // that more than one object shows.
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
+    let compromise = match law_beside(&base, terms) {
+        Some(law) if beats(&law, &motion, proof_against(&law, &motion)) => Some(law),
+        Some(law) if added > 0 && beats(&law, &motion, WORTH_ASKING) => {
+            followed_better(lens, &law, &base, &revisions, added, options, stop)?.then_some(law)
+        }
+        _ => None,
+    };
+    // The lens takes its blows for a force.
+    let compromise = compromise.filter(|_| !(unseen && explained));
+    let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
+    // A rhythm that nobody saw repeat is none.
+    let once = motion.found.iter().any(|c| once(c, region.duration));
+    // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
+    let still = followed && motion.found.is_empty();
+    let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
+    let alone = |law: ResidualLaw| (law.text, &base, revisions[0].held_out_rmse);
+    let beside = |law: ResidualLaw| (law.text, &motion.models, revisions[motion.found.len()].held_out_rmse);
+    let law = compromise
+        .filter(|_| outside)
+        .map(alone)
+        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten().map(beside))
+        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten().map(alone));
+    let formula = match law {
+        Some((text, models, before)) => foretells(lens, &text, models, options, stop)?
+            .is_some_and(|after| halves(before, after, noise_sigma))
+            .then_some(text),
+        None => None,
+    };
+    let verdict = match () {
+        () if outside => Verdict::OutsideLibrary,
+        () if !ambiguous.is_empty() => Verdict::Ambiguous,
+        () if !effects.is_empty() => Verdict::EffectFound,
+        () => Verdict::Adequate,
+    };
+    let experiment = match verdict {
+        Verdict::Ambiguous => tell_apart(lens, &motion),
+        _ => None,
+    };
+    let left = match followed || unseen {
+        true => format!("reduced chi-square {ended:.2}"),
+        false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
+    };
+    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
+    let aside = revisions.last().map(unfollowed).unwrap_or_default();
+    Ok(Discovery {
+        reason: reason + &aside,
+        verdict,
+        effects,
+        ranked,
+        ambiguous,
+        experiment,
+        formula,
+        smallest: smallest(&motion),
+        noise_sigma,
+        revisions,
+    })
+}
+
+/// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.
+fn otherwise(
+    lens: &Lens,
+    law: &ContactCandidate,
+    models: &[Model],
+    known: Option<&Revision>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    // Seeds of an unseen thing are places, and no choice.
+    let asks = balls_roll(models) && !law.entry.uses(Hook::Bodies);
+    let Some(known) = known.filter(|r| asks && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
+    let region = region(lens.scenes);
+    let mut best = None;
+    let mut nearest = proof::distance(&known.fit);
+    for values in law.entry.choices(&law.values, &region) {
+        let with = with_contact(models, law.entry, &values, law.object, &region);
+        let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
+        let distance = proof::distance(&revision.fit);
+        if distance < nearest {
+            nearest = distance;
+            best = Some((ContactCandidate { values, ..law.clone() }, revision));
+        }
+    }
+    Ok(best)
+}
+
+/// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the
+/// law of contact, and one for that law without the forces where there are both.
+fn borne_out<'c>(
+    lens: &Lens,
+    base: &[Model],
+    mut revisions: Vec<Revision>,
+    mut motion: FreeMotion,
+    proven: Option<&'c ContactCandidate>,
+    stop: Stop,
+) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
+    let forces = motion.found.len();
+    let with_contact = revisions.split_off(forces + 1);
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
+        if let [alone] = alone
+            && !proof::borne_out(alone, all, added)
+            && proof::borne_out(&revisions[0], alone, c.added)
+        {
+            let motion = fewer(lens, base, &motion, forces, stop)?;
+            revisions.truncate(1);
+            revisions.push(alone.clone());
+            return Ok((revisions, motion, proven));
+        }
+        let before = &revisions[forces];
+        // Where chaos leaves trajectories nothing to say, several short films stand.
+        let films_stand = || c.strong() && c.gained > 1 && proof::silent(&before.fit, &all.fit);
+        if keeps(c, all) && (proof::borne_out(before, all, c.added) || films_stand()) {
+            revisions.push(all.clone());
+            return Ok((revisions, motion, proven));
+        }
+    }
+    // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
+    // from the start, what it saw is nothing.
+    let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.typical > super::MISFIT;
+    let mut refused = 0;
+    while let [.., before, after] = &revisions[..] {
+        let left = &motion.found[..forces - refused];
+        let own = left.last().map_or(0, |c| c.added);
+        let all = left.iter().map(|c| c.added).sum();
+        // Each step by itself, and all of them against none: one may mend what another spoilt.
+        if !blind && proof::borne_out(before, after, own) && proof::borne_out(&revisions[0], after, all) {
+            break;
+        }
+        refused += 1;
+        revisions.pop();
+    }
+    if refused > 0 {
+        motion = fewer(lens, base, &motion, refused, stop)?;
+    }
+    Ok((revisions, motion, None))
+}
+
+/// Whether the number of one object is still there in trajectories, which may follow better for another reason.
+fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
+    let Some(p) = c.entry.spec.params.first().filter(|_| c.object.is_some()) else { return true };
+    let told = pooled(&estimates_of(&found.fit, c.entry, p.name));
+    told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
+}
+
+/// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be
+/// better by as much.
+fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    if motion.found.len() > 1 && law.numbers < added { SIMPLER_PROOF } else { FORMULA_PROOF }
+}
+
+/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's, by a `proof`.
+fn beats(law: &ResidualLaw, motion: &FreeMotion, proof: f64) -> bool {
+    (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
+}
+
+/// Whether trajectories, which see more of a law than free motion does, are much nearer with a sparse law than with what the
+/// library has, the last of the revisions, and foretell more. A search that escaped a bad minimum proves nothing.
+fn followed_better(
+    lens: &Lens,
+    law: &ResidualLaw,
+    base: &[Model],
+    revisions: &[Revision],
+    added: usize,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<bool, FitError> {
+    let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
+    let Ok(formula) = Formula::new(&law.text, vec![]) else { return Ok(false) };
+    let with = propose(lens, base, &Change::Write(FORMULA.into(), formula), stop)?.models;
+    let written = match revise(lens, &with, Some(FORMULA), &options.fit, stop) {
+        Err(FitError::Undefined { .. }) => return Ok(false),
+        other => other?,
+    };
+    if !proof::nearer(&library.fit, &written.fit)
+        || !proof::borne_out(library, &written, law.numbers.saturating_sub(added))
+        || written.held_out_rmse >= library.held_out_rmse
+        || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
+    {
+        return Ok(false);
+    }
+    let mut there = without_effect(&written.fit, FORMULA);
+    for (model, known) in there.iter_mut().zip(&library.fit.scenes) {
+        let laws = known.model.effects.iter().filter(|e| model.effect(&e.name).is_none()).cloned();
+        model.effects.extend(laws.collect::<Vec<_>>());
+    }
+    let near = FitOptions { begin: Begin::Near, ..options.fit };
+    Ok(proof::nearer(&estimate(lens.scenes, &there, &near, stop)?, &written.fit))
+}
+
+/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
+/// of the library that lack theirs too.
+fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
+    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
+    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
+    let proof = FORMULA_PROOF * unit(law, motion);
+    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
+}
+
+fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
+}
+
+fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    (law.cost / motion.degrees_of_freedom).max(1.0)
+}
+
+/// Whether an error falls to half of what it was beyond the noise: a law that does less is shown to nobody.
+fn halves(before: f64, after: f64, noise: f64) -> bool {
+    let beyond = |error: f64| error * error - noise * noise;
+    4.0 * beyond(after) < beyond(before)
+}
+
+/// Error (m), on frames that they have not seen, of the models with a law that is written so; `None` where it has no value.
+fn foretells(
+    lens: &Lens,
+    text: &str,
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<f64>, FitError> {
+    let Ok(formula) = Formula::new(text, vec![]) else { return Ok(None) };
+    let with = propose(lens, models, &Change::Write(FORMULA.into(), formula), stop)?.models;
+    match held_out(lens.scenes, &with, Some(FORMULA), &options.fit, stop) {
+        Ok(parts) => Ok(Some(pooled_rmse(&parts))),
+        Err(FitError::Undefined { .. }) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
+/// Whether a law found is a rhythm whose period the films are too short for.
+pub(super) fn once(c: &Candidate, duration: f64) -> bool {
+    let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
+    frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::inquire::discover;
+    use super::super::revise::chi_squares;
+    use super::super::screen::with_nuisance;
+    use super::super::tests::{CUBE, DISC, film, film_under, heavier_than_believed, models};
+    use super::*;
+    use crate::effects::effect;
+    use crate::num::never;
+    use crate::world::ActiveEffect;
+
+    /// Between contacts a drag looks almost like the library's that is next to it; whole trajectories tell.
+    #[test]
+    fn a_law_close_to_one_of_the_library_is_told_from_it() {
+        let launches = [
+            vec![(DISC, 0.6, [-2.0, 0.0], [1.5, 0.0]), (CUBE, 1.2, [0.4, 0.1], [-0.2, 0.05])],
+            vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4]), (DISC, 0.6, [0.4, 0.2], [0.0, 0.3])],
+            vec![(DISC, 1.5, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [-0.2, -0.4], [-0.3, 0.2])],
+        ];
+        for (power, verdict) in [("speed^2", Verdict::OutsideLibrary), ("speed", Verdict::EffectFound)] {
+            let drag = format!("fx = -0.25*vx*{power}; fy = -0.25*vy*{power}");
+            let scenes = film_under(&launches, |model| {
+                let formula = Formula::new(&drag, vec![]).expect("it is one");
+                let active = ActiveEffect::of_formula("drag", formula, &model.bodies);
+                model.effects.push(active.expect("it is one"));
+            });
+            let options = DiscoverOptions::default();
+            let found = discover(&scenes, &models(&scenes), &options, &never).expect("it runs");
+            assert_eq!(found.verdict, verdict, "{power}: {}", found.reason);
+            let outside = verdict == Verdict::OutsideLibrary;
+            assert_eq!(found.formula.is_some_and(|text| text.contains("speed^2")), outside, "{power}");
+        }
+    }
+
+    #[test]
+    fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
+        let meet = [vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])]];
+        for (scenes, is_wrong) in [(heavier_than_believed(), true), (film(&meet, None), false)] {
+            let (lens, region) = (Lens::new(&scenes), region(&scenes));
+            let entry = effect("mass_change").expect("it is in the library");
+            let models = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.3], Some(1), &region);
+            let options = DiscoverOptions::default().fit;
+            let found =
+                revise(&lens, &models, Some(entry.spec.name), &options, &never).expect("it can be fitted");
+            let law = ContactCandidate {
+                entry,
+                values: vec![0.3],
+                sd: vec![0.01],
+                object: Some(1),
+                added: 1,
+                score: 200.0,
+                before: 1000.0,
+                after: chi_squares(&found.fit).iter().sum(),
+                remains: 1.0,
+                gained: 2,
+            };
+            assert_eq!(keeps(&law, &found), is_wrong);
+        }
+    }
+
+    #[test]
+    fn a_law_is_shown_that_halves_what_is_beyond_the_noise() {
+        assert!(halves(0.0466, 0.0052, 0.005));
+        assert!(halves(0.0075, 0.0055, 0.005), "no error falls below the noise");
+        assert!(!halves(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
+        assert!(!halves(0.005, 0.005, 0.005));
+    }
+}

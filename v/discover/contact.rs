@@ -1,0 +1,521 @@
+//! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
+//! trajectory space. Short films start anew, so that no error is carried from contact to contact.
+
+use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
+use super::cost::Cost;
+use super::film::Contacts;
+use super::jackknife::scatter;
+use super::outcome::widened;
+use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
+use super::screen::{CERTAIN, with_effect};
+use super::unseen::{discs_behind, walls};
+use crate::effects::{EffectEntry, Hook, Region, Scope};
+use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
+use crate::num::Stop;
+use crate::world::{Model, Parameter, Prior};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
+/// bring: engines differ in their contacts by more than the noise.
+const PROOF: f64 = 40.0;
+/// One short film alone proves a law when it brings this many times as much.
+const STRONG: f64 = 3.0;
+/// Reduced chi-square of the short films up to which a law explains them, and the share of what is beyond noise that will do:
+/// engines do more at contacts than any law says.
+const EXPLAINED: f64 = 2.0;
+const MOSTLY: f64 = 0.9;
+/// A film is followed, too, where a law leaves this share of its misfit.
+const NEARER: f64 = 0.05;
+/// Fall of one short film's chi-square that is more than chance, in units of what remains.
+const CHANCE: f64 = 6.0;
+/// The rival that has the same hook as no law of contact, but shows in contacts only.
+pub const HEAVIER: &str = "mass_change";
+/// Values of shapes agree within this many deviations.
+const SAME_VALUE: f64 = 3.0;
+/// Places, or objects, that one law is tried at with all short films.
+const FINALISTS: usize = 2;
+/// Iterations of the fit of all films together, the same of all laws at first, and how many laws are followed further.
+const COMMON_ITERATIONS: usize = 15;
+const FIRST_ITERATIONS: usize = 5;
+const FOLLOWED_UP: usize = 3;
+/// Walls that are tried.
+const WALLS: usize = 3;
+/// Prior deviations of a wall's restitution and angle.
+const RESTITUTION_SD: f64 = 0.3;
+
+/// A law of contact as the short films see it.
+#[derive(Clone)]
+pub struct ContactCandidate {
+    pub entry: &'static EffectEntry,
+    pub values: Vec<f64>,
+    pub sd: Vec<f64>,
+    /// Whose parameters these are, where each object has its own.
+    pub object: Option<u32>,
+    pub added: usize,
+    /// Fall of chi-square in units of what remains, the price of the parameters paid.
+    pub score: f64,
+    /// Chi-square of the short films without and with it.
+    pub before: f64,
+    pub after: f64,
+    /// The same over its degrees of freedom.
+    pub remains: f64,
+    /// Short films that gained by more than chance.
+    pub gained: usize,
+}
+
+impl ContactCandidate {
+    /// Whether short films speak for it, if too few of them: trajectories may prove it.
+    pub fn suggested(&self) -> bool {
+        self.score > PROOF && self.values[0].abs() > CERTAIN * self.sd[0]
+    }
+
+    /// Whether a single short film speaks for it as clearly as several would.
+    pub fn strong(&self) -> bool {
+        self.score > STRONG * PROOF && self.remains < super::MISFIT
+    }
+
+    /// Whether it explains the contacts, more than one of them (of an unseen thing: any), and by enough.
+    pub fn proven(&self) -> bool {
+        let law = !self.entry.uses(Hook::Bodies);
+        let often = self.gained > 1 || self.strong();
+        if self.object.is_some() {
+            // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them.
+            return self.strong() && self.gained > 1 && self.values[0].abs() > CERTAIN * self.sd[0];
+        }
+        // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.
+        let acts = self.values.first().is_some_and(|a| *a != 0.0);
+        let beyond = self.before * self.remains / self.after.max(f64::MIN_POSITIVE) - 1.0;
+        let explained = self.remains < EXPLAINED || self.remains - 1.0 < (1.0 - MOSTLY) * beyond;
+        self.score > PROOF && explained && (!law || (often && acts))
+    }
+}
+
+/// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows. Empty where
+/// nothing touches anything.
+pub fn screen_contacts(
+    alone: &Alone,
+    region: &Region,
+    candidates: &[&'static EffectEntry],
+    stop: Stop,
+) -> Result<(Vec<ContactCandidate>, f64), FitError> {
+    let (Alone { mut films, fits }, mut lost) = alone.without_heaps(stop)?;
+    if films.scenes.is_empty() {
+        return Ok((vec![], lost));
+    }
+    let (options, near) =
+        (OPTIONS, FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..OPTIONS });
+    let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
+    let mut before = chi_squares(&base);
+    let mut ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
+    let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
+    for &entry in candidates {
+        match entry.spec.name {
+            "hidden_wall" => trials.extend(
+                walls(&films.jumps, &films.models).into_iter().take(WALLS).map(|p| (entry, p.values, None)),
+            ),
+            "hidden_object" => trials.extend(
+                discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
+            ),
+            // One object at a time: masses that are all free take up much of what engines do at contacts.
+            HEAVIER => {
+                let ids = heavier(&films, &ended, &before, entry, region, &near, stop)?;
+                trials.extend(ids.into_iter().map(|id| (entry, vec![0.0], Some(id))));
+            }
+            _ if entry.uses(Hook::Contact) => {
+                trials.extend(entry.seeds(region).into_iter().map(|values| (entry, values, None)));
+            }
+            _ => {}
+        }
+    }
+    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
+    let unfollowed =
+        |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
+    let anew = unfollowed(&base);
+    // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no other with
+    // it, and is not searched again with all of them.
+    let begun: Result<Vec<Begun>, FitError> = trials
+        .into_par_iter()
+        .map(|(entry, values, object)| {
+            let mut models = with_contact(&ended, entry, &values, object, region);
+            let (mut fall, mut tried) = (0.0, vec![]);
+            let mut least: Vec<f64> = fits.iter().map(|fit| off(fit, 0)).collect();
+            for film in 0..models.len() {
+                let anew = anew.contains(&film);
+                // What befalls one object shows where it is.
+                if !object.map_or(anew, |id| models[film].body_index(id).is_some()) {
+                    continue;
+                }
+                let asked = match anew {
+                    true => {
+                        with_contact(&films.models[film..=film], entry, &values, object, region).remove(0)
+                    }
+                    false => models[film].clone(),
+                };
+                let alone =
+                    estimate_one(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
+                fall += before[film] - sum(&chi_squares(&alone));
+                least[film] = least[film].min(off(&alone, 0));
+                models[film].stand_as(&alone.scenes[0].model);
+                tried.push(alone);
+            }
+            agree_on(&mut models, entry.spec.name, &tried);
+            Ok(Begun { entry, values, object, models, fall, least })
+        })
+        .collect();
+    let mut begun = begun?;
+    // What nothing follows, even by itself, would lead all the others astray.
+    let least = |film: usize| begun.iter().map(|b| b.least[film]).fold(off(&base, film), f64::min);
+    let mut followed = followed(&base, least);
+    // Nor do those say much that are only nearer, where others are followed to the end.
+    let mended = |film: &usize| off(&base, *film) > FOLLOWED && least(*film) < FOLLOWED;
+    if followed.iter().any(mended) {
+        followed.retain(|&film| least(film) < FOLLOWED);
+    }
+    if followed.len() < films.scenes.len() {
+        (films, base, lost) = without_lost(&films, &base, &followed, lost, &near, stop)?;
+        if followed.is_empty() {
+            return Ok((vec![], lost));
+        }
+        before = chi_squares(&base);
+        ended = base.scenes.iter().map(|s| s.model.clone()).collect();
+        begun.iter_mut().for_each(|b| b.models = followed.iter().map(|&k| b.models[k].clone()).collect());
+    }
+    let (films, unfollowed) = (&films, unfollowed(&base));
+    let few = FitOptions { max_iterations: FIRST_ITERATIONS, ..near };
+    let first: Result<Vec<Tried>, FitError> = finalists(begun)
+        .into_par_iter()
+        .map(|Begun { entry, values, object, models, .. }| {
+            let mut found = estimate(&films.scenes, &models, &few, stop)?;
+            // A search that went astray begins where the models without the effect ended.
+            if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
+                let models = with_contact(&ended, entry, &values, object, region);
+                found = lower(found, estimate(&films.scenes, &models, &few, stop)?);
+            }
+            Ok(Tried { entry, start: values, object, fit: found })
+        })
+        .collect();
+    let first = first?;
+    let cost = |t: &Tried| sum(&chi_squares(&t.fit));
+    let costs: Vec<f64> = first.iter().map(cost).collect();
+    let fitted: Result<Vec<_>, FitError> = first
+        .into_par_iter()
+        .map(|tried| {
+            // A law that little speaks for after a few steps is not the one.
+            if costs.iter().filter(|c| **c < cost(&tried)).count() >= FOLLOWED_UP {
+                return Ok(tried);
+            }
+            let Tried { entry, start: values, object, fit: begun } = tried;
+            let models: Vec<Model> = begun.scenes.iter().map(|s| s.model.clone()).collect();
+            let mut found = lower(begun, estimate(&films.scenes, &models, &near, stop)?);
+            // What is still lost begins anew with what the others agree on.
+            let lost: Vec<usize> =
+                unfollowed.iter().copied().filter(|&k| off(&found, k) > AT_NOISE).collect();
+            let gains = sum(&chi_squares(&found)) < sum(&before) - CHANCE;
+            if (gains || entry.uses(Hook::Bodies)) && !lost.is_empty() && lost.len() < before.len() {
+                let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
+                for film in lost {
+                    let begun = &films.models[film..=film];
+                    let mut begun = with_contact(begun, entry, &values, object, region).remove(0);
+                    begun.take_shared(&models[film]);
+                    let alone = estimate_one(&films.scenes[film], &begun, &options, stop)?;
+                    if off(&alone, 0) < off(&found, film) {
+                        models[film].clone_from(&alone.scenes[0].model);
+                    }
+                }
+                found = lower(found, estimate(&films.scenes, &models, &near, stop)?);
+            }
+            Ok(Tried { entry, start: values, object, fit: found })
+        })
+        .collect();
+    judged(films, base, fitted?, lost, &options, stop)
+}
+
+/// One law of contact, or an unseen thing, before all short films are fitted with it.
+struct Begun {
+    entry: &'static EffectEntry,
+    values: Vec<f64>,
+    object: Option<u32>,
+    models: Vec<Model>,
+    /// Fall of chi-square of the films that were fitted with it, each alone.
+    fall: f64,
+    /// The least reduced chi-square of each film by itself.
+    least: Vec<f64>,
+}
+
+/// The films that something follows, given the least reduced chi-square that each was brought to.
+fn followed(base: &Fit, least: impl Fn(usize) -> f64) -> Vec<usize> {
+    let follows =
+        |film: &usize| least(*film) < f64::max(FOLLOWED, NEARER * base.scenes[*film].reduced_chi_square);
+    (0..base.scenes.len()).filter(follows).collect()
+}
+
+/// The films that are `followed`, fitted without what pulled at them, and what the others cost beside what is `lost`.
+fn without_lost(
+    films: &Contacts,
+    base: &Fit,
+    followed: &[usize],
+    lost: f64,
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<(Contacts, Fit, f64), FitError> {
+    let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
+    let lost =
+        lost + left_out.map(|film| FOLLOWED * base.scenes[film].degrees_of_freedom as f64).sum::<f64>();
+    let rest = films.only(|film| followed.contains(&film));
+    let base = if followed.is_empty() { base.clone() } else { of_some(&rest, base, followed, near, stop)? };
+    Ok((rest, base, lost))
+}
+
+/// The fit of some films, from where they stand in a fit of more.
+fn of_some(
+    films: &Contacts,
+    of_more: &Fit,
+    which: &[usize],
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<Fit, FitError> {
+    let models: Vec<Model> = which.iter().map(|&film| of_more.scenes[film].model.clone()).collect();
+    estimate(&films.scenes, &models, near, stop)
+}
+
+/// Of places and objects that one law may befall, those that promise most; in the order given.
+fn finalists(begun: Vec<Begun>) -> Vec<Begun> {
+    let better = |b: &Begun| {
+        begun.iter().filter(|o| o.entry.spec.name == b.entry.spec.name && o.fall > b.fall).count()
+    };
+    let stays: Vec<bool> = begun.iter().map(|b| better(b) < FINALISTS).collect();
+    begun.into_iter().zip(stays).filter(|(_, stays)| *stays).map(|(b, _)| b).collect()
+}
+
+/// One law of contact, or an unseen thing, fitted to the short films.
+struct Tried {
+    entry: &'static EffectEntry,
+    start: Vec<f64>,
+    object: Option<u32>,
+    fit: Fit,
+}
+
+/// See [`screen_contacts`]; `lost` is the cost of films that were left out before.
+fn judged(
+    films: &Contacts,
+    base: Fit,
+    fitted: Vec<Tried>,
+    lost: f64,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(Vec<ContactCandidate>, f64), FitError> {
+    let before = Cost::of(&base, None);
+    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
+    let least = |film: usize| fitted.iter().map(|f| off(&f.fit, film)).fold(off(&base, film), f64::min);
+    let followed = followed(&base, least);
+    if followed.len() < films.scenes.len() {
+        let near = FitOptions { begin: Begin::Near, ..*options };
+        let (rest, base, lost) = without_lost(films, &base, &followed, lost, &near, stop)?;
+        if followed.is_empty() {
+            return Ok((vec![], lost));
+        }
+        let fitted: Result<Vec<Tried>, FitError> = fitted
+            .into_par_iter()
+            .map(|t| Ok(Tried { fit: of_some(&rest, &t.fit, &followed, &near, stop)?, ..t }))
+            .collect();
+        return judged(&rest, base, fitted?, lost, options, stop);
+    }
+    let degrees: usize = base.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let least = fitted.iter().map(|f| chi_squares(&f.fit).iter().sum::<f64>()).fold(f64::INFINITY, f64::min);
+    let unit = (least / degrees.max(1) as f64).max(1.0);
+    let all: Result<Vec<ContactCandidate>, FitError> = fitted
+        .into_par_iter()
+        .map(|Tried { entry, start, object, fit }| {
+            let after = Cost::of(&fit, Some(entry.spec.name));
+            // What brings nothing against the one minimum brings nothing against the better of two.
+            let before = match before.total() - after.total() > 0.5 * PROOF * unit {
+                true => without(films, &fit, entry, &before, options, stop)?,
+                false => before.clone(),
+            };
+            let mut values = start.clone();
+            let mut sd = vec![0.0; values.len()];
+            let mut added = 0;
+            for (k, p) in entry.spec.params.iter().enumerate() {
+                let of = estimates_of(&fit, entry, p.name);
+                added += of.len();
+                if let Some(pooled) = pooled(&of) {
+                    (values[k], sd[k]) = pooled;
+                }
+            }
+            let score = (before.total() - after.total()) / unit - added as f64 * (degrees.max(2) as f64).ln();
+            let told: Vec<usize> = (0..films.scenes.len())
+                .filter(|&k| before.of_scene(k) - after.of_scene(k) > CHANCE * unit)
+                .collect();
+            if score > PROOF && told.len() > 1 {
+                let scatter = scatter(&films.scenes, &fit, entry, &values, &told, options, stop)?;
+                sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = widened(*sd, scatter));
+            }
+            Ok(ContactCandidate {
+                entry,
+                values,
+                sd,
+                object,
+                added,
+                score,
+                before: sum(&before.misfit),
+                after: sum(&after.misfit),
+                remains: sum(&after.misfit) / degrees.max(1) as f64,
+                gained: told.len(),
+            })
+        })
+        .collect();
+    let mut all = all?;
+    all.retain(|c| c.entry.spec.name != "soft_contact" || !brief(films, c.values[0]));
+    all.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut kept: Vec<ContactCandidate> = vec![];
+    for c in all {
+        if !kept.iter().any(|k| k.entry.spec.name == c.entry.spec.name) {
+            kept.push(c);
+        }
+    }
+    Ok((kept, lost))
+}
+
+/// Cost of the short films without the effect, at the better of its own minimum and the one that the fit with
+/// the effect leads to: a search that escaped a bad minimum is no discovery.
+fn without(
+    films: &Contacts,
+    with: &Fit,
+    entry: &EffectEntry,
+    before: &Cost,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Cost, FitError> {
+    let models = without_effect(with, entry.spec.name);
+    let near = FitOptions { begin: Begin::Near, ..*options };
+    let again = Cost::of(&estimate(&films.scenes, &models, &near, stop)?, None);
+    Ok(if again.total() < before.total() { again } else { before.clone() })
+}
+
+/// Ids of the objects that meet others, those whose mass promises most: each tried in the films that show it, from where
+/// these are followed best.
+fn heavier(
+    films: &Contacts,
+    ended: &[Model],
+    before: &[f64],
+    entry: &'static EffectEntry,
+    region: &Region,
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<u32>, FitError> {
+    let meet = |m: &&Model| m.bodies.len() > 1;
+    let ids: BTreeSet<u32> =
+        films.models.iter().filter(meet).flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
+    let fall = |id: u32| -> Result<(f64, u32), FitError> {
+        let models = with_contact(ended, entry, &[0.0], Some(id), region);
+        let mut fall = 0.0;
+        for film in (0..models.len()).filter(|&film| models[film].body_index(id).is_some()) {
+            let fitted = estimate_one(&films.scenes[film], &models[film], near, stop)?;
+            fall += before[film] - sum(&chi_squares(&fitted));
+        }
+        Ok((fall, id))
+    };
+    let mut all: Vec<(f64, u32)> = ids.into_par_iter().map(fall).collect::<Result<_, _>>()?;
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    Ok(all.into_iter().take(FINALISTS).map(|(_, id)| id).collect())
+}
+
+/// What the fit says of one parameter of an effect, for each label.
+pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> Vec<&'f Estimate> {
+    let stem = format!("{}.{parameter}", entry.spec.name);
+    let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
+    fit.posterior.estimates.iter().filter(own).collect()
+}
+
+/// One value, and its deviation, of a parameter that shapes may differ in: the largest that is identified (an edge that
+/// catches loses, none gains), pooled with those that agree with it.
+pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
+    let known = of.iter().any(|e| e.identified);
+    let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
+    let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;
+    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * largest.sd.hypot(e.sd);
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for e in of.iter().filter(|e| e.sd > 0.0 && agrees(e)) {
+        sum += e.value / (e.sd * e.sd);
+        weight += 1.0 / (e.sd * e.sd);
+    }
+    if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
+}
+
+/// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the
+/// spring): every engine's and every real contact takes some time, and that is no law to find.
+fn brief(films: &Contacts, softness: f64) -> bool {
+    let frame = films.scenes.iter().map(|s| 1.0 / s.fps).fold(0.0, f64::max);
+    let heaviest = |m: &Model| {
+        let mut masses: Vec<f64> = m.bodies.iter().map(|b| b.mass).collect();
+        masses.sort_by(|a, b| b.total_cmp(a));
+        let [a, b, ..] = masses[..] else { return 0.0 };
+        a * b / (a + b)
+    };
+    let reduced = films.models.iter().map(heaviest).fold(0.0, f64::max);
+    std::f64::consts::PI * softness * reduced.sqrt() < frame
+}
+
+/// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter. What befalls
+/// one object alone has a value for that `object` only.
+pub fn with_contact(
+    models: &[Model],
+    entry: &EffectEntry,
+    values: &[f64],
+    object: Option<u32>,
+    region: &Region,
+) -> Vec<Model> {
+    let mut with = with_effect(models, entry, values, region);
+    for model in &mut with {
+        let mut bodies = model.bodies.clone();
+        bodies.retain(|b| object.is_none_or(|id| b.id == id));
+        for p in
+            model.effects.iter_mut().filter(|e| e.name == entry.spec.name).flat_map(|e| &mut e.parameters)
+        {
+            match p.name.as_str() {
+                "presence" => p.prior = Prior { mean: 1.0, sd: 0.0 },
+                // One or the other: between them is nothing.
+                "planar" => p.prior.sd = 0.0,
+                // Faces and edges rebound differently, and an engine's cylinders may not rebound at all.
+                "restitution" => {
+                    let prior = Prior { mean: p.values.first().copied().unwrap_or(0.5), sd: RESTITUTION_SD };
+                    *p = Parameter::new(&p.name, Scope::Shape, prior, &bodies);
+                }
+                _ => p.prior.sd = p.prior.sd.min(1.0),
+            }
+            if object.is_some() {
+                let value = p.values.first().copied();
+                *p = Parameter::new(&p.name, p.scope, p.prior, &bodies);
+                p.values.iter_mut().for_each(|v| *v = value.unwrap_or(*v));
+            }
+        }
+    }
+    with
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn two_of_each_law_are_tried_with_all_films() {
+        let begun = |name: &str, object: u32, fall: f64| Begun {
+            entry: effect(name).expect("it is there"),
+            values: vec![],
+            object: Some(object),
+            models: vec![],
+            fall,
+            least: vec![],
+        };
+        let all = vec![
+            begun(HEAVIER, 1, 5.0),
+            begun(HEAVIER, 2, -3.0),
+            begun(HEAVIER, 3, 9.0),
+            begun("contact_friction", 4, -50.0),
+        ];
+        let stay: Vec<Option<u32>> = finalists(all).iter().map(|b| b.object).collect();
+        assert_eq!(stay, [Some(1), Some(3), Some(4)]);
+    }
+}

@@ -1,0 +1,340 @@
+//! The whole loop: is the base right, which law is missing, does the error fall when it is added.
+
+use super::account::ranked;
+use super::alone::Alone;
+use super::change::rank_formulas;
+use super::compare::{Comparison, compare};
+use super::conclude::{DiscoverOptions, Reading, conclude};
+use super::contact::{ContactCandidate, screen_contacts};
+use super::film::contacts;
+use super::force::{Lens, fit_forces};
+use super::outcome::{Discovery, Ranked, Verdict};
+use super::path::Jump;
+use super::proof;
+use super::revise::{Revision, pooled_noise, trajectories};
+use super::screen::{region, sought, with_nuisance};
+use super::search::{FreeMotion, fewer, search, search_on};
+use super::whole::{STICKING, TRIED_EFFORT, spinning, stuck};
+use crate::effects::formula::Formula;
+use crate::effects::{Hook, effect};
+use crate::fit::{Fit, FitError, FitOptions};
+use crate::num::{Stop, part};
+use crate::scene::Scene;
+use crate::world::{Model, Preset};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Residuals in free motion below which nothing can be said.
+const FEWEST: usize = 60;
+/// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
+const SAME: f64 = 20.0;
+/// Parts of the whole, as progress tells them: about what they take.
+const SPINNING: [f64; 2] = [0.0, 0.05];
+const SEARCH: [f64; 2] = [0.05, 0.4];
+const FILMS: [f64; 2] = [0.4, 0.5];
+const CONTACTS: [f64; 2] = [0.5, 0.55];
+const READING: [f64; 2] = [0.55, 0.6];
+const TRAJECTORIES: [f64; 2] = [0.6, 0.9];
+const DOUBTS: [f64; 2] = [0.9, 1.0];
+
+/// Searches what the models (one a scene, of one set-up) lack. Deterministic, whatever the number of threads.
+pub fn discover(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    crate::fit::check(scenes, models)?;
+    let lens = Lens::new(scenes);
+    if too_little(&lens).is_some() {
+        return Ok(not_identifiable(&lens));
+    }
+    if options.max_effects > 0
+        && let Some(found) = spinning(&lens, models, &options.fit, &part(stop, SPINNING))?
+    {
+        return Ok(found);
+    }
+    let mut known: Vec<Known> = vec![];
+    for models in readings(scenes, models) {
+        let models = with_nuisance(&models);
+        let first = search(&lens, &models, &part(stop, SEARCH))?;
+        known.push(Known { models, first, further: None });
+    }
+    let mut looked: Vec<(usize, f64, bool)> = vec![];
+    for reading in nearest(known.iter().map(|k| k.first.priced())) {
+        let (motion, films) = known[reading].look(&lens, options, &part(stop, FILMS))?;
+        looked.push((reading, motion.priced() + films.cost(), films.at_noise()));
+    }
+    // Where one reading follows all contacts to the noise, no law of contact makes another the better one.
+    let settled = looked.iter().filter(|k| k.2).map(|k| k.1).fold(f64::INFINITY, f64::min);
+    looked.retain(|k| k.1 < settled + SAME);
+    let seen: Result<Vec<Reading>, FitError> =
+        looked.iter().map(|k| known[k.0].screened(&lens, options, &part(stop, CONTACTS))).collect();
+    let seen = seen?;
+    let near = nearest(seen.iter().map(|r| r.motion.priced() + r.films));
+    let seen = seen.into_iter().enumerate().filter(|(k, _)| near.contains(k)).map(|(_, r)| r).collect();
+    match by_trajectories(&lens, seen, options, &part(stop, READING))? {
+        Some(reading) => {
+            let found = conclude(&lens, reading, options, &part(stop, TRAJECTORIES))?;
+            let last = &part(stop, DOUBTS);
+            let found = reread(&lens, &mut known, found, options, last)?;
+            unseen(&lens, &mut known, found, options, last)
+        }
+        None => Ok(not_identifiable(&lens)),
+    }
+}
+
+/// One reading of the base, with what was seen of it so far.
+struct Known {
+    models: Vec<Model>,
+    /// With the first law of force.
+    first: FreeMotion,
+    /// With all laws of force, and the short films of contacts beside these.
+    further: Option<(FreeMotion, Alone)>,
+}
+
+impl Known {
+    fn look(
+        &mut self,
+        lens: &Lens,
+        options: &DiscoverOptions,
+        stop: Stop,
+    ) -> Result<&(FreeMotion, Alone), FitError> {
+        let further = match self.further.take() {
+            Some(further) => further,
+            None => {
+                let motion = search_on(lens, &self.models, self.first.clone(), options.max_effects, stop)?;
+                let films = Alone::of(&contacts(lens, &motion.models), stop)?;
+                (motion, films)
+            }
+        };
+        Ok(self.further.insert(further))
+    }
+
+    /// With the laws of contact.
+    fn screened(&mut self, lens: &Lens, options: &DiscoverOptions, stop: Stop) -> Result<Reading, FitError> {
+        let models = self.models.clone();
+        let (motion, films) = self.look(lens, options, stop)?;
+        let sought = sought(&motion.models, lens.scenes);
+        let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &sought, stop)?;
+        let films = lost + contacts.iter().find(|c| c.proven()).map_or(films_cost(&contacts), |c| c.after);
+        Ok(Reading { models, motion: motion.clone(), contacts, films })
+    }
+}
+
+/// Whether the last revision loses a video.
+fn loses(found: &Discovery) -> bool {
+    found.revisions.last().is_some_and(|r| proof::loses(&r.fit))
+}
+
+/// How far the last revision is from what was measured.
+fn distance(found: &Discovery) -> f64 {
+    found.revisions.last().map_or(f64::INFINITY, |r| proof::distance(&r.fit))
+}
+
+/// What is found, or what another reading of the base finds where trajectories with the same laws are nearer in that: a
+/// hidden law may make the wrong reading look the better one.
+fn reread(
+    lens: &Lens,
+    known: &mut [Known],
+    found: Discovery,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    let mut best = found;
+    for reading in known {
+        let astray = |r: &&Revision| proof::loses(&r.fit) && proof::astray(&r.fit);
+        let Some(last) = best.revisions.last().filter(astray) else { break };
+        if last.fit.scenes[0].model.preset == reading.models[0].preset {
+            continue;
+        }
+        let mut with_laws = reading.models.clone();
+        for (model, fitted) in with_laws.iter_mut().zip(&last.fit.scenes) {
+            let laws = best.effects.iter().filter_map(|e| fitted.model.effect(&e.effect));
+            model.effects.extend(laws.cloned());
+        }
+        let law = best.effects.last().and_then(|e| effect(&e.effect));
+        let mut tried = vec![(with_laws, law)];
+        // What sticks may look like another law of contact.
+        if law.is_some_and(|law| law.uses(Hook::Contact) && law.spec.name != STICKING) {
+            let sticking = effect(STICKING);
+            tried.extend(sticking.map(|law| (stuck(&reading.models, law, &region(lens.scenes)), sticking)));
+        }
+        let mut nearer = false;
+        for (models, law) in tried {
+            if nearer {
+                break;
+            }
+            let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
+            let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &tried, stop)?;
+            nearer |= proof::follows_better(&last.fit, &fit);
+        }
+        if !nearer {
+            continue;
+        }
+        let other = conclude(lens, reading.screened(lens, options, stop)?, options, stop)?;
+        if other.revisions.last().is_some_and(|r| proof::follows_better(&last.fit, &r.fit)) {
+            best = other;
+        }
+    }
+    Ok(best)
+}
+
+/// What is found, or something that nobody saw where trajectories follow that better: what it strikes, or keeps at rest, may
+/// look like a force or like another reading of the base.
+fn unseen(
+    lens: &Lens,
+    known: &mut [Known],
+    found: Discovery,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
+    let told = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
+    if options.max_effects == 0 || told || !loses(&found) {
+        return Ok(found);
+    }
+    let of_bodies = |models: &[Model]| -> Vec<_> {
+        sought(models, lens.scenes).into_iter().filter(|e| e.uses(Hook::Bodies)).collect()
+    };
+    let mut best = found;
+    for reading in known {
+        let models = reading.models.clone();
+        let motion = fewer(lens, &models, &reading.first, reading.first.found.len(), stop)?;
+        let films = match &reading.further {
+            Some((further, films)) if further.found.is_empty() => films,
+            _ => &Alone::of(&contacts(lens, &motion.models), stop)?,
+        };
+        let (contacts, _) = screen_contacts(films, &region(lens.scenes), &of_bodies(&models), stop)?;
+        if !contacts.iter().any(ContactCandidate::proven) {
+            continue;
+        }
+        let other = conclude(lens, Reading { models, motion, contacts, films: 0.0 }, options, stop)?;
+        if distance(&other) < distance(&best) {
+            best = other;
+        }
+    }
+    Ok(best)
+}
+
+/// Where a fitted model fails, and which laws would explain it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    pub comparison: Comparison,
+    /// Reduced chi-square of the free motion: 1 is noise.
+    pub free_motion: f64,
+    /// Best first.
+    pub ranked: Vec<Ranked>,
+    /// Sudden changes of velocity that no other object explains: index of the scene, and what happened.
+    pub jumps: Vec<(usize, Jump)>,
+    /// Why these videos cannot tell what is missing, and what to film instead; nothing is ranked then.
+    #[serde(default)]
+    pub too_little: Option<String>,
+}
+
+/// Diagnoses the models of a fit; laws that users write are candidates too, by their names.
+pub fn diagnose(
+    scenes: &[Scene],
+    fit: &Fit,
+    formulas: &[(String, Formula)],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Diagnosis, FitError> {
+    let comparison = compare(scenes, fit, &options.fit, stop)?;
+    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let lens = Lens::new(scenes);
+    let begun = with_nuisance(&models);
+    let motion = search(&lens, &begun, stop)?;
+    let films = Alone::of(&contacts(&lens, &motion.models), stop)?;
+    let (of_contacts, _) = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    let mut ranked = ranked(&motion, &of_contacts, &[], pooled_noise(&lens));
+    if !formulas.is_empty() {
+        let least = motion.ranked.iter().map(|(_, c)| c.chi_square).fold(f64::INFINITY, f64::min);
+        let unit = (least / motion.degrees_of_freedom).clamp(1.0, f64::MAX);
+        ranked.extend(rank_formulas(&lens, &begun, &fit_forces(&lens, &begun), formulas, unit));
+        ranked.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    }
+    let too_little = too_little(&lens);
+    if too_little.is_some() {
+        ranked.clear();
+    }
+    Ok(Diagnosis {
+        comparison,
+        free_motion: motion.base.chi_square / motion.degrees_of_freedom,
+        ranked,
+        jumps: films.films.jumps,
+        too_little,
+    })
+}
+
+/// Why too little moves to tell any law, and what to film instead; `None` where enough does.
+pub fn too_little(lens: &Lens) -> Option<String> {
+    (lens.degrees_of_freedom() < FEWEST).then(|| film_instead(lens))
+}
+
+fn film_instead(lens: &Lens) -> String {
+    let seen = lens.degrees_of_freedom();
+    format!(
+        "only {seen} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart"
+    )
+}
+
+/// Indices of the readings that are not worse than the best by more than chance.
+pub fn nearest(costs: impl Iterator<Item = f64>) -> Vec<usize> {
+    let costs: Vec<f64> = costs.collect();
+    let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
+    (0..costs.len()).filter(|&k| costs[k] < least + SAME).collect()
+}
+
+fn films_cost(screened: &[ContactCandidate]) -> f64 {
+    screened.first().map_or(0.0, |c| c.before)
+}
+
+/// The reading whose trajectories follow the scenes best; a scene that none follows decides little.
+fn by_trajectories(
+    lens: &Lens,
+    mut seen: Vec<Reading>,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Reading>, FitError> {
+    if seen.len() < 2 {
+        return Ok(seen.pop());
+    }
+    let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
+    let misfit = |reading: &Reading| -> Result<f64, FitError> {
+        let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
+        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &tried, stop)?;
+        Ok(fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum())
+    };
+    let misfits: Vec<f64> = seen.par_iter().map(misfit).collect::<Result<_, _>>()?;
+    Ok(seen.into_iter().zip(misfits).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(reading, _)| reading))
+}
+
+/// The models, and the other reading of the same scenes where the preset has one.
+pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
+    let mut all = vec![models.to_vec()];
+    let balls = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball());
+    let rival = |m: &Model| Preset::named(&m.preset).and_then(|p| p.rival).and_then(Preset::named);
+    // A model that the user changed is not read anew.
+    let untouched = |(s, m): (&Scene, &Model)| Preset::named(&m.preset).is_some_and(|p| p.model(s) == *m);
+    if balls && scenes.iter().zip(models).all(untouched) {
+        let other: Option<Vec<Model>> =
+            scenes.iter().zip(models).map(|(s, m)| rival(m).map(|p| p.model(s))).collect();
+        all.extend(other);
+    }
+    all
+}
+
+fn not_identifiable(lens: &Lens) -> Discovery {
+    Discovery {
+        verdict: Verdict::NotIdentifiable,
+        effects: vec![],
+        ranked: vec![],
+        ambiguous: vec![],
+        experiment: None,
+        formula: None,
+        smallest: vec![],
+        noise_sigma: pooled_noise(lens),
+        revisions: vec![],
+        reason: film_instead(lens),
+    }
+}

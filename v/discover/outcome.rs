@@ -1,0 +1,210 @@
+//! What a discovery says: verdict, effects with intervals, ranking, revisions; plain data.
+
+use super::revise::Revision;
+use crate::effects::{EffectEntry, Quantity};
+use crate::num::Vec2;
+use serde::{Deserialize, Serialize};
+
+/// Deviations of a 95 % interval of a normal law.
+pub const NINETY_FIVE: f64 = 1.96;
+/// How many times its own deviation a number may scatter between videos.
+const MOST_SCATTER: f64 = 4.0;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Verdict {
+    /// The effects named explain what the model lacked.
+    EffectFound,
+    /// Something acts, but these videos cannot tell which of some laws it is.
+    Ambiguous,
+    /// Nothing is missing at this noise.
+    Adequate,
+    /// Structure remains that no law of the library explains.
+    OutsideLibrary,
+    /// Too little motion or data.
+    NotIdentifiable,
+}
+
+/// The whole answer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Discovery {
+    pub verdict: Verdict,
+    /// In the order in which they were added.
+    pub effects: Vec<Found>,
+    /// Best first.
+    pub ranked: Vec<Ranked>,
+    /// Sets of kinds that these videos cannot tell apart.
+    pub ambiguous: Vec<Vec<String>>,
+    /// The launch that would tell them apart.
+    pub experiment: Option<Experiment>,
+    /// The law that remains, where no effect of the library is it and it halves the error on frames that it has not seen.
+    pub formula: Option<String>,
+    /// The smallest effect of each kind that would have been seen.
+    pub smallest: Vec<Smallest>,
+    /// Measurement noise of a position, all scenes pooled (m).
+    pub noise_sigma: f64,
+    /// The first is the model without any effect added.
+    pub revisions: Vec<Revision>,
+    /// One sentence for people: why this verdict, and what to film next where something is open.
+    pub reason: String,
+}
+
+/// An effect that was added, its parameters as reports name them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// Kind as reports name it; `effect` is its name in the library.
+    pub kind: String,
+    pub effect: String,
+    pub parameters: Vec<Reported>,
+}
+
+/// One parameter with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Reported {
+    pub name: String,
+    /// Empty where a report turns the parameter into another quantity.
+    pub unit: String,
+    pub value: Value,
+    pub low: Value,
+    pub high: Value,
+    /// Whose it is, where objects differ in it.
+    #[serde(default)]
+    pub owner: Option<Owner>,
+}
+
+/// An object that has a parameter of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Owner {
+    pub object: u32,
+    /// Index of the scene that it is in; `None`: it has this number wherever an object of its id is.
+    pub scene: Option<usize>,
+    /// Whether the data, and not what was believed, determine the number.
+    pub identified: bool,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    Number(f64),
+    Vector([f64; 2]),
+    Word(String),
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Ranked {
+    pub kind: String,
+    pub effect: String,
+    /// Against the model without it, the price of its parameters paid (nats).
+    pub log_evidence: f64,
+    /// In free motion, each video left out in turn (m).
+    pub held_out_rmse: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Smallest {
+    pub kind: String,
+    pub effect: String,
+    /// The amplitude, in its unit.
+    pub parameter: String,
+    pub value: f64,
+    pub unit: String,
+}
+
+/// A launch, and how far apart the laws would bring the object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Experiment {
+    pub shape: String,
+    /// kg.
+    pub mass: f64,
+    /// m and m/s.
+    pub position: Vec2,
+    pub velocity: Vec2,
+    /// After how long to look (s).
+    pub time: f64,
+    /// Distance between the two predictions in deviations of a measurement.
+    pub sigmas: f64,
+}
+
+/// A deviation that also holds how far the videos (or short films) disagree, each left out in turn. Where one of them alone
+/// tells the number, leaving it out tells nothing, so that there is a most.
+pub fn widened(sd: f64, scatter: f64) -> f64 {
+    scatter.min(MOST_SCATTER * sd).max(sd)
+}
+
+/// Parameters as reports name them, with intervals from independent deviations, within their bounds.
+pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported> {
+    let at = (entry.report)(values);
+    let one = |(which, (name, quantity)): (usize, &(&'static str, Quantity))| {
+        let component = |q: &Quantity, c: usize| match q {
+            Quantity::Number(v) => *v,
+            Quantity::Vector(v) => v[c],
+            Quantity::Word(_) => 0.0,
+        };
+        let deviation = |c: usize| {
+            let squares: f64 = (0..values.len())
+                .map(|k| {
+                    let mut moved = values.to_vec();
+                    let step = 1e-3 * sd[k].max(1e-12);
+                    moved[k] += step;
+                    let there = (entry.report)(&moved);
+                    let slope = (component(&there[which].1, c) - component(quantity, c)) / step;
+                    (slope * sd[k]).powi(2)
+                })
+                .sum();
+            NINETY_FIVE * squares.sqrt()
+        };
+        let own =
+            entry.spec.params.iter().find(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
+        let (value, low, high) = match quantity {
+            Quantity::Number(v) => {
+                let d = deviation(0);
+                let [least, most] = own.map_or_else(|| reach(entry, which), |p| [p.min, p.max]);
+                (Value::Number(*v), Value::Number((v - d).max(least)), Value::Number((v + d).min(most)))
+            }
+            Quantity::Vector([x, y]) => {
+                let (dx, dy) = (deviation(0), deviation(1));
+                (Value::Vector([*x, *y]), Value::Vector([x - dx, y - dy]), Value::Vector([x + dx, y + dy]))
+            }
+            Quantity::Word(word) => {
+                let word = Value::Word(word.to_string());
+                (word.clone(), word.clone(), word)
+            }
+        };
+        let unit = own.map(|p| p.unit).unwrap_or_default().to_string();
+        Reported { name: name.to_string(), unit, value, low, high, owner: None }
+    };
+    at.iter().enumerate().map(one).collect()
+}
+
+/// How far a quantity reaches that a report makes of a law's only parameter: a factor of mass is never negative.
+fn reach(entry: &EffectEntry, which: usize) -> [f64; 2] {
+    let at = |value: f64| match (entry.report)(&[value]).get(which) {
+        Some((_, Quantity::Number(v))) if !v.is_nan() => Some(*v),
+        _ => None,
+    };
+    let ends = match entry.spec.params {
+        [only] => at(only.min).zip(at(only.max)),
+        _ => None,
+    };
+    ends.map_or([f64::NEG_INFINITY, f64::INFINITY], |(a, b)| [a.min(b), a.max(b)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn intervals_keep_to_the_bounds_and_to_what_one_video_can_tell() {
+        assert_eq!([widened(1.0, 0.5), widened(1.0, 3.0), widened(1.0, 90.0)], [1.0, 3.0, MOST_SCATTER]);
+        let wall = effect("hidden_wall").expect("it is in the library");
+        let values: Vec<f64> = wall.spec.params.iter().map(|p| p.default).collect();
+        let told = reported(wall, &values, &vec![5.0; values.len()]);
+        let restitution = told.iter().find(|r| r.name == "restitution").expect("it is told");
+        assert_eq!((&restitution.low, &restitution.high), (&Value::Number(0.0), &Value::Number(1.0)));
+        // Nor does what a report makes of a parameter: the factor of 1 + excess.
+        let factor = &reported(effect("mass_change").expect("it is in the library"), &[0.0], &[10.0])[0];
+        let Value::Number(low) = factor.low else { panic!("{factor:?}") };
+        assert!(low > 0.0 && low < 0.1, "{factor:?}");
+    }
+}

@@ -1,0 +1,336 @@
+//! Observed motion without a model: smoothed tracks, cut where something sudden happened.
+
+use crate::fit::Noise;
+use crate::num::{Vec2, vec2};
+use crate::scene::{Scene, Track};
+use crate::world::{Kinematics, Model};
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Samples of one local parabola: over 0.6 s at 25 frames/s a velocity is known to 1 sigma/s.
+const SPAN: usize = 15;
+/// Samples that make a stretch worth looking at.
+const SHORTEST: usize = 8;
+/// Samples that a velocity can be had from.
+const SHORTEST_SMOOTH: usize = 5;
+/// Bodies nearer than this may have touched within a frame (m).
+const NEAR: f64 = 0.03;
+/// Frames around a contact that are left out: the exact time of the impact is not known.
+const MARGIN: usize = 1;
+/// Time that a ball needs to roll again after a hit (s), at the slip of a fast hit on smooth ground.
+const SETTLING: f64 = 0.4;
+/// Speed below which friction has no certain direction (m/s): three deviations of a velocity at the end of a stretch.
+const SLOW: f64 = 0.08;
+/// Speed below which a body is taken to begin at rest (m/s).
+const AT_REST: f64 = 0.04;
+/// A velocity jump shows by this many deviations, and still by this many where the acceleration may change too.
+const JUMP: f64 = 6.0;
+const SURE_JUMP: f64 = 4.0;
+/// How often a track is searched for jumps.
+const LOOKS: usize = 3;
+/// Samples on either side of a possible jump, and of one that shows only against more; and where others are near, as the next
+/// one may soon follow.
+const WING: usize = 8;
+const WIDE_WING: usize = 12;
+const NARROW_WING: usize = 5;
+const FEWEST_WING: usize = 4;
+
+/// One object's observed motion.
+#[derive(Debug, Clone, Default)]
+pub struct Path {
+    /// By frame; `None` where the object was not seen.
+    pub motion: Vec<Option<Kinematics<f64>>>,
+    /// Frames of free motion: no contact, no jump, not at rest.
+    pub stretches: Vec<Range<usize>>,
+    /// Frames over which `motion` is smoothed, rest included.
+    pub smooth: Vec<Range<usize>>,
+    /// Sudden changes of velocity that no other object explains.
+    pub jumps: Vec<Jump>,
+    /// Frames in which another object was near enough to touch, and the index of its track.
+    pub near: Vec<(usize, usize)>,
+}
+
+/// A sudden change of velocity.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Jump {
+    /// Frame after which it happened.
+    pub frame: usize,
+    /// Where the object was (m).
+    pub position: Vec2,
+    /// Velocity after minus before (m/s).
+    pub change: Vec2,
+    /// In deviations of its measurement.
+    pub sigmas: f64,
+}
+
+/// The model with bodies that begin as the smoothed tracks do, where those are smooth at their beginning; `None`
+/// where one is not.
+pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
+    let mut model = model.clone();
+    for ((body, track), path) in model.bodies.iter_mut().zip(&scene.tracks).zip(paths) {
+        let Some(first) = track.samples.first() else { continue };
+        let smooth = path.smooth.iter().any(|r| r.contains(&first.frame));
+        let motion = path.motion.get(first.frame).copied().flatten().filter(|_| smooth)?;
+        let state = &mut body.start.state;
+        body.start.time = scene.time_of(first.frame);
+        let moves = motion.velocity.norm() > AT_REST;
+        (state.position, state.yaw) = (motion.position, motion.yaw);
+        state.velocity = if moves { motion.velocity } else { vec2(0.0, 0.0) };
+        state.spin = if moves { motion.spin } else { 0.0 };
+    }
+    Some(model)
+}
+
+/// The motion of each object of the scene. Deterministic.
+pub fn paths(scene: &Scene, noise: &Noise) -> Vec<Path> {
+    let raw: Vec<Vec<Option<Vec2>>> = scene.tracks.iter().map(|t| positions(scene, t)).collect();
+    (0..scene.tracks.len()).map(|i| path(scene, noise, &raw, i)).collect()
+}
+
+pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
+    let mut by_frame = vec![None; scene.times.len()];
+    for s in &track.samples {
+        if let Some(slot) = by_frame.get_mut(s.frame) {
+            *slot = Some(s.position);
+        }
+    }
+    by_frame
+}
+
+fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Path {
+    let noise = &noise.of_track(&scene.tracks[i]);
+    let frames = scene.times.len();
+    let own = &raw[i];
+    let radius = |k: usize| scene.objects[k].shape.bounding_radius();
+    let mut near = vec![];
+    for (j, other) in raw.iter().enumerate().filter(|(j, _)| *j != i) {
+        for f in 0..frames {
+            let (Some(a), Some(b)) = (own[f], other[f]) else { continue };
+            let reach = radius(i) + radius(j) + NEAR + 2.0 * noise.position;
+            let step = if f > 0 { own[f - 1].map_or(0.0, |p| (a - p).norm()) } else { 0.0 };
+            if (a - b).norm() < reach + step {
+                near.push((f, j));
+            }
+        }
+    }
+    let settles = if scene.objects[i].shape.is_ball() { (SETTLING * scene.fps).ceil() as usize } else { 0 };
+    let mut usable: Vec<bool> = own.iter().map(Option::is_some).collect();
+    for &(f, _) in &near {
+        let end = (f + MARGIN + settles + 1).min(frames);
+        usable[f.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
+    }
+    let mut jumps = vec![];
+    // One jump may hide another near it.
+    for _ in 0..LOOKS {
+        let seen: Vec<Jump> =
+            runs(&usable).into_iter().flat_map(|s| find_jumps(scene, noise, own, s)).collect();
+        for jump in &seen {
+            let end = (jump.frame + 1 + MARGIN + settles).min(frames);
+            usable[jump.frame.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
+        }
+        if seen.is_empty() {
+            break;
+        }
+        jumps.extend(seen);
+    }
+    jumps.sort_by_key(|j| j.frame);
+    let turns = !scene.objects[i].shape.is_ball() || scene.tracks[i].turns_evenly();
+    let yaws = turns.then(|| unwrapped_yaws(scene, i));
+    let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
+    let smoothed: Vec<Range<usize>> =
+        runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST_SMOOTH).collect();
+    for segment in &smoothed {
+        smooth(scene, own, yaws.as_deref(), segment.clone(), &mut motion);
+    }
+    for f in 0..frames {
+        usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
+    }
+    let stretches = runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST).collect();
+    Path { motion, stretches, smooth: smoothed, jumps, near }
+}
+
+fn still(position: Vec2) -> Kinematics<f64> {
+    Kinematics { position, yaw: 0.0, velocity: vec2(0.0, 0.0), spin: 0.0, roll: vec2(0.0, 0.0) }
+}
+
+/// Runs of true.
+fn runs(usable: &[bool]) -> Vec<Range<usize>> {
+    let mut runs = vec![];
+    let mut start = None;
+    for (f, &u) in usable.iter().chain([&false]).enumerate() {
+        match (u, start) {
+            (true, None) => start = Some(f),
+            (false, Some(s)) => {
+                runs.push(s..f);
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    runs
+}
+
+/// Yaw by frame without jumps by whole turns.
+fn unwrapped_yaws(scene: &Scene, i: usize) -> Vec<Option<f64>> {
+    let mut yaws = vec![None; scene.times.len()];
+    let mut last: Option<f64> = None;
+    for s in &scene.tracks[i].samples {
+        if let (Some(yaw), Some(slot)) = (s.yaw, yaws.get_mut(s.frame)) {
+            let turn = std::f64::consts::TAU;
+            let near = last.map_or(yaw, |before| yaw - turn * ((yaw - before) / turn).round());
+            (*slot, last) = (Some(near), Some(near));
+        }
+    }
+    yaws
+}
+
+/// Local parabolas over the segment: position, velocity, yaw and spin of each frame in it.
+fn smooth(
+    scene: &Scene,
+    own: &[Option<Vec2>],
+    yaws: Option<&[Option<f64>]>,
+    segment: Range<usize>,
+    motion: &mut [Option<Kinematics<f64>>],
+) {
+    let len = segment.len();
+    for f in segment.clone() {
+        let first = (f.saturating_sub(SPAN / 2)).max(segment.start).min(segment.end - len.min(SPAN));
+        let window = first..(first + SPAN).min(segment.end);
+        let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
+            let points: Vec<(f64, f64)> =
+                window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
+            polynomial(&points, 2)
+        };
+        let (Some((x, vx)), Some((y, vy))) =
+            (fitted(&|g| own[g].map(|p| p.x)), fitted(&|g| own[g].map(|p| p.y)))
+        else {
+            continue;
+        };
+        let (yaw, spin) = yaws.and_then(|yaws| fitted(&|g| yaws[g])).unwrap_or((0.0, 0.0));
+        motion[f] = Some(Kinematics {
+            position: vec2(x, y),
+            yaw,
+            velocity: vec2(vx, vy),
+            spin,
+            roll: vec2(0.0, 0.0),
+        });
+    }
+}
+
+/// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
+/// track's.
+pub fn bends(scene: &Scene, noise: &Noise, own: &[Option<Vec2>]) -> Vec<Jump> {
+    let bend = |f: usize| {
+        let (change, sd) = change_near(scene, noise, own, f, 0)?;
+        let sigmas = change.norm() / sd;
+        (sigmas > JUMP).then_some(Jump { frame: f, position: (*own.get(f)?)?, change, sigmas })
+    };
+    largest((0..own.len()).filter_map(bend), NARROW_WING)
+}
+
+/// How the velocity changes after frame `f` or one of the few beside it, where it does most, and the deviation of that (m/s).
+pub fn change_near(
+    scene: &Scene,
+    noise: &Noise,
+    own: &[Option<Vec2>],
+    f: usize,
+    beside: usize,
+) -> Option<(Vec2, f64)> {
+    let at = |g: usize| {
+        let window = (g + 1).saturating_sub(NARROW_WING)..(g + NARROW_WING + 1).min(own.len());
+        let seen = |frames: Range<usize>| frames.filter(|&h| own.get(h).is_some_and(Option::is_some)).count();
+        let enough = seen(window.start..g + 1) >= FEWEST_WING && seen(g + 1..window.end) >= FEWEST_WING;
+        enough.then(|| jump(scene, noise, own, g, window, Wings::Straight))?
+    };
+    let all = (f.saturating_sub(beside)..=f + beside).filter_map(at);
+    let (change, sigmas) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some((change, change.norm() / sigmas.max(f64::MIN_POSITIVE)))
+}
+
+/// Value and slope at zero of the polynomial of this degree (or lower, where points are few) through the points.
+fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
+    if points.len() < 2 {
+        return None;
+    }
+    let columns = degree.min(points.len() - 1) + 1;
+    let design = DMatrix::from_fn(points.len(), columns, |r, c| points[r].0.powi(c as i32));
+    let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.1));
+    let normal = design.transpose() * &design;
+    let solved = normal.cholesky()?.solve(&(design.transpose() * values));
+    Some((solved[0], solved[1]))
+}
+
+/// Frames after which the velocity jumps: the largest of each neighbourhood.
+fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
+    let within = |f: usize, wing: usize| {
+        let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
+        let before = f + 1 - window.start;
+        let after = window.end - f - 1;
+        if before < FEWEST_WING || after < FEWEST_WING {
+            return None;
+        }
+        let (change, sigmas) = jump(scene, noise, own, f, window.clone(), Wings::Bent)?;
+        let sure = sigmas > JUMP && jump(scene, noise, own, f, window, Wings::BentApart)?.1 > SURE_JUMP;
+        sure.then_some(Jump { frame: f, position: own[f]?, change, sigmas })
+    };
+    let candidates = segment.clone().filter_map(|f| within(f, WING).or_else(|| within(f, WIDE_WING)));
+    largest(candidates, WING)
+}
+
+/// The largest jump of each neighbourhood of so many frames.
+fn largest(candidates: impl Iterator<Item = Jump>, wing: usize) -> Vec<Jump> {
+    let mut found: Vec<Jump> = vec![];
+    for c in candidates {
+        match found.last_mut() {
+            Some(last) if c.frame - last.frame <= wing => {
+                if c.sigmas > last.sigmas {
+                    *last = c;
+                }
+            }
+            _ => found.push(c),
+        }
+    }
+    found
+}
+
+/// What the motion may do on either side of a jump: nothing, be accelerated alike, or each in its own way.
+#[derive(Clone, Copy)]
+enum Wings {
+    Straight,
+    Bent,
+    BentApart,
+}
+
+/// The jump of the velocity midway between frame `f` and the next, and its size in deviations.
+fn jump(
+    scene: &Scene,
+    noise: &Noise,
+    own: &[Option<Vec2>],
+    f: usize,
+    window: Range<usize>,
+    wings: Wings,
+) -> Option<(Vec2, f64)> {
+    let middle = 0.5 * (scene.times[f] + scene.times.get(f + 1)?);
+    let points: Vec<(f64, Vec2)> = window.filter_map(|g| Some((scene.times[g] - middle, own[g]?))).collect();
+    let columns = match wings {
+        Wings::Straight => 3,
+        Wings::Bent => 4,
+        Wings::BentApart => 5,
+    };
+    if points.len() < columns + 2 {
+        return None;
+    }
+    let design = DMatrix::from_fn(points.len(), columns, |r, c| {
+        let t = points[r].0;
+        [1.0, t, t.max(0.0), t * t, t.max(0.0).powi(2)][c]
+    });
+    let inverse = (design.transpose() * &design).cholesky()?.inverse();
+    let solve = |value: fn(&Vec2) -> f64| {
+        let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
+        (&inverse * (design.transpose() * y))[2]
+    };
+    let change = vec2(solve(|p| p.x), solve(|p| p.y));
+    let deviation = noise.position * inverse[(2, 2)].sqrt();
+    Some((change, change.norm() / deviation))
+}

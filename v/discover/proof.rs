@@ -1,0 +1,204 @@
+//! Whether trajectories bear out what the lenses found: a law that is there lowers their error too.
+
+use super::cost::Cost;
+use super::revise::Revision;
+use crate::fit::{Fit, SceneFit};
+use crate::world::ActiveEffect;
+
+/// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
+const LOST: f64 = 4.0;
+
+/// A gain of one scene that is more than what an engine does at a contact (twice a log likelihood).
+const MUCH: f64 = 40.0;
+/// A model foretells less whose error is this many times as large; a law of contact changes nothing between contacts.
+const LESS: f64 = 1.01;
+/// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square); one that
+/// is still lost, by that.
+const WELL: f64 = 1.5;
+const MENDED: f64 = 2.0;
+const MOSTLY_MENDED: f64 = 10.0;
+
+/// Whether a trajectory is lost.
+pub fn lost(scene: &SceneFit) -> bool {
+    scene.reduced_chi_square > LOST
+}
+
+/// How many of its scenes a fit loses.
+pub fn losses(fit: &Fit) -> usize {
+    fit.scenes.iter().filter(|s| lost(s)).count()
+}
+
+/// Whether a fit loses one of its scenes.
+pub fn loses(fit: &Fit) -> bool {
+    losses(fit) > 0
+}
+
+/// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
+/// price of the added parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene
+/// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn. A law that
+/// foretells less, of the last frames and of the other videos, is none.
+pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
+    let (before_fit, after_fit) = (&before.fit.scenes, &after.fit.scenes);
+    let told: Vec<bool> = before_fit.iter().zip(after_fit).map(|(b, a)| !(lost(b) && lost(a))).collect();
+    let count: usize =
+        after_fit.iter().zip(&told).filter(|(_, t)| **t).map(|(a, _)| a.degrees_of_freedom).sum();
+    if count == 0 {
+        return after.left_out_rmse < before.left_out_rmse;
+    }
+    if after.left_out_rmse > LESS * before.left_out_rmse && after.held_out_rmse > LESS * before.held_out_rmse
+    {
+        return false;
+    }
+    let strain = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).strain(|k| told[k]);
+    let nearer: f64 =
+        before_fit.iter().zip(after_fit).zip(&told).filter(|(_, t)| **t).map(|((b, a), _)| gain(b, a)).sum();
+    // A scene with numbers of its own has paid for none of them yet.
+    let own = |r: &Revision| (r.apart.len() * shared(r)) as f64;
+    let price = added as f64 + own(after) - own(before);
+    nearer + strain(before) - strain(after) > price * (count as f64).ln()
+}
+
+/// How much nearer to what was measured the trajectory of `after` is (twice a log likelihood, the noise unknown).
+fn gain(before: &SceneFit, after: &SceneFit) -> f64 {
+    let ratio = before.reduced_chi_square / after.reduced_chi_square.max(f64::MIN_POSITIVE);
+    after.degrees_of_freedom as f64 * ratio.ln()
+}
+
+/// Whether half of the scenes, or more, are off their noise: chaos alone loses one or the other of several.
+pub fn astray(fit: &Fit) -> bool {
+    let off = fit.scenes.iter().filter(|s| s.reduced_chi_square > WELL).count();
+    2 * off >= fit.scenes.len()
+}
+
+/// Whether a fit loses more than half of its scenes.
+pub fn loses_most(fit: &Fit) -> bool {
+    2 * losses(fit) > fit.scenes.len()
+}
+
+/// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
+pub fn distance(fit: &Fit) -> f64 {
+    let of = |s: &SceneFit| s.degrees_of_freedom as f64 * s.reduced_chi_square.ln();
+    fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).strain(|_| true)
+}
+
+/// Whether a fit is much nearer than another.
+pub fn nearer(before: &Fit, after: &Fit) -> bool {
+    distance(after) < distance(before) - MUCH
+}
+
+/// The same by the scenes that one of them follows, if there are any: by how much others are lost is a matter of chaos.
+pub fn follows_better(before: &Fit, after: &Fit) -> bool {
+    let pairs = || before.scenes.iter().zip(&after.scenes).filter(|(b, a)| !(lost(b) && lost(a)));
+    match pairs().next() {
+        Some(_) => pairs().map(|(b, a)| gain(b, a)).sum::<f64>() > MUCH,
+        None => nearer(before, after),
+    }
+}
+
+/// Whether most scenes are lost in both, and the others are as near: then trajectories say nothing.
+pub fn silent(before: &Fit, after: &Fit) -> bool {
+    let both = before.scenes.iter().zip(&after.scenes).filter(|(b, a)| lost(b) && lost(a)).count();
+    let most = 2 * both > before.scenes.len();
+    most && (both == before.scenes.len() || !follows_better(after, before))
+}
+
+/// How many scenes are followed much better than before.
+pub fn gained(before: &Fit, after: &Fit) -> usize {
+    let pairs = before.scenes.iter().zip(&after.scenes);
+    pairs.filter(|(b, a)| gain(b, a) > MUCH).count()
+}
+
+/// How much nearer all scenes are but the one that gains most (twice a log likelihood, the noise unknown).
+pub fn elsewhere(before: &Fit, after: &Fit) -> f64 {
+    let gains: Vec<f64> = before.scenes.iter().zip(&after.scenes).map(|(b, a)| gain(b, a)).collect();
+    gains.iter().sum::<f64>() - gains.iter().copied().fold(0.0, f64::max)
+}
+
+/// Whether a fit follows at least two scenes much better that another does not: one may be lost, and found, by chance.
+pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
+    let mended = |(b, a): &(&SceneFit, &SceneFit)| {
+        let factor = if lost(a) { MOSTLY_MENDED } else { MENDED };
+        b.reduced_chi_square > f64::max(WELL, factor * a.reduced_chi_square)
+    };
+    before.iter().zip(after).filter(mended).count() > 1
+}
+
+/// Whether a fit follows a scene to its noise that another loses.
+pub fn finds(before: &[SceneFit], after: &[SceneFit]) -> bool {
+    before.iter().zip(after).any(|(b, a)| lost(b) && a.reduced_chi_square < WELL)
+}
+
+/// How many free numbers the scenes of a revision share.
+fn shared(revision: &Revision) -> usize {
+    let effects = revision.fit.scenes.first().map_or(&[][..], |s| &s.model.effects);
+    let of = |e: &ActiveEffect| {
+        let free = e.parameters.iter().filter(|p| p.prior.sd > 0.0 && e.shares(p));
+        free.map(|p| p.labels.len()).sum::<usize>()
+    };
+    effects.iter().filter(|e| e.on).map(of).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::Model;
+
+    fn fits(chi_squares: [f64; 3]) -> [SceneFit; 3] {
+        chi_squares.map(|reduced_chi_square| SceneFit {
+            name: String::new(),
+            model: Model {
+                preset: String::new(),
+                bodies: vec![],
+                walls: vec![],
+                effects: vec![],
+                mass_sd: 0.0,
+                spin_sd: 0.0,
+                anchors: vec![],
+            },
+            noise_sigma: 0.005,
+            noise_yaw: None,
+            rmse: 0.005,
+            reduced_chi_square,
+            degrees_of_freedom: 100,
+            adequate: reduced_chi_square < WELL,
+        })
+    }
+
+    fn fit(chi_squares: [f64; 3]) -> Fit {
+        Fit {
+            scenes: fits(chi_squares).to_vec(),
+            posterior: Default::default(),
+            iterations: 0,
+            outcome: crate::fit::Outcome::Converged,
+            losses: vec![],
+        }
+    }
+
+    #[test]
+    fn what_neither_follows_says_nothing() {
+        let better = |before, after| follows_better(&fit(before), &fit(after));
+        assert!(better([45.0, 7.1, 1.0], [402.0, 1.7, 1.1]), "it follows one more");
+        assert!(!better([402.0, 1.7, 1.1], [45.0, 7.1, 1.0]));
+        assert!(better([402.0, 90.0, 80.0], [45.0, 70.0, 10.0]), "none is followed");
+        let silent = |before, after| silent(&fit(before), &fit(after));
+        assert!(silent([5.2, 94.0, 1.0], [39.9, 102.0, 1.0]));
+        assert!(!silent([5.2, 94.0, 1.0], [39.9, 102.0, 2.0]), "the one that is followed speaks against it");
+        assert!(!silent([1.2, 94.0, 1.0], [1.1, 102.0, 1.0]), "most are followed");
+    }
+
+    #[test]
+    fn one_video_of_three_may_be_lost_to_chaos() {
+        let (one, two) = (fit([1.0, 90.0, 1.2]), fit([1.0, 90.0, 1.7]));
+        assert_eq!((losses(&one), astray(&one)), (1, false));
+        assert_eq!((losses(&two), astray(&two)), (1, true));
+    }
+
+    #[test]
+    fn two_videos_must_be_mended_and_what_stays_lost_tenfold() {
+        let mended = |before, after| mends(&fits(before), &fits(after));
+        assert!(mended([9.0, 1.0, 2.5], [1.1, 1.0, 1.0]));
+        assert!(!mended([9.0, 1.0, 1.4], [1.1, 1.0, 0.6]), "what was at the noise needs no law");
+        assert!(!mended([9.0, 1.0, 63.0], [1.1, 1.0, 30.0]), "lost, and only twice as near");
+        assert!(mended([9.0, 1.0, 63.0], [1.1, 1.0, 5.4]));
+    }
+}

@@ -1,0 +1,347 @@
+//! Candidates through the force lens: which law of the library would explain the free motion, and how well.
+
+use super::force::{Lens, PROOFS, Projector, Seen};
+use super::free::{Free, at_values, flats, free_parameters, stride, values_of};
+use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
+use crate::num::vec2;
+use crate::scene::Scene;
+use crate::world::{ActiveEffect, Model, Prior};
+use nalgebra::{DMatrix, DVector};
+
+/// Effects that are never sought: what an engine does beside physics, and other readings of friction.
+const NEVER_SOUGHT: [&str; 4] = ["friction_offset", "gliding_friction", "damping", "contact_distance"];
+/// Effects that another one already stands for.
+const COVERED: [(&str, &[&str]); 1] =
+    [("gliding_friction", &["sliding_friction", "rolling_resistance", "ball_spin"])];
+/// Seeds along each coordinate of a place: half a metre apart on a field of four, as a source that is soft within 0.3 m is
+/// felt.
+const PLACES: usize = 8;
+/// Seeds that are refined, and seeds of a law that has a place that climb before: what a source does near it no slope
+/// afar tells.
+const REFINED: usize = 3;
+const PLACED: usize = 8;
+/// Halvings of the climb's steps; the first is half of the distance between seeds.
+const CLIMBS: i32 = 4;
+/// Sweeps with one step.
+const SWEEPS: usize = 4;
+/// Gains closer than this share are one peak.
+const SAME_PEAK: f64 = 1e-3;
+/// Amplitude at which a candidate's columns are taken (its own unit): small beside any that is seen.
+const PROBE: f64 = 1e-3;
+/// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
+const WIDE: f64 = 10.0;
+/// An amplitude differs from zero by this many deviations.
+pub const CERTAIN: f64 = 4.0;
+/// Prior deviation of a friction's angle from the velocity (rad).
+const SKEW: f64 = 0.02;
+const REFINEMENTS: usize = 15;
+
+/// One candidate as the force lens sees it.
+#[derive(Clone)]
+pub struct Candidate {
+    pub entry: &'static EffectEntry,
+    /// Parameters in the order of the spec.
+    pub values: Vec<f64>,
+    pub sd: Vec<f64>,
+    /// How many parameters it adds.
+    pub added: usize,
+    /// Fall of the lens's cost against the model without it.
+    pub gain: f64,
+    /// Fall of the cost on what was left out, summed: the law's numbers are of the other parts, all else suits the part.
+    pub held_out: f64,
+    /// Chi-square of what was left out, summed.
+    pub left_out: f64,
+    /// Fall of chi-square on all tracks but the one that gains most.
+    pub elsewhere: f64,
+    pub chi_square: f64,
+    /// The models with the candidate at these values, shared parameters refitted.
+    pub models: Vec<Model>,
+}
+
+/// The models with what an engine or an uneven foot does beside physics, so that no law is found in it: the
+/// friction of each sliding body may be a little askew (found in Bullet's boxes and cylinders).
+pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        if let (None, Some(entry)) = (model.effect("friction_offset"), effect("friction_offset")) {
+            let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+            for p in active.parameters.iter_mut().filter(|p| p.name == "skew") {
+                p.prior.sd = SKEW;
+            }
+            model.effects.push(active);
+        }
+        model
+    };
+    models.iter().map(one).collect()
+}
+
+impl Candidate {
+    /// Whether an amplitude differs from zero beyond doubt.
+    pub fn certain(&self) -> bool {
+        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
+        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
+    }
+}
+
+/// Effects that the models lack.
+pub fn sought(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
+    let active = |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on));
+    let covered = |name: &str| COVERED.iter().any(|(by, names)| active(by) && names.contains(&name));
+    let several = scenes.iter().any(|s| s.objects.len() > 1);
+    let open = |e: &&EffectEntry| {
+        let name = e.spec.name;
+        let alone = !several && (e.uses(Hook::Pair) || e.uses(Hook::Contact));
+        let no_wall = name == "cushion" && models.iter().all(|m| m.walls.is_empty());
+        !no_wall && !NEVER_SOUGHT.contains(&name) && !active(name) && !covered(name) && !alone
+    };
+    EFFECTS.iter().filter(open).collect()
+}
+
+/// The box that all tracks lie in, and how long the films are.
+pub fn region(scenes: &[Scene]) -> Region {
+    let mut region = Region {
+        low: vec2(f64::INFINITY, f64::INFINITY),
+        high: vec2(f64::NEG_INFINITY, f64::NEG_INFINITY),
+        duration: 0.0,
+        places: PLACES,
+    };
+    for scene in scenes {
+        for p in scene.tracks.iter().flat_map(|t| &t.samples).map(|s| s.position) {
+            region.low = vec2(region.low.x.min(p.x), region.low.y.min(p.y));
+            region.high = vec2(region.high.x.max(p.x), region.high.y.max(p.y));
+        }
+        let film = scene.times.last().zip(scene.times.first()).map_or(0.0, |(b, a)| b - a);
+        region.duration = region.duration.max(film);
+    }
+    region
+}
+
+/// The models with one more effect, its parameters free.
+pub fn with_effect(models: &[Model], entry: &EffectEntry, values: &[f64], region: &Region) -> Vec<Model> {
+    let size = (region.high - region.low).norm().max(0.1);
+    let one = |model: &Model| {
+        let mut model = model.clone();
+        let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+        for (k, (parameter, value)) in active.parameters.iter_mut().zip(values).enumerate() {
+            let amplitude = k < entry.amplitudes;
+            let metres = entry.spec.params[k].unit == "m";
+            let sd = if !amplitude && metres { size } else { WIDE };
+            parameter.prior = Prior { mean: if amplitude { 0.0 } else { *value }, sd };
+            parameter.values.iter_mut().for_each(|v| *v = *value);
+            parameter.means.iter_mut().for_each(|m| *m = parameter.prior.mean);
+        }
+        model.effects.push(active);
+        model
+    };
+    models.iter().map(one).collect()
+}
+
+/// The models' free parameters as all parts see them, and as each part that can be left out sees them alone.
+pub struct Base {
+    pub free: Vec<Free>,
+    pub seen: Seen,
+    alone: Vec<Seen>,
+    pub fitted: Stand,
+}
+
+impl Base {
+    pub fn new(lens: &Lens, models: &[Model], free: Vec<Free>, seen: Seen) -> Self {
+        let one = |fold| lens.solve(models, &free, &seen.values, PROOFS, &lens.rest(fold));
+        let alone = lens.folds.iter().map(|fold| one(fold)).collect();
+        let fitted = Stand::new(lens, models, &free, &seen, true);
+        Base { free, seen, alone, fitted }
+    }
+
+    /// Where the numbers are what was believed of them: numbers that stand in for a law that is missing bend far, and a
+    /// search for the law need not find the way back.
+    pub fn believed(&self, lens: &Lens) -> Stand {
+        let means: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
+        let seen = lens.solve(&self.fitted.models, &self.free, &means, 0, &[]);
+        Stand::new(lens, &self.fitted.models, &self.free, &seen, false)
+    }
+}
+
+/// Where the numbers of models stand while a law is sought beside them.
+pub struct Stand {
+    pub models: Vec<Model>,
+    cost: f64,
+    /// What projects the numbers out of a law's columns.
+    projector: Option<Projector>,
+    /// Whether they are the best without the law.
+    best: bool,
+}
+
+impl Stand {
+    fn new(lens: &Lens, models: &[Model], free: &[Free], seen: &Seen, best: bool) -> Self {
+        let models = at_values(models, free, &seen.values);
+        let projector = lens.projector(&models, free, &seen.values);
+        Stand { models, cost: seen.cost, projector, best }
+    }
+}
+
+/// Numbers of a law to begin with, and by how much it lowers the cost there if it is linear.
+pub struct Beginning {
+    pub gain: f64,
+    values: Vec<f64>,
+}
+
+/// Where one effect beside the models' free parameters may best begin; best first. `None` where the lens is blind to it.
+pub fn beginnings(
+    lens: &Lens,
+    stand: &Stand,
+    entry: &'static EffectEntry,
+    region: &Region,
+) -> Option<Vec<Beginning>> {
+    if !(entry.uses(Hook::Force) || entry.uses(Hook::Pair)) {
+        return None;
+    }
+    let projector = stand.projector.as_ref()?;
+    // The best amplitudes at other numbers, by linear algebra alone.
+    let at = |seed: &[f64]| -> Option<Beginning> {
+        let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
+        for k in 0..entry.amplitudes {
+            let mut probe = seed.to_vec();
+            probe[..entry.amplitudes].fill(0.0);
+            probe[k] = PROBE;
+            let probed = with_effect(&stand.models, entry, &probe, region);
+            let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
+            columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
+        }
+        let inside = |(_, amplitudes): &(f64, DVector<f64>)| {
+            amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a))
+        };
+        // Where a bound holds the base back, what the law would free it to do counts too.
+        let freed = || {
+            let (cost, amplitudes) = lens.joint(projector, stand.cost, &columns)?;
+            Some((stand.cost - cost, amplitudes))
+        };
+        let held = || lens.gain(projector, &columns).filter(|_| stand.best).filter(inside);
+        let (gain, amplitudes) = held().or_else(|| freed().filter(inside))?;
+        let mut values = seed.to_vec();
+        values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
+        Some(Beginning { gain, values })
+    };
+    let mut tried: Vec<Beginning> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
+    tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    if entry.seeds.iter().any(|(_, s)| *s == Seed::PlaceX) {
+        tried.truncate(PLACED);
+        for best in &mut tried {
+            climb(entry, region, best, &at);
+        }
+        tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        tried.dedup_by(|a, b| (a.gain - b.gain).abs() < SAME_PEAK * b.gain);
+    }
+    (!tried.is_empty()).then_some(tried)
+}
+
+/// The best that the effect can do from these beginnings, beside numbers that stand as there.
+pub fn screen(
+    lens: &Lens,
+    base: &Base,
+    stand: &Stand,
+    entry: &'static EffectEntry,
+    tried: &[Beginning],
+    region: &Region,
+) -> Option<Candidate> {
+    let Base { seen, alone, .. } = base;
+    let projector = base.fitted.projector.as_ref()?;
+    let refined = tried.iter().take(REFINED).map(|b| refine(lens, &stand.models, entry, &b.values, region));
+    let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
+    let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
+    // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
+    // no other part shows) is no matter of the law.
+    let others_own: Vec<Free> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
+    let (mut held_out, mut left_out) = (0.0, 0.0);
+    for (fold, alone) in lens.folds.iter().zip(alone) {
+        let elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        let law = at_values(&with, &free_with, &elsewhere.values);
+        let here = lens.solve(&law, &others_own, &values_of(&law, &others_own), PROOFS, &lens.rest(fold));
+        held_out += alone.cost - here.cost;
+        left_out += here.chi_square - here.left_out;
+    }
+    let tracks = lens.by_track(&lens.residual(&with, &flats(&with, &free_with, &seen_with.values)));
+    let falls: Vec<f64> = lens
+        .by_track(&projector.residual)
+        .iter()
+        .zip(&tracks)
+        .map(|(before, after)| before.0 - after.0)
+        .collect();
+    let most = falls.iter().copied().fold(0.0, f64::max);
+    Some(Candidate {
+        entry,
+        values: added.iter().map(|&k| seen_with.values[k]).collect(),
+        sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
+        added: added.len(),
+        gain: seen.cost - seen_with.cost,
+        held_out,
+        left_out,
+        elsewhere: falls.iter().sum::<f64>() - most,
+        chi_square: seen_with.chi_square,
+        models: at_values(&with, &free_with, &seen_with.values),
+    })
+}
+
+/// Looks for the same effect from what was believed, and keeps the better.
+pub fn anew(lens: &Lens, base: &Base, believed: &Stand, region: &Region, known: &mut Candidate) {
+    let begun = beginnings(lens, believed, known.entry, region);
+    let found = begun.and_then(|tried| screen(lens, base, believed, known.entry, &tried, region));
+    if let Some(found) = found.filter(|f| f.gain > known.gain) {
+        *known = found;
+    }
+}
+
+/// Moves the seeded numbers one at a time to where the gain is larger, by smaller and smaller steps.
+fn climb(
+    entry: &EffectEntry,
+    region: &Region,
+    best: &mut Beginning,
+    at: &impl Fn(&[f64]) -> Option<Beginning>,
+) {
+    let spacing = (region.high - region.low).scaled(1.0 / region.places.max(1) as f64);
+    let (mut level, mut sweeps, mut before) = (1, 0, best.gain);
+    while level <= CLIMBS {
+        let share = 0.5f64.powi(level);
+        for (k, p) in entry.spec.params.iter().enumerate() {
+            let Some((_, seed)) = entry.seeds.iter().find(|(name, _)| *name == p.name) else { continue };
+            for side in [-1.0, 1.0] {
+                let mut moved = best.values.clone();
+                moved[k] = match seed {
+                    Seed::PlaceX => moved[k] + side * share * spacing.x,
+                    Seed::PlaceY => moved[k] + side * share * spacing.y,
+                    _ => moved[k] * (1.0 + share).powf(side),
+                }
+                .clamp(p.min, p.max);
+                if let Some(better) = at(&moved).filter(|b| b.gain > best.gain) {
+                    *best = better;
+                }
+            }
+        }
+        sweeps += 1;
+        if best.gain <= before * (1.0 + SAME_PEAK) || sweeps == SWEEPS {
+            (level, sweeps) = (level + 1, 0);
+        }
+        before = best.gain;
+    }
+}
+
+fn of(free: &Free, entry: &EffectEntry) -> bool {
+    free.name.strip_prefix(entry.spec.name).is_some_and(|rest| rest.starts_with('.'))
+}
+
+fn refine(
+    lens: &Lens,
+    models: &[Model],
+    entry: &EffectEntry,
+    values: &[f64],
+    region: &Region,
+) -> (Vec<Free>, Seen, Vec<Model>) {
+    let with = with_effect(models, entry, values, region);
+    let mut wide = free_parameters(&with);
+    stride(&mut wide, entry);
+    let start = values_of(&with, &wide);
+    let near = lens.solve(&with, &wide, &start, REFINEMENTS, &[]);
+    let free = free_parameters(&with);
+    let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
+    let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
+    (free, seen, with)
+}

@@ -1,0 +1,441 @@
+//! The search in free motion: laws of force added one at a time while the proof holds.
+
+use super::force::{Lens, Seen, fit_forces};
+use super::free::{Free, at_values, flats};
+use super::screen::{Base, Beginning, Candidate, anew, beginnings, region, screen, sought};
+use crate::effects::EffectEntry;
+use crate::num::{Stop, Stopped};
+use crate::world::Model;
+use rayon::prelude::*;
+use std::slice;
+
+/// Fall of chi-square, in units of what remains and beyond the price of its parameters (BIC), that an effect must
+/// bring: the price of looking at the whole library.
+pub const PROOF: f64 = 20.0;
+/// A richer law must beat a simpler one by this, and on what was left out too.
+const RICHER: f64 = 10.0;
+/// Engines and cameras realise a law to about 5 %: of what it explains, this share is no matter of another law.
+const REALISED: f64 = 0.05 * 0.05;
+/// A simpler law that explains this share is asked for first.
+const NEARLY: f64 = 0.9;
+/// Laws within this of each other cannot be told apart.
+const ALIKE: f64 = 6.0;
+/// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
+const ELSEWHERE: f64 = 10.0;
+/// An amplitude differs from zero by this many deviations of what objects say of it.
+const AGREED: f64 = 2.0;
+/// Share of the misfit beyond noise that laws must explain to be named, where more than `CLEAN` of it (reduced
+/// chi-square) remains.
+const MOSTLY: f64 = 0.7;
+pub const CLEAN: f64 = 0.15;
+/// Laws that are tried beside another: those that promise most.
+const PROMISING: usize = 8;
+/// Deviations of chi-square beyond which noise does not explain the motion.
+const BEYOND: f64 = 2.0;
+/// Where none of them explains the motion, those that explain most are sought anew from what was believed.
+const ANEW: usize = 3;
+/// First choices that are tried with a second effect beside them.
+const FIRST_CHOICES: usize = 3;
+/// Numbers of a law of which two may be what one of more stands for.
+const SIMPLE: usize = 2;
+
+/// What the force lens found.
+#[derive(Clone)]
+pub struct FreeMotion {
+    /// With the effects found, at the best values.
+    pub models: Vec<Model>,
+    pub free: Vec<Free>,
+    pub seen: Seen,
+    /// In the order added.
+    pub found: Vec<Candidate>,
+    /// All candidates of the round that decided, best first, with their scores.
+    pub ranked: Vec<(f64, Candidate)>,
+    /// Kinds that explain the motion as well as one that was found.
+    pub alike: Vec<Vec<&'static str>>,
+    /// Of the models without any effect added.
+    pub base: Seen,
+    pub degrees_of_freedom: f64,
+    /// What remains of all objects but the worst (reduced chi-square): one may have met something.
+    pub typical: f64,
+}
+
+impl FreeMotion {
+    /// What remains unexplained, in units of the noise: 1 is noise.
+    pub fn reduced_chi_square(&self) -> f64 {
+        self.seen.chi_square / self.degrees_of_freedom
+    }
+
+    /// Cost with the price of all added parameters.
+    pub fn priced(&self) -> f64 {
+        let added: usize = self.found.iter().map(|c| c.added).sum();
+        self.seen.cost + added as f64 * self.degrees_of_freedom.ln()
+    }
+}
+
+/// Adds at most one effect to the models. Deterministic, whatever the number of threads.
+pub fn search(lens: &Lens, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
+    one_after_another(lens, models, 1, &[], stop)
+}
+
+/// Adds more effects, at most `most` in all, after what `search` found for the same models.
+pub fn search_on(
+    lens: &Lens,
+    models: &[Model],
+    begun: FreeMotion,
+    most: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let Some(first) = begun.found.first().cloned() else { return Ok(begun) };
+    let (ranked, alike) = (begun.ranked, begun.alike);
+    let most = most.max(1);
+    let mut greedy = one_after_another(lens, models, most, &[first], stop)?;
+    if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
+        // The first pick may be a compromise of two: begin with the next ones too.
+        let first = greedy.found[0].entry.spec.name;
+        let others = ranked.iter().filter(|(score, c)| c.entry.spec.name != first && proven(lens, *score, c));
+        for (_, other) in others.take(FIRST_CHOICES).cloned() {
+            let pair = one_after_another(lens, models, most, &[other], stop)?;
+            if pair.priced() + RICHER < greedy.priced() {
+                greedy = pair;
+            }
+        }
+    }
+    greedy = as_pair(lens, models, &ranked, greedy, most, stop)?;
+    if !explains(&greedy) {
+        greedy = one_after_another(lens, models, 0, &[], stop)?;
+    }
+    let kept = steady(lens, &greedy);
+    if kept < greedy.found.len() {
+        let found = greedy.found[..kept].to_vec();
+        greedy = one_after_another(lens, models, kept, &found, stop)?;
+    }
+    // What explains more alone comes first: a step that trajectories refuse is the last one.
+    if let [_, second] = &greedy.found[..] {
+        let place = |c: &Candidate| ranked.iter().position(|(_, r)| r.entry.spec.name == c.entry.spec.name);
+        if let Some(at) = place(second)
+            && place(&greedy.found[0]).is_none_or(|first| at < first)
+        {
+            let alone = ranked[at].1.clone();
+            greedy.found.truncate(1);
+            greedy.found.insert(0, alone);
+        }
+    }
+    // The round that chose the first effect is the one that ranks the library.
+    greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
+    greedy.ranked = ranked;
+    Ok(greedy)
+}
+
+/// Two laws of few numbers in place of what was found, where they do as well: a whirl far away is a drag and a wind.
+fn as_pair(
+    lens: &Lens,
+    models: &[Model],
+    ranked: &[(f64, Candidate)],
+    found: FreeMotion,
+    most: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let numbers = |motion: &FreeMotion| motion.found.iter().map(|c| c.added).sum::<usize>();
+    let (rich, mut least) = (numbers(&found), found.priced() + RICHER);
+    let mut best = found;
+    let simple = ranked.iter().filter(|(_, c)| c.added <= SIMPLE && c.added + 1 < rich && c.certain());
+    for (_, first) in simple.take(FIRST_CHOICES) {
+        let room = SIMPLE.min(rich - 1 - first.added);
+        let pair = laws_of(room, lens, models, most.min(2), slice::from_ref(first), stop)?;
+        if numbers(&pair) < rich && pair.priced() < least {
+            (least, best) = (pair.priced(), pair);
+        }
+    }
+    Ok(best)
+}
+
+/// What was found without its last `refused` effects.
+pub fn fewer(
+    lens: &Lens,
+    models: &[Model],
+    motion: &FreeMotion,
+    refused: usize,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let kept = motion.found.len().saturating_sub(refused);
+    let mut less = one_after_another(lens, models, kept, &motion.found[..kept], stop)?;
+    less.ranked.clone_from(&motion.ranked);
+    if kept == motion.found.len() {
+        less.alike.clone_from(&motion.alike);
+    }
+    Ok(less)
+}
+
+/// Whether what was found leaves noise, or explains most of what noise does not: where a model is far from the noise
+/// anyway, any law takes up some of what is wrong.
+fn explains(free: &FreeMotion) -> bool {
+    let excess = |seen: &Seen| seen.chi_square / free.degrees_of_freedom - 1.0;
+    excess(&free.seen) < CLEAN || excess(&free.seen) < (1.0 - MOSTLY) * excess(&free.base)
+}
+
+/// How many of the effects found, from the first on, have an amplitude that objects agree about.
+fn steady(lens: &Lens, free: &FreeMotion) -> usize {
+    let Some(scatter) = lens.scatter(&free.models, &free.free, &free.seen.values) else {
+        return free.found.len();
+    };
+    let agreed = |c: &&Candidate| {
+        c.entry.spec.params.iter().take(c.entry.amplitudes).any(|p| {
+            let name = format!("{}.{}", c.entry.spec.name, p.name);
+            let at = free.free.iter().position(|f| f.name == name);
+            at.is_none_or(|at| free.seen.values[at].abs() > AGREED * scatter[at])
+        })
+    };
+    free.found.iter().take_while(agreed).count()
+}
+
+/// Whether noise explains what is left.
+fn explained(free: &FreeMotion) -> bool {
+    free.reduced_chi_square() < super::MISFIT
+}
+
+/// Whether a candidate is worth its price and certain, shows on more than one object, and what was left out gains too
+/// (with one part there is nothing to leave out).
+fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
+    let alone = lens.folds.len() < 2;
+    score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.elsewhere > ELSEWHERE))
+}
+
+/// Whether a chi-square is beyond what noise leaves.
+pub fn leaves_something(chi_square: f64, degrees: f64) -> bool {
+    chi_square > degrees + BEYOND * (2.0 * degrees).sqrt()
+}
+
+/// Candidates of at most `room` numbers beside the models, best first: at most so many, those that promise most.
+fn round(lens: &Lens, models: &[Model], base: &Base, room: usize, most: usize) -> Vec<(f64, Candidate)> {
+    let region = region(lens.scenes);
+    let degrees = lens.degrees_of_freedom().max(1) as f64;
+    let mut begun: Vec<(&'static EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
+        .into_par_iter()
+        .filter(|entry| entry.spec.params.len() <= room)
+        .filter_map(|entry| Some((entry, beginnings(lens, &base.fitted, entry, &region)?)))
+        .collect();
+    begun.sort_by(|a, b| b.1[0].gain.total_cmp(&a.1[0].gain));
+    begun.truncate(most);
+    let best = |(entry, tried): &(&'static EffectEntry, Vec<Beginning>)| {
+        screen(lens, base, &base.fitted, entry, tried, &region)
+    };
+    let mut candidates: Vec<Candidate> = begun.par_iter().filter_map(best).collect();
+    candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    if candidates.first().is_some_and(|c| leaves_something(c.chi_square, degrees)) {
+        let believed = base.believed(lens);
+        let most = candidates.par_iter_mut().take(ANEW);
+        most.for_each(|c| anew(lens, base, &believed, &region, c));
+    }
+    // What remains is in units of the best that holds elsewhere: a law that suits one object alone is none.
+    let holds = |c: &&Candidate| lens.folds.len() < 2 || c.elsewhere > ELSEWHERE;
+    let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);
+    let least = (remains / degrees).max(1.0);
+    let score = |c: &Candidate| c.gain / least - c.added as f64 * degrees.ln();
+    let mut ranked: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // The simpler law wins unless the richer one proves itself.
+    if let Some((best, champion)) = ranked.first() {
+        let simpler = ranked.iter().skip(1).position(|(score, c)| {
+            c.added < champion.added
+                && c.gain >= NEARLY * champion.gain
+                && (best - score < RICHER + REALISED * best || c.held_out >= champion.held_out)
+        });
+        if let Some(at) = simpler {
+            let winner = ranked.remove(at + 1);
+            ranked.insert(0, winner);
+        }
+    }
+    ranked
+}
+
+fn one_after_another(
+    lens: &Lens,
+    models: &[Model],
+    most: usize,
+    given: &[Candidate],
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    laws_of(usize::MAX, lens, models, most, given, stop)
+}
+
+/// The same of laws that have at most `room` numbers, but for those that are given.
+fn laws_of(
+    room: usize,
+    lens: &Lens,
+    models: &[Model],
+    most: usize,
+    given: &[Candidate],
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let (mut free, mut seen) = fit_forces(lens, models);
+    let mut state = FreeMotion {
+        models: at_values(models, &free, &seen.values),
+        free: free.clone(),
+        seen: seen.clone(),
+        found: vec![],
+        ranked: vec![],
+        alike: vec![],
+        base: seen.clone(),
+        degrees_of_freedom: lens.degrees_of_freedom().max(1) as f64,
+        typical: 0.0,
+    };
+    for number in 0..most {
+        stop(number as f64 / (most + 1) as f64)?;
+        let winner = match given.get(number) {
+            Some(candidate) => candidate.clone(),
+            None => {
+                let base = Base::new(lens, &state.models, free, seen);
+                // The first round ranks the library.
+                let most = if number == 0 { usize::MAX } else { PROMISING };
+                let ranked = round(lens, &state.models, &base, room, most);
+                let known: f64 = state.found.iter().map(|c| c.gain).sum();
+                let more = |c: &Candidate| c.gain > REALISED * known;
+                let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c) && more(c)).cloned();
+                if number == 0 || state.ranked.is_empty() {
+                    state.ranked = ranked.clone();
+                }
+                let Some((score, winner)) = chosen else { break };
+                // A richer law that says little more is no other reading, but the same with a number too many.
+                let richer = |c: &Candidate| c.added > winner.added && winner.gain >= NEARLY * c.gain;
+                let alike = |s: f64, c: &Candidate| score - s < ALIKE && !richer(c) && proven(lens, s, c);
+                let near = ranked.iter().filter(|(s, c)| alike(*s, c));
+                let mut kinds: Vec<&str> = vec![];
+                for (_, c) in near {
+                    if !kinds.contains(&c.entry.kind) {
+                        kinds.push(c.entry.kind);
+                    }
+                }
+                if kinds.len() > 1 {
+                    state.alike.push(kinds);
+                }
+                winner
+            }
+        };
+        state.models = winner.models.clone();
+        (free, seen) = fit_forces(lens, &state.models);
+        state.models = at_values(&state.models, &free, &seen.values);
+        (state.free, state.seen) = (free.clone(), seen.clone());
+        state.found.push(winner);
+    }
+    let residual = lens.residual(&state.models, &flats(&state.models, &state.free, &state.seen.values));
+    state.typical = lens.typical(&residual);
+    Ok(state)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::screen::with_nuisance;
+    use super::super::tests::{CUBE, DISC, Launch, film_under};
+    use super::*;
+    use crate::effects::effect;
+    use crate::effects::formula::Formula;
+    use crate::num::never;
+    use crate::scene::Shape;
+    use crate::world::{ActiveEffect, Preset};
+
+    const BALL: Shape = Shape::Ball { radius: 0.2 };
+
+    /// What is found, two laws at most, where a law acts that the library does not have.
+    fn found_under(law: &str, launches: &[Vec<Launch>]) -> FreeMotion {
+        let scenes = film_under(launches, |model| {
+            let formula = Formula::new(law, vec![]).expect("it is one");
+            let active = ActiveEffect::of_formula("law", formula, &model.bodies).expect("it is one");
+            model.effects.push(active);
+        });
+        let lens = Lens::new(&scenes);
+        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+        let models = with_nuisance(&models);
+        let first = search(&lens, &models, &never).expect("never stops");
+        search_on(&lens, &models, first, 2, &never).expect("never stops")
+    }
+
+    /// A fan blows a little less at the far end: that is its wind still, and no source somewhere or patch beside.
+    #[test]
+    fn what_an_engine_makes_of_a_law_is_no_other_law() {
+        let launches = [
+            vec![(DISC, 0.6, [-1.5, 0.5], [1.0, 0.3]), (CUBE, 0.8, [1.5, -1.5], [-0.5, 0.9])],
+            vec![(DISC, 0.6, [0.0, 1.5], [0.4, -1.2]), (CUBE, 0.6, [1.6, 0.2], [-1.2, -0.2])],
+            vec![(DISC, 0.6, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [1.5, 1.2], [-1.1, 0.2])],
+        ];
+        let wind = "fx = 0.4*(1 - 0.005*x); fy = -0.4*(1 + 0.005*y)";
+        let motion = found_under(wind, &launches);
+        let found: Vec<_> = motion.found.iter().map(|c| (c.entry.spec.name, c.gain)).collect();
+        assert!(matches!(found[..], [("uniform_force", _)]), "{found:?}");
+    }
+
+    /// A whirl about a centre far away is both at once, but for one number more.
+    #[test]
+    fn a_drag_and_a_wind_are_no_whirl() {
+        let puck = Shape::Disc { radius: 0.1 };
+        let three = |[a, b, c]: [([f64; 2], [f64; 2]); 3]| {
+            vec![(puck, 0.5, a.0, a.1), (puck, 1.0, b.0, b.1), (puck, 2.0, c.0, c.1)]
+        };
+        let launches = [
+            three([
+                ([-1.07, -0.03], [1.84, 0.06]),
+                ([0.54, -1.03], [-1.15, 0.64]),
+                ([-0.58, 1.02], [0.07, -1.06]),
+            ]),
+            three([
+                ([-0.45, 0.72], [1.16, -1.12]),
+                ([0.44, -1.14], [0.33, 1.49]),
+                ([-0.65, 1.21], [0.66, -0.98]),
+            ]),
+            three([
+                ([0.16, -0.90], [0.16, 1.09]),
+                ([-0.75, 1.16], [0.62, -1.0]),
+                ([-1.33, 1.24], [0.69, -1.83]),
+            ]),
+            three([
+                ([-1.27, 0.68], [1.01, -1.11]),
+                ([-0.28, -0.73], [0.17, 0.96]),
+                ([1.14, -0.23], [-1.28, -0.07]),
+            ]),
+        ];
+        let law = "fx = 0.6 - 0.6*vx; fy = -0.4 - 0.6*vy";
+        let motion = found_under(law, &launches);
+        let mut found: Vec<_> = motion.found.iter().map(|c| c.entry.spec.name).collect();
+        found.sort_unstable();
+        assert_eq!(found, ["linear_drag", "uniform_force"]);
+    }
+
+    /// Without the whirl, friction and where it acts bend as far as they can, and from there a wrong law is near.
+    #[test]
+    fn a_whirl_on_an_air_table_is_found_though_friction_bends_to_stand_in_for_it() {
+        let launches = [
+            vec![
+                (BALL, 1.2, [1.1, -0.5], [-0.3, 0.3]),
+                (DISC, 0.9, [-0.8, 0.3], [0.4, -0.2]),
+                (CUBE, 0.9, [1.3, 1.9], [-0.6, -0.8]),
+                (DISC, 1.2, [1.3, -1.6], [-0.5, 0.8]),
+            ],
+            vec![
+                (BALL, 1.2, [1.2, 0.5], [-0.8, -0.6]),
+                (DISC, 0.8, [-1.7, 0.3], [0.6, -0.1]),
+                (CUBE, 1.5, [2.0, -1.8], [-0.4, 0.3]),
+                (DISC, 1.9, [-1.4, 0.4], [1.4, 0.1]),
+            ],
+            vec![
+                (BALL, 1.1, [1.9, -1.4], [-0.5, 0.3]),
+                (DISC, 1.5, [-0.4, -0.9], [0.7, 0.6]),
+                (CUBE, 0.9, [1.3, -0.5], [-1.1, 0.0]),
+                (DISC, 1.2, [1.8, 1.2], [-0.6, -0.6]),
+            ],
+        ];
+        let whirl = [0.17, 0.6, 0.65, 0.09];
+        let scenes = film_under(&launches, |model| {
+            let parameters = model.effects.iter_mut().flat_map(|e| &mut e.parameters);
+            for p in parameters.filter(|p| ["sliding", "mu_roll"].contains(&&p.name[..])) {
+                p.values.fill(0.002);
+            }
+            let mut active = ActiveEffect::new(&effect("vortex").expect("vortex").spec, &model.bodies);
+            active.parameters.iter_mut().zip(whirl).for_each(|(p, v)| p.values.fill(v));
+            model.effects.push(active);
+        });
+        let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
+        let motion = search(&Lens::new(&scenes), &with_nuisance(&models), &never).expect("never stops");
+        let found: Vec<_> = motion.found.iter().map(|c| (c.entry.spec.name, c.values.clone())).collect();
+        let [("vortex", values)] = &found[..] else { panic!("{found:?}") };
+        assert!((values[1] - whirl[1]).abs() < 0.05 && motion.reduced_chi_square() < 1.1, "{values:?}");
+    }
+}

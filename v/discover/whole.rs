@@ -1,0 +1,436 @@
+//! Laws that leave no small trace in a lens, or too few of them: each is tried whole, and trajectories alone judge it.
+
+use super::account::FOLLOWED;
+use super::alone::{films_stick, meet};
+use super::contact::{ContactCandidate, HEAVIER, estimates_of, pooled, with_contact};
+use super::film::contacts;
+use super::force::Lens;
+use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
+use super::proof;
+use super::revise::{
+    Revision, chi_squares, pooled_noise, revise, revise_from, sum, trajectories, trajectories_from,
+    without_effect,
+};
+use super::screen::region;
+use super::struck::struck;
+use super::unseen::{Place, discs_between, walls};
+use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
+use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate, estimate_each};
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::world::{Model, Preset};
+use rayon::prelude::*;
+use std::f64::consts::LN_2;
+
+/// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
+pub const STICKING: &str = "sticky_contact";
+const STICKING_PROOF: f64 = 9.0;
+/// The law of contact that pairs of objects hide which rebound differently, and the reduced chi-square of a scene from which it
+/// is asked for beside a law of force: a force that is not quite the right one looks like it.
+const FADING: &str = "speed_dependent_restitution";
+const MISSED: f64 = 1.15;
+/// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
+const FADES: f64 = 0.1;
+/// The law that holds touching surfaces, and a coefficient with which most do not slip.
+const RUBBING: &str = "contact_friction";
+const GRIP: f64 = 0.3;
+/// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
+const PROMISING: f64 = 10.0;
+/// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
+const WHOLE_CERTAIN: f64 = 5.0;
+const TRIED_ITERATIONS: usize = 30;
+/// Effort of fits that only choose between models: the right one is followed soon, and the others are never.
+pub const TRIED_EFFORT: f64 = 0.25;
+/// Objects whose masses are tried, and walls and discs.
+const HEAVIEST: usize = 2;
+const PLACES: usize = 2;
+/// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
+const SPINNING: (&str, &str) = ("billiards", "ball_spin");
+const SPINNING_PROOF: f64 = 2.0;
+
+/// The revision with a law that few short films speak for, if it follows trajectories that are lost without, and still are
+/// where it led. One of them will do where a film speaks clearly.
+pub fn mended(
+    lens: &Lens,
+    base: &Revision,
+    law: &ContactCandidate,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    if !proof::loses(&base.fit) {
+        return Ok(None);
+    }
+    let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
+    let mends = |found: &[SceneFit]| proof::mends(lost, found) || (law.strong() && proof::finds(lost, found));
+    let found = revise(lens, models, Some(name), options, stop)?;
+    if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
+        return Ok(None);
+    }
+    let without = without_effect(&found.fit, name);
+    let without = estimate_each(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
+    let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
+    Ok((!mends(&without)).then_some(found))
+}
+
+/// One law tried whole, from these values of its parameters.
+#[derive(Clone)]
+struct Trial {
+    entry: &'static EffectEntry,
+    start: Vec<f64>,
+    object: Option<u32>,
+}
+
+/// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
+/// rebound differently explain each film as well; friction between objects, the mass of one, or a thing that nobody saw, where
+/// others were near whenever it showed.
+pub fn asked(
+    lens: &Lens,
+    base: &Revision,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    let region = region(lens.scenes);
+    let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
+    let most = options.max_iterations.min(TRIED_ITERATIONS);
+    let few = FitOptions { max_iterations: most, effort: TRIED_EFFORT, ..*options };
+    let mut trials = vec![];
+    if let Some(starts) = fading(lens, base, models)
+        && promises(lens, base, &starts.clone().map(|t| with(&t)), &few, stop)?
+    {
+        trials.extend(starts);
+    }
+    // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
+    if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
+        trials.extend(rubbing(models, &region));
+        trials.extend(heavier(lens, base, models, &few, stop)?);
+        trials.extend(unseen(lens, models));
+    }
+    let tried: Result<Vec<Fit>, FitError> = trials
+        .par_iter()
+        .map(|t| {
+            Ok(trajectories_from(lens, &with(t), &begun(&base.fit), Some(t.entry.spec.name), &few, stop)?.0)
+        })
+        .collect();
+    let tried = tried?;
+    let nearest =
+        trials.iter().zip(&tried).min_by(|a, b| proof::distance(a.1).total_cmp(&proof::distance(b.1)));
+    // Less of a fading restitution than contacts differ by anyway is none.
+    let fades = |t: &Trial, fit: &Fit| {
+        let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
+        t.entry.spec.name != FADING || usual_speed(base).is_some_and(faded)
+    };
+    let near = |(t, fit): &(&Trial, &Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
+    let Some((best, fit)) = nearest.filter(near) else { return Ok(None) };
+    let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
+    let (with_law, name) = (with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name));
+    let found = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
+    let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
+    let gained = proof::gained(&base.fit, &found.fit);
+    // What an object is may show in the one video in which it meets others; what contacts share may show a little in each.
+    let often = gained >= found.fit.scenes.len().min(2)
+        || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes))
+        || (best.entry.spec.name == FADING && shows_elsewhere(base, &found));
+    let added =
+        best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
+    // Whether a thing is there is no parameter.
+    let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
+    if !certain
+        || !fades(best, &found.fit)
+        || proof::loses_most(&found.fit)
+        || !often
+        || found.held_out_rmse > base.held_out_rmse
+        || !proof::borne_out(base, &found, added)
+    {
+        return Ok(None);
+    }
+    // A search that escaped a bad minimum is no discovery.
+    let without = without_effect(&found.fit, best.entry.spec.name);
+    let from_there = FitOptions { begin: Begin::Near, ..*options };
+    let (without, _) = trajectories(lens, &without, None, &from_there, stop)?;
+    if !proof::nearer(&without, &found.fit) {
+        return Ok(None);
+    }
+    let law = ContactCandidate {
+        entry: best.entry,
+        values,
+        sd,
+        object: best.object,
+        added,
+        score: 0.0,
+        before: sum(&chi_squares(&base.fit)),
+        after: sum(&chi_squares(&found.fit)),
+        remains: found.reduced_chi_square,
+        gained,
+    };
+    Ok(Some((law, found)))
+}
+
+/// Where a fit follows the scenes: what is tried next begins there.
+fn begun(fit: &Fit) -> Vec<Option<&Model>> {
+    fit.scenes.iter().map(|s| (!proof::lost(s)).then_some(&s.model)).collect()
+}
+
+/// Each parameter of a law as a fit with it has it, with its deviation; none of what is no parameter there.
+fn numbers(fit: &Fit, trial: &Trial) -> Vec<(f64, f64)> {
+    let of = |(p, &start): (&ParamSpec, &f64)| {
+        pooled(&estimates_of(fit, trial.entry, p.name)).unwrap_or((start, 0.0))
+    };
+    trial.entry.spec.params.iter().zip(&trial.start).map(of).collect()
+}
+
+/// An effect that the models lack.
+fn absent(models: &[Model], name: &str) -> Option<&'static EffectEntry> {
+    effect(name).filter(|_| models.iter().all(|m| m.effect(name).is_none()))
+}
+
+/// Restitution that fades, where objects meet: from none, and from half at a usual speed, as contacts change in between.
+fn fading(lens: &Lens, base: &Revision, models: &[Model]) -> Option<[Trial; 2]> {
+    let missed = base.fit.scenes.iter().filter(|s| s.reduced_chi_square > MISSED).count();
+    let some = base.effect.is_none() || missed > 1;
+    let entry = absent(models, FADING).filter(|_| some)?;
+    let met = lens.scenes.iter().zip(&base.fit.scenes).any(|(s, fitted)| meet(&fitted.model, &s.times));
+    let usual = usual_speed(base).filter(|_| met)?;
+    Some([0.0, LN_2 / usual].map(|start| Trial { entry, start: vec![start], object: None }))
+}
+
+/// Whether a law is no matter of one video: the others are nearer with it too, or have numbers in common that they had not.
+fn shows_elsewhere(base: &Revision, found: &Revision) -> bool {
+    let gathers = !base.apart.is_empty() && found.apart.is_empty();
+    (gathers || proof::elsewhere(&base.fit, &found.fit) > 0.0) && found.held_out_rmse < base.held_out_rmse
+}
+
+/// Whether a ball rolls, which shows whether rolling rubs at contacts.
+pub fn balls_roll(models: &[Model]) -> bool {
+    models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling)
+}
+
+/// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
+fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
+    let choices = if balls_roll(models) { usize::MAX } else { 1 };
+    let trials = |entry: &'static EffectEntry| -> Vec<Trial> {
+        let seeds = entry.seeds(region).into_iter().take(choices);
+        let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
+        seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
+    };
+    absent(models, RUBBING).map(trials).unwrap_or_default()
+}
+
+/// Whether a law brings the scenes nearer, begun from none or from much of it. Where no force acts it may take a search: what
+/// stands in for the law has led to other contacts.
+fn promises(
+    lens: &Lens,
+    base: &Revision,
+    [none, much]: &[Vec<Model>; 2],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<bool, FitError> {
+    if from_there(lens, base, none, options, stop)? {
+        return Ok(true);
+    }
+    if base.effect.is_some() {
+        return Ok(false);
+    }
+    let (found, _) = trajectories_from(lens, much, &begun(&base.fit), Some(FADING), options, stop)?;
+    Ok(proof::distance(&found) < proof::distance(&base.fit) - PROMISING)
+}
+
+/// Whether a law brings the scenes nearer from where they are, those that are followed with common numbers: if these are
+/// fewer than two, there is nothing to bring nearer.
+fn from_there(
+    lens: &Lens,
+    base: &Revision,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<bool, FitError> {
+    let common = |k: &usize| !base.apart.contains(&base.fit.scenes[*k].name);
+    let kept: Vec<usize> = (0..models.len()).filter(common).collect();
+    if kept.len() < 2 {
+        return Ok(false);
+    }
+    let scenes: Vec<Scene> = kept.iter().map(|&k| lens.scenes[k].clone()).collect();
+    let known: Vec<Model> = kept.iter().map(|&k| base.fit.scenes[k].model.clone()).collect();
+    let mut near: Vec<Model> = kept.iter().map(|&k| models[k].clone()).collect();
+    for (model, fitted) in near.iter_mut().zip(&known) {
+        model.take_shared(fitted);
+        model.stand_as(fitted);
+    }
+    let options = FitOptions { begin: Begin::Near, ..*options };
+    let found = estimate(&scenes, &near, &options, stop)?;
+    let known = estimate(&scenes, &known, &FitOptions { max_iterations: 0, ..options }, stop)?;
+    Ok(proof::distance(&found) < proof::distance(&known) - PROMISING)
+}
+
+/// The median speed with which objects begin (m/s).
+fn usual_speed(base: &Revision) -> Option<f64> {
+    let begun = base.fit.scenes.iter().flat_map(|s| &s.model.bodies);
+    let mut speeds: Vec<f64> = begun.map(|b| b.start.state.velocity.norm()).filter(|v| *v > 0.0).collect();
+    speeds.sort_by(f64::total_cmp);
+    speeds.get(speeds.len() / 2).copied()
+}
+
+/// The masses that differ most from the others when all are free.
+fn heavier(
+    lens: &Lens,
+    base: &Revision,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Vec<Trial>, FitError> {
+    let Some(entry) = absent(models, HEAVIER) else { return Ok(vec![]) };
+    let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
+    let (found, _) = trajectories_from(lens, &all, &begun(&base.fit), Some(HEAVIER), options, stop)?;
+    let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
+    let masses = estimates_of(&found, entry, entry.spec.params[0].name);
+    let mut masses: Vec<(f64, u32)> =
+        masses.into_iter().filter_map(|e| Some((1.0 + e.value, id(e)?))).collect();
+    masses.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // Only ratios of masses show: each against the median.
+    let Some(median) = masses.get(masses.len() / 2).map(|m| m.0) else { return Ok(vec![]) };
+    let off = |mass: f64| (mass / median).ln().abs();
+    masses.sort_by(|a, b| off(b.0).total_cmp(&off(a.0)));
+    let trial = |(mass, id): (f64, u32)| Trial { entry, start: vec![mass / median - 1.0], object: Some(id) };
+    Ok(masses.into_iter().take(HEAVIEST).map(trial).collect())
+}
+
+/// Walls and discs that explain more than one blow that nothing in sight dealt.
+fn unseen(lens: &Lens, models: &[Model]) -> Vec<Trial> {
+    let jumps = struck(lens, models);
+    let trials = |name: &str, places: Vec<Place>| -> Vec<Trial> {
+        let Some(entry) = absent(models, name) else { return vec![] };
+        let told = places.into_iter().filter(|p| p.agree > 1).take(PLACES);
+        told.map(|p| Trial { entry, start: p.values, object: None }).collect()
+    };
+    let mut all = trials("hidden_wall", walls(&jumps, models));
+    all.extend(trials("hidden_object", discs_between(&jumps, models)));
+    all
+}
+
+/// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
+/// trace that a score could follow, so it is tried whole.
+pub fn sticking(
+    lens: &Lens,
+    models: &[Model],
+    base: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let Some(entry) = effect(STICKING) else { return Ok(None) };
+    let region = region(lens.scenes);
+    let films = contacts(lens, models);
+    if !films_stick(&films, &stuck(&films.models, entry, &region), stop)? {
+        return Ok(None);
+    }
+    let models = stuck(models, entry, &region);
+    let revision = revise(lens, &models, Some(STICKING), options, stop)?;
+    let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
+        && revision.held_out_rmse < base.held_out_rmse;
+    Ok(proven.then_some(revision))
+}
+
+/// What is found where balls between cushions turn about axes of their own: a ball's spin is of its state, which the
+/// lenses do not see (they would make forces of it), so that it is tried whole, and by trajectories alone.
+pub fn spinning(
+    lens: &Lens,
+    models: &[Model],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Discovery>, FitError> {
+    let (Some(preset), Some(entry)) = (Preset::named(SPINNING.0), effect(SPINNING.1)) else {
+        return Ok(None);
+    };
+    let plain =
+        |m: &Model| !m.walls.is_empty() && m.spin_sd == 0.0 && m.bodies.iter().all(|b| b.shape.is_ball());
+    if !models.iter().all(plain) {
+        return Ok(None);
+    }
+    let base = revise(lens, models, None, options, stop)?;
+    if base.reduced_chi_square < FOLLOWED {
+        return Ok(None);
+    }
+    let spun: Vec<Model> = lens.scenes.iter().map(|s| preset.model(s)).collect();
+    let mut revision = revise(lens, &spun, None, options, stop)?;
+    if revision.reduced_chi_square * SPINNING_PROOF > base.reduced_chi_square
+        || revision.held_out_rmse > base.held_out_rmse
+    {
+        return Ok(None);
+    }
+    revision.effect = Some(entry.spec.name.into());
+    // The same numbers by the names that the preset's effects have.
+    let number = |effect: &str| {
+        let name = format!("{effect}.mu");
+        let known = revision.fit.posterior.estimates.iter().find(|e| e.name == name);
+        known.map_or((0.0, 0.0), |e| (e.value, e.sd))
+    };
+    let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
+    let kind = entry.kind.to_string();
+    let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
+    let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
+    Ok(Some(Discovery {
+        verdict: Verdict::EffectFound,
+        effects: vec![Found {
+            kind: kind.clone(),
+            effect: entry.spec.name.into(),
+            parameters: reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]),
+        }],
+        ranked: vec![Ranked {
+            kind,
+            effect: entry.spec.name.into(),
+            log_evidence: gain,
+            held_out_rmse: revision.held_out_rmse,
+        }],
+        ambiguous: vec![],
+        experiment: None,
+        formula: None,
+        smallest: vec![],
+        noise_sigma: pooled_noise(lens),
+        reason: format!(
+            "the balls spin: with spins of their own reduced chi-square falls from {:.1} to {:.1}",
+            base.reduced_chi_square, revision.reduced_chi_square
+        ),
+        revisions: vec![base, revision],
+    }))
+}
+
+/// The models in which objects stick for good, which is no parameter.
+pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Model> {
+    let mut models = with_contact(models, entry, &[1.0, 0.0], None, region);
+    for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == entry.spec.name) {
+        active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
+    }
+    models
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::conclude::DiscoverOptions;
+    use super::super::screen::with_nuisance;
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+    use crate::num::never;
+
+    /// Late contacts leave few frames to each video: its own noise hides what all of them say together.
+    #[test]
+    fn what_all_contacts_share_is_asked_for_where_no_video_is_missed() {
+        // The second object lies where the first one, which brakes, is after 80 frames; in the first video it has gone.
+        let time = 0.04 * 80.0;
+        let meeting = |(speed, gone): (f64, f64)| {
+            let way = speed * time - 0.147 * time * time;
+            vec![(DISC, 0.6, [-0.4 - way, 0.0], [speed, 0.0]), (DISC, 0.6, [0.0, 0.03 + gone], [0.0, 0.0])]
+        };
+        let launches = [(1.4, 0.97), (1.4, 0.0), (1.9, 0.0), (2.6, 0.0)].map(meeting);
+        let options = DiscoverOptions::default().fit;
+        let asked = |inverse_v0: f64| {
+            let scenes = film(&launches, Some((FADING, &[("inverse_v0", inverse_v0)])));
+            let (lens, models) = (Lens::new(&scenes), with_nuisance(&models(&scenes)));
+            let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
+            assert!(base.fit.scenes.iter().all(|s| s.reduced_chi_square < MISSED));
+            asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
+        };
+        let (law, _) = asked(0.13).expect("contacts fade");
+        assert!((law.values[0] - 0.13).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
+        assert!(asked(0.0).is_none());
+    }
+}

@@ -1,0 +1,45 @@
+//! Friction as the paper has it: one deceleration for what slides and one for what rolls.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::body::{Body, GRAVITY, Wrench};
+use crate::num::Real;
+
+pub struct GlidingFriction;
+
+impl Effect for GlidingFriction {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "gliding_friction",
+        doc: "What glides is slowed evenly: a = -l g v/|v|, l = sliding for cylinders and cubes, rolling for spheres from the start, whatever their spin.",
+        source: "VRDP eq. 1 (l1, l2)",
+        hooks: &[Hook::Force],
+        params: &[
+            ParamSpec {
+                name: "sliding",
+                unit: "1",
+                default: 0.0,
+                min: 0.0,
+                max: 2.0,
+                scope: Scope::Setup,
+                doc: "deceleration of a cylinder or cube over g",
+            },
+            ParamSpec {
+                name: "rolling",
+                unit: "1",
+                default: 0.0,
+                min: 0.0,
+                max: 2.0,
+                scope: Scope::Setup,
+                doc: "deceleration of a sphere over g",
+            },
+        ],
+    };
+
+    fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
+        let weight = body.mass * GRAVITY;
+        // The world lets resistance to rolling act on balls only.
+        out.rolling += p[1] * weight;
+        if !body.shape.is_ball() {
+            out.grip += p[0] * weight;
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! An object that is heavier, or lighter, than believed.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, report::Quantity};
+use crate::body::Matter;
+use crate::num::Real;
+
+pub struct MassChange;
+
+impl Effect for MassChange {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "mass_change",
+        doc: "An object is heavier or lighter than believed: m = factor times what is believed, factor = 1 + excess.",
+        source: "A rival to forces, and a hidden load",
+        hooks: &[Hook::Matter],
+        params: &[ParamSpec {
+            name: "excess",
+            unit: "1",
+            default: 0.0,
+            min: -0.95,
+            max: 20.0,
+            scope: Scope::Object,
+            doc: "factor - 1",
+        }],
+    };
+
+    /// The label of its scope is the `object_id`.
+    fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
+        vec![("factor", Quantity::Number(1.0 + p[0]))]
+    }
+
+    fn matter<T: Real>(p: &[T], out: &mut Matter<T>) {
+        out.mass *= p[0] + 1.0;
+    }
+}

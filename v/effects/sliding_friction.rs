@@ -1,0 +1,29 @@
+//! Coulomb friction of the ground against sliding.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::body::{Body, GRAVITY, Wrench};
+use crate::num::Real;
+
+pub struct SlidingFriction;
+
+impl Effect for SlidingFriction {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "sliding_friction",
+        doc: "Friction with the ground: a = -mu g v/|v| of the touching surface; over a footprint it is shared between sliding and turning, and a ball slides until it rolls.",
+        source: "VRDP eq. 1; Farkas et al., Phys. Rev. Lett. 90 (2003) 248302 for sliding with spin",
+        hooks: &[Hook::Force],
+        params: &[ParamSpec {
+            name: "mu",
+            unit: "1",
+            default: 0.0,
+            min: 0.0,
+            max: 2.0,
+            scope: Scope::Setup,
+            doc: "coefficient of friction against the ground",
+        }],
+    };
+
+    fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
+        out.grip += p[0] * body.mass * GRAVITY;
+    }
+}

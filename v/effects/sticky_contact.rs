@@ -1,0 +1,49 @@
+//! Adhesion: objects that touch stick and move on as one body.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, report::Quantity};
+use crate::body::{Contact, ContactLaw};
+use crate::num::Real;
+
+pub struct StickyContact;
+
+impl Effect for StickyContact {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "sticky_contact",
+        doc: "Objects stick together: a plastic blow that also ends slip and relative spin; then both move as one rigid body until a pull of `strength` parts them.",
+        source: "Euler's laws of a rigid body; Goldstein, Classical Mechanics, ch. 5",
+        hooks: &[Hook::Contact],
+        params: &[
+            ParamSpec {
+                name: "presence",
+                unit: "1",
+                default: 0.0,
+                min: 0.0,
+                max: 1.0,
+                scope: Scope::Setup,
+                doc: "from a half on they stick; below, the blow takes twice this share of the relative motion and they part",
+            },
+            ParamSpec {
+                name: "weakness",
+                unit: "1/N",
+                default: 0.0,
+                min: 0.0,
+                max: 1000.0,
+                scope: Scope::Setup,
+                doc: "one over the pull that parts them; 0: nothing does",
+            },
+        ],
+    };
+
+    fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
+        let parts = p[1] > 0.0;
+        parts.then(|| ("strength", Quantity::Number(1.0 / p[1]))).into_iter().collect()
+    }
+
+    fn contact<T: Real>(pa: &[T], _pb: &[T], contact: &Contact<T>, out: &mut ContactLaw<T>) {
+        if contact.b.is_some() {
+            let share = pa[0] * 2.0;
+            out.stick += share;
+            out.weakness += pa[1] * share.min(T::constant(1.0));
+        }
+    }
+}

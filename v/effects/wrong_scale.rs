@@ -1,0 +1,34 @@
+//! A camera that takes lengths for longer, or shorter: no physics, but it looks like some.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry, report::Quantity};
+use crate::body::View;
+use crate::num::Real;
+
+pub struct WrongScale;
+
+impl Effect for WrongScale {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "wrong_scale",
+        doc: "Lengths of the video are wrong by a factor: x_seen = (1 + excess) x.",
+        source: "A rival to forces",
+        hooks: &[Hook::Observe],
+        params: &[ParamSpec {
+            name: "excess",
+            unit: "1",
+            default: 0.0,
+            min: -0.5,
+            max: 1.0,
+            scope: Scope::Setup,
+            doc: "scale - 1",
+        }],
+    };
+    const SYMMETRY: Symmetry = Symmetry::None;
+
+    fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
+        vec![("scale", Quantity::Number(1.0 + p[0]))]
+    }
+
+    fn observe<T: Real>(p: &[T], out: &mut View<T>) {
+        out.position = out.position * (p[0] + 1.0);
+    }
+}

@@ -1,0 +1,34 @@
+//! An object that is larger, or smaller, than believed: no physics, but it looks like some.
+
+use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, report::Quantity};
+use crate::body::Matter;
+use crate::num::Real;
+
+pub struct WrongSize;
+
+impl Effect for WrongSize {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "wrong_size",
+        doc: "Objects are larger or smaller than believed: lengths of the outline are factor times what is believed, factor = 1 + excess.",
+        source: "A rival to contact laws",
+        hooks: &[Hook::Matter],
+        params: &[ParamSpec {
+            name: "excess",
+            unit: "1",
+            default: 0.0,
+            min: -0.5,
+            max: 1.0,
+            scope: Scope::Object,
+            doc: "factor - 1",
+        }],
+    };
+
+    /// The label of its scope is the `object_id`.
+    fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
+        vec![("factor", Quantity::Number(1.0 + p[0]))]
+    }
+
+    fn matter<T: Real>(p: &[T], out: &mut Matter<T>) {
+        out.size *= p[0] + 1.0;
+    }
+}

@@ -1,0 +1,364 @@
+//! Answers a question about a fitted scene by running its program on every rollout.
+
+use super::english::{choice_program, is_explanatory, question_program};
+use super::events::{FUTURE_FRAMES, World, world};
+use super::program::{Op, Program, Type};
+use super::run::{Facts, Halt, Step, Value, describe, describe_event, run};
+use super::{Imagined, ReasonError, Request, imagine, ops};
+use crate::fit::{Fit, ObjectEstimate};
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::world::{EventKind, Intervention};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// An answer less probable than this is told with what the video leaves open.
+const SURE: f64 = 0.75;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Question {
+    English { question: String, choices: Vec<String> },
+    Program { program: Vec<String>, choices: Vec<Vec<String>> },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AskOptions {
+    /// Models drawn from the posterior.
+    pub rollouts: usize,
+    pub seed: u64,
+}
+
+impl Default for AskOptions {
+    fn default() -> Self {
+        AskOptions { rollouts: 32, seed: 0 }
+    }
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Of an open question.
+    pub answer: Option<String>,
+    pub choices: Vec<ChoiceAnswer>,
+    /// How sure the answer is: of an open one the share of the rollouts that give it, else of the least sure choice.
+    pub probability: f64,
+    pub trail: Vec<Step>,
+    pub program: Vec<String>,
+    /// One or two sentences.
+    pub explanation: String,
+    /// The simulations it stands on.
+    pub simulations: Vec<Imagined>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChoiceAnswer {
+    pub choice: String,
+    pub correct: bool,
+    /// Share of the rollouts in which it is correct.
+    pub probability: f64,
+    pub trail: Vec<Step>,
+}
+
+/// What is simulated so far.
+struct Session<'a> {
+    scene: &'a Scene,
+    fit: &'a Fit,
+    index: usize,
+    options: AskOptions,
+    stop: Stop<'a>,
+    effects: Vec<String>,
+    worlds: Vec<World>,
+    simulations: Vec<Imagined>,
+}
+
+/// Answers a question about scene `index` of the fit. Deterministic.
+pub fn ask(
+    scene: &Scene,
+    fit: &Fit,
+    index: usize,
+    question: &Question,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
+    if index >= fit.scenes.len() {
+        return Err(ReasonError::NoSuchScene { index, scenes: fit.scenes.len() });
+    }
+    let (mut program, choices) = programs(question)?;
+    let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
+    if open_list && program.ops.contains(&Op::Negate) {
+        let expected = "choices to say it of: give some, as the question has \"not\"";
+        return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
+    }
+    if open_list {
+        // Without choices the events themselves are asked for.
+        let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
+        program.ops.truncate(keep);
+        program.tokens.truncate(keep);
+    }
+    for (_, choice) in &choices {
+        let mut stack = vec![];
+        choice.check(&mut stack)?;
+        result(&program, stack, Some(Type::Bool))?;
+    }
+    if choices.is_empty() {
+        result(&program, vec![], None)?;
+    }
+    let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
+    let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
+    let effects = active.map(|e| e.name.clone()).collect();
+    let (worlds, simulations) = (vec![], vec![]);
+    let mut session = Session { scene, fit, index, options, stop, effects, worlds, simulations };
+    let mut answer =
+        if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
+    answer.program = program.tokens;
+    if answer.probability < SURE {
+        let met = session.met();
+        answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
+    }
+    answer.explanation += &reach(scene, &session.simulations);
+    answer.simulations = session.simulations;
+    Ok(answer)
+}
+
+type Choices = Vec<(String, Program)>;
+
+fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
+    match question {
+        Question::English { question, choices } => {
+            let tokens = question_program(question)?;
+            let observed = is_explanatory(&tokens);
+            let choices =
+                choices.iter().map(|c| Ok((c.clone(), Program::parse(&choice_program(c, observed)?)?)));
+            Ok((Program::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
+        }
+        Question::Program { program, choices } => {
+            let choices = choices.iter().map(|c| Ok((c.join(" "), Program::parse(c)?)));
+            Ok((Program::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
+        }
+    }
+}
+
+/// How far the simulations look, which objects were kept as observed in every counterfactual, and whether a simulation ended early.
+fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
+    let imagined: Vec<&Imagined> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
+    let kept = scene.objects.iter().filter(|o| imagined.iter().all(|s| s.unreached.contains(&o.id)));
+    let kept: Vec<String> = kept.map(ops::phrase).collect();
+    let mut words = String::new();
+    let end = scene.times.last().copied().unwrap_or(0.0);
+    let looked = |from: &str, s: &Imagined| {
+        let until = s.best.times.last().copied().unwrap_or(end);
+        match until > end {
+            true => format!(" {from} is simulated to {until:.1} s, {:.1} s beyond the video.", until - end),
+            false => format!(" {from} is simulated to the video's end, {until:.1} s."),
+        }
+    };
+    words += &simulations
+        .iter()
+        .find(|s| s.interventions.is_empty())
+        .map_or(String::new(), |s| looked("What comes", s));
+    words += &imagined.first().map_or(String::new(), |s| looked("What would be", s));
+    if !imagined.is_empty() && !kept.is_empty() {
+        words += &format!(" The change does not reach {}, which moves as observed.", kept.join(" or "));
+    }
+    if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
+        words += &format!(" {} rollouts ended early ({}).", cut.rollouts, cut.why);
+    }
+    words
+}
+
+/// Why an answer is unsure: what the video does not determine of the objects that it depends on.
+pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectEstimate>) -> String {
+    let open = objects.filter_map(|o| {
+        let what = match (o.mass.identified, o.restitution.identified) {
+            (true, true) => return None,
+            (false, true) => "mass",
+            (true, false) => "restitution",
+            (false, false) => "mass and restitution",
+        };
+        let object = scene.objects.get(scene.object_index(o.id)?)?;
+        Some(format!("the {what} of {}", ops::phrase(object)))
+    });
+    let open: Vec<String> = open.collect();
+    match open.is_empty() {
+        true => " The video cannot tell for sure: differences within its noise decide.".to_string(),
+        false => format!(" The video cannot tell for sure: it does not determine {}.", open.join(", ")),
+    }
+}
+
+/// Checks that the program leaves one value, of the wanted type.
+fn result(program: &Program, mut stack: Vec<Type>, wanted: Option<Type>) -> Result<(), ReasonError> {
+    program.check(&mut stack)?;
+    match stack[..] {
+        [one] if wanted.is_none_or(|w| w == one) => Ok(()),
+        _ => {
+            let expected = if wanted.is_some() { "yes or no for each choice" } else { "one value" };
+            Err(ReasonError::ProgramResult { expected, found: format!("{stack:?}") })
+        }
+    }
+}
+
+impl Session<'_> {
+    /// Runs the programs one after the other on a rollout, simulating what they ask for.
+    fn evaluate(
+        &mut self,
+        programs: &[&Program],
+        rollout: usize,
+    ) -> Result<(Option<Value>, Vec<Step>), ReasonError> {
+        loop {
+            let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
+            let (scene, effects, worlds) = (self.scene, &self.effects, &self.worlds);
+            let facts = Facts { scene, bodies, effects, worlds, rollout };
+            let mut trail = vec![];
+            let outcome = programs.iter().try_fold(vec![], |stack, program| {
+                let (stack, steps) = run(program, facts, stack)?;
+                trail.extend(steps);
+                Ok(stack)
+            });
+            match outcome {
+                Ok(mut stack) => return Ok((stack.pop(), trail)),
+                // Simulated already, with fewer rollouts than asked for: this one has no say.
+                Err(Halt::Needs(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                    return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
+                }
+                Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
+                Err(Halt::Error(error)) => return Err(error),
+            }
+        }
+    }
+
+    /// Objects that collide in some simulation.
+    fn met(&self) -> BTreeSet<u32> {
+        let events = self.simulations.iter().flat_map(|s| &s.events);
+        events
+            .filter(|e| e.event.kind == EventKind::Collision)
+            .flat_map(|e| e.event.objects.clone())
+            .collect()
+    }
+
+    fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
+        let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
+        let frames = self.scene.times.len() + after;
+        let AskOptions { rollouts, seed } = self.options;
+        let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
+        let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
+        self.worlds.push(world(self.scene, &imagined));
+        self.simulations.push(imagined);
+        Ok(())
+    }
+
+    /// Values over the ensemble (the best rollout alone where there is none), and the best rollout's trail.
+    fn over_rollouts(&mut self, programs: &[&Program]) -> Result<(Vec<Value>, Vec<Step>), ReasonError> {
+        let best = self.evaluate(programs, 0);
+        let mut values = vec![];
+        for rollout in 1..=self.options.rollouts {
+            match self.evaluate(programs, rollout) {
+                Ok((value, _)) => values.extend(value),
+                // This rollout has no such event, so it has no say.
+                Err(ReasonError::NoSingleEvent { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        match best {
+            Ok((value, trail)) => {
+                if values.is_empty() {
+                    values.extend(value);
+                }
+                Ok((values, trail))
+            }
+            Err(ReasonError::NoSingleEvent { .. }) if !values.is_empty() => Ok((values, vec![])),
+            Err(error) => Err(error),
+        }
+    }
+
+    fn choices(&mut self, program: &Program, choices: &Choices) -> Result<Answer, ReasonError> {
+        let mut answers = vec![];
+        for (text, choice) in choices {
+            let (values, trail) = self.over_rollouts(&[choice, program])?;
+            let yes = values.iter().filter(|v| **v == Value::Bool(true)).count();
+            let probability = yes as f64 / values.len().max(1) as f64;
+            answers.push(ChoiceAnswer {
+                choice: text.clone(),
+                correct: probability >= 0.5,
+                probability,
+                trail,
+            });
+        }
+        let sure = |c: &ChoiceAnswer| if c.correct { c.probability } else { 1.0 - c.probability };
+        let right: Vec<String> = answers
+            .iter()
+            .filter(|c| c.correct)
+            .map(|c| format!("\"{}\" ({:.0} %)", c.choice, 100.0 * c.probability))
+            .collect();
+        let rollouts = self.options.rollouts.max(1);
+        Ok(Answer {
+            answer: None,
+            probability: answers.iter().map(sure).fold(1.0, f64::min),
+            explanation: match &right[..] {
+                [] => format!("In {rollouts} simulations: no choice is right."),
+                _ => format!("In {rollouts} simulations: right is {}.", right.join(", ")),
+            },
+            trail: answers.first().map(|c| c.trail.clone()).unwrap_or_default(),
+            choices: answers,
+            program: vec![],
+            simulations: vec![],
+        })
+    }
+
+    fn open(&mut self, program: &Program) -> Result<Answer, ReasonError> {
+        let (values, trail) = self.over_rollouts(&[program])?;
+        let (answer, probability) = if matches!(values.first(), Some(Value::Events(_))) {
+            self.likely_events(&values)
+        } else {
+            let mut tally: Vec<(String, usize)> = vec![];
+            for value in &values {
+                let text = describe(self.scene, value);
+                match tally.iter_mut().find(|(t, _)| *t == text) {
+                    Some((_, n)) => *n += 1,
+                    None => tally.push((text, 1)),
+                }
+            }
+            // The first among equals, so that the order of rollouts decides and nothing else.
+            let most = tally.iter().rev().max_by_key(|(_, n)| *n).cloned().unwrap_or_default();
+            (most.0, most.1 as f64 / values.len().max(1) as f64)
+        };
+        Ok(Answer {
+            explanation: format!("In {:.0} % of {} rollouts.", 100.0 * probability, values.len()),
+            answer: Some(answer),
+            choices: vec![],
+            probability,
+            trail,
+            program: vec![],
+            simulations: vec![],
+        })
+    }
+
+    /// Events that at least half of the rollouts show, in words, and the share of the least likely of them.
+    fn likely_events(&self, values: &[Value]) -> (String, f64) {
+        let mut tally: Vec<(super::events::Happening, usize)> = vec![];
+        for value in values {
+            let Value::Events(events) = value else { continue };
+            for (k, event) in events.iter().enumerate() {
+                if events.iter().take(k).any(|e| e.is_like(event)) {
+                    continue;
+                }
+                match tally.iter_mut().find(|(e, _)| e.is_like(event)) {
+                    Some((_, n)) => *n += 1,
+                    None => tally.push((event.clone(), 1)),
+                }
+            }
+        }
+        let share = |n: usize| n as f64 / values.len().max(1) as f64;
+        let likely: Vec<_> = tally.iter().filter(|(_, n)| share(*n) >= 0.5).collect();
+        if likely.is_empty() {
+            let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
+            return ("nothing is likely to happen".to_string(), 1.0 - most);
+        }
+        // The share of a single one is that of the answer.
+        let words = likely.iter().map(|(e, n)| match likely.len() {
+            1 => describe_event(self.scene, e),
+            _ => format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)),
+        });
+        let least = likely.iter().map(|(_, n)| share(*n)).fold(1.0, f64::min);
+        (words.collect::<Vec<_>>().join("; "), least)
+    }
+}

@@ -1,0 +1,52 @@
+//! Reasoning: predict, imagine, and answer questions by simulating.
+
+mod ask;
+mod english;
+mod events;
+mod grammar;
+mod imagine;
+mod ops;
+mod program;
+mod run;
+#[cfg(test)]
+mod tests;
+
+pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
+pub use english::{choice_program, examples, question_program};
+pub use events::{FUTURE_FRAMES, MOVING_SPEED};
+pub use imagine::{CutShort, Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
+
+pub use program::{Op, Program, TOKENS, Type};
+pub use run::Step;
+
+use crate::num::Stopped;
+use crate::world::InterventionError;
+
+/// Why a question has no answer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReasonError {
+    #[error(transparent)]
+    Intervention(#[from] InterventionError),
+    #[error("frames is {frames}; ask for 1 to {most}")]
+    Frames { frames: usize, most: usize },
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    #[error("the program has {tokens} tokens; give 1 to {most}")]
+    ProgramLength { tokens: usize, most: usize },
+    #[error("token {position}, {token}: not in the vocabulary; nearest is {nearest}")]
+    UnknownToken { position: usize, token: String, nearest: String },
+    #[error("token {position}, {token}: expected {expected}, found {found}")]
+    ProgramType { position: usize, token: String, expected: &'static str, found: String },
+    #[error("the program leaves {found}; it must leave {expected}")]
+    ProgramResult { expected: &'static str, found: String },
+    #[error("\"{phrase}\" fits no object; the scene has {}", .candidates.join(", "))]
+    NoSuchObject { phrase: String, candidates: Vec<String> },
+    #[error("\"{phrase}\" fits {} objects: {}; say which", .candidates.len(), .candidates.join(", "))]
+    AmbiguousObject { phrase: String, candidates: Vec<String> },
+    #[error("the answer needs one event, but the video shows {found}")]
+    NoSingleEvent { found: String },
+    #[error("not understood: \"{part}\"; the nearest supported form is: {nearest}")]
+    NotUnderstood { part: String, nearest: String },
+    #[error("scene {index} is not in the fit, which has {scenes}")]
+    NoSuchScene { index: usize, scenes: usize },
+}

@@ -1,0 +1,184 @@
+//! The operations of programs, one function each.
+
+use super::ReasonError;
+use super::events::{Happening, Kind, Past, SIDES};
+use crate::num::{Vec2, vec2};
+use crate::scene::{Object, Scene};
+use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
+
+/// Mass factors of "heavier" and "lighter".
+pub const HEAVIER: f64 = 5.0;
+pub const LIGHTER: f64 = 0.2;
+/// CLEVRER's "end" lies this many frames before the number of frames.
+const END_MARGIN: usize = 3;
+
+/// "the red metal cube", "the cube 3" where it has no colour.
+pub fn phrase(object: &Object) -> String {
+    format!("the {}", object.words())
+}
+
+pub fn all(scene: &Scene) -> Vec<usize> {
+    (0..scene.objects.len()).collect()
+}
+
+/// Every event one could ask about: any two objects collide, any one enters, exits or meets a side of the table.
+pub fn conceivable(scene: &Scene) -> Vec<Happening> {
+    let n = scene.objects.len();
+    let event = |kind, objects| Happening { kind, frame: 0, objects };
+    let pairs = (0..n).flat_map(|b| (0..b).map(move |a| vec![a, b]));
+    let mut events: Vec<Happening> = pairs.map(|p| event(Kind::Collision, p)).collect();
+    for i in 0..n {
+        events.extend([event(Kind::In, vec![i]), event(Kind::Out, vec![i])]);
+        if scene.table.is_some() {
+            events.extend(SIDES.map(|side| event(Kind::Side(side), vec![i])));
+        }
+    }
+    events
+}
+
+pub fn edge(scene: &Scene, kind: Kind) -> Happening {
+    let last = scene.times.len().saturating_sub(END_MARGIN);
+    Happening { kind, frame: if kind == Kind::Start { 0 } else { last }, objects: vec![] }
+}
+
+pub fn filter_word(scene: &Scene, objects: &[usize], of: fn(&Object) -> &str, word: &str) -> Vec<usize> {
+    let fits = |i: &&usize| scene.objects.get(**i).is_some_and(|o| of(o) == word);
+    objects.iter().filter(fits).copied().collect()
+}
+
+/// Moving, or seen and not moving, in a frame; ever, or never, without one.
+pub fn filter_motion(past: &Past, objects: &[usize], frame: Option<usize>, moving: bool) -> Vec<usize> {
+    let of = |i: &usize| past.moving.get(*i).map(Vec::as_slice).unwrap_or_default();
+    let fits = |i: &&usize| match frame {
+        Some(frame) => of(i).get(frame).copied().flatten() == Some(moving),
+        None => {
+            let seen: Vec<bool> = of(i).iter().flatten().copied().collect();
+            !seen.is_empty() && seen.contains(&true) == moving
+        }
+    };
+    objects.iter().filter(fits).copied().collect()
+}
+
+pub fn filter_kind(events: &[Happening], kind: Kind, objects: &[usize]) -> Vec<Happening> {
+    let fits = |e: &&Happening| e.kind == kind && e.objects.iter().any(|o| objects.contains(o));
+    events.iter().filter(fits).cloned().collect()
+}
+
+/// Collisions of the object with one of the partners.
+pub fn filter_partner(events: &[Happening], object: usize, partners: &[usize]) -> Vec<Happening> {
+    let others = |e: &&Happening| e.objects.iter().any(|o| *o != object && partners.contains(o));
+    filter_kind(events, Kind::Collision, &[object]).iter().filter(others).cloned().collect()
+}
+
+pub fn filter_time(events: &[Happening], frame: Option<usize>, after: bool) -> Vec<Happening> {
+    let fits = |e: &&Happening| frame.is_none_or(|f| if after { e.frame > f } else { e.frame < f });
+    events.iter().filter(fits).cloned().collect()
+}
+
+pub fn order(events: &[Happening], place: usize) -> Option<Happening> {
+    let mut sorted: Vec<&Happening> = events.iter().collect();
+    sorted.sort_by_key(|e| e.frame);
+    if place == usize::MAX { sorted.last() } else { sorted.get(place) }.map(|e| (*e).clone())
+}
+
+/// What led to the event: earlier events of its participants, and what led to those; not the event itself.
+pub fn ancestors(events: &[Happening], of: &Happening) -> Vec<Happening> {
+    let mut found: Vec<Happening> = vec![];
+    let mut open = vec![of.clone()];
+    while let Some(event) = open.pop() {
+        for earlier in events.iter().filter(|e| e.frame < event.frame) {
+            if earlier.objects.iter().any(|o| event.objects.contains(o)) && !found.contains(earlier) {
+                found.push(earlier.clone());
+                open.push(earlier.clone());
+            }
+        }
+    }
+    found.sort_by_key(|e| e.frame);
+    found
+}
+
+pub fn has_object(events: &[Happening], object: usize) -> bool {
+    events.iter().any(|e| e.objects.contains(&object))
+}
+
+pub fn has_event(events: &[Happening], event: &Happening) -> bool {
+    events.iter().any(|e| e.is_like(event))
+}
+
+/// The one object; none or several is an error that names them.
+pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
+    let names = |of: &[usize]| of.iter().filter_map(|i| scene.objects.get(*i)).map(phrase).collect();
+    let phrase = phrase_asked.to_string();
+    match objects {
+        [one] => Ok(*one),
+        [] => Err(ReasonError::NoSuchObject { phrase, candidates: names(&all(scene)) }),
+        several => Err(ReasonError::AmbiguousObject { phrase, candidates: names(several) }),
+    }
+}
+
+/// The first of the objects: a pattern for more of its kind.
+pub fn first_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
+    objects.first().map_or_else(|| unique_object(scene, &[], phrase_asked), |first| Ok(*first))
+}
+
+/// A body like the first one, at rest, `by` (m) off where the second one begins.
+pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Result<Intervention, ReasonError> {
+    let find = |id: u32| {
+        let known = || bodies.iter().map(|b| b.id).collect();
+        bodies
+            .iter()
+            .find(|b| b.id == id)
+            .ok_or_else(|| InterventionError::UnknownObject { id, known: known() })
+    };
+    let (like, beside) = (find(like)?, find(beside)?);
+    let state = State { position: beside.start.state.position + by, ..State::default() };
+    let start = Start { time: 0.0, state, rolling: false };
+    let id = bodies.iter().map(|b| b.id).max().map_or(0, |id| id.saturating_add(1));
+    Ok(Intervention::Add { body: BodySpec { id, start, ..like.clone() } })
+}
+
+/// The one event; the same event twice is taken as its first time.
+pub fn unique_event(events: &[Happening]) -> Result<Happening, ReasonError> {
+    match events {
+        [] => Ok(Happening { kind: Kind::Never, frame: 0, objects: vec![] }),
+        [first, rest @ ..] if rest.iter().all(|e| e.is_like(first)) => Ok(first.clone()),
+        several => Err(ReasonError::NoSingleEvent { found: format!("{} of them", several.len()) }),
+    }
+}
+
+pub fn partner(event: &Happening, object: usize) -> Result<usize, ReasonError> {
+    let other = event.objects.iter().find(|o| **o != object).copied();
+    other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
+}
+
+/// The scene's id of an object.
+pub fn id(scene: &Scene, object: usize) -> Result<u32, ReasonError> {
+    let found = scene.objects.get(object).ok_or_else(|| ReasonError::NoSuchObject {
+        phrase: format!("object {object}"),
+        candidates: scene.objects.iter().map(phrase).collect(),
+    })?;
+    Ok(found.id)
+}
+
+/// So many metres towards a side: x grows to the right, y to the top.
+pub fn towards(side: &str, length: f64) -> Vec2 {
+    match side {
+        "left" => vec2(-length, 0.0),
+        "right" => vec2(length, 0.0),
+        "top" => vec2(0.0, length),
+        _ => vec2(0.0, -length),
+    }
+}
+
+/// Switches off the effects of the model that together are what people call friction, or drag.
+pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, ReasonError> {
+    let also = if law == "friction" { "rolling_resistance" } else { "damping" };
+    let off = effects.iter().filter(|name| name.contains(law) || *name == also);
+    let off: Vec<Intervention> =
+        off.map(|name| Intervention::SwitchEffect { name: name.clone(), on: false }).collect();
+    if off.is_empty() {
+        let (name, known) = (law.to_string(), effects.to_vec());
+        return Err(InterventionError::UnknownEffect { name, known }.into());
+    }
+    Ok(off)
+}

@@ -1,0 +1,533 @@
+//! Tests of the question language on real questions: types, English, and answers on the true events.
+
+use super::ask::doubt;
+use super::english::{choice_program, question_program};
+use super::events::{Happening, Kind, Past, World, world};
+use super::program::{Program, Type};
+use super::run::{Facts, Halt, Value, describe, run};
+use super::*;
+use crate::fit::{Estimate, ObjectEstimate};
+use crate::num::{Vec2, never, vec2};
+use crate::scene::{Object, Sample, Scene, Shape, Table, Track, WorldKind, parse};
+use crate::world::{Ending, Event, EventKind, Intervention, Preset, Trace, trace};
+use serde_json::Value as Json;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The committed scenes, and the benchmark's where it lies beside the repository.
+fn scenes() -> Vec<PathBuf> {
+    let folders = ["tests/data/clevrer", "../shared/data/clevrer/dev", "../shared/data/clevrer/dev_bounce"];
+    let entries =
+        folders.iter().flat_map(|f| std::fs::read_dir(root().join(f)).into_iter().flatten().flatten());
+    let mut scenes: Vec<PathBuf> =
+        entries.map(|e| e.path()).filter(|p| p.join("questions.json").exists()).collect();
+    scenes.sort();
+    scenes
+}
+
+fn json(path: &Path) -> Json {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn list(value: &Json) -> Vec<Json> {
+    value.as_array().cloned().unwrap_or_default()
+}
+
+fn tokens(value: &Json) -> Vec<String> {
+    list(value).iter().map(|t| t.as_str().unwrap().to_string()).collect()
+}
+
+fn observed(folder: &Path) -> Scene {
+    parse("scene", &std::fs::read_to_string(folder.join("observed.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn every_program_of_the_data_type_checks() {
+    let mut questions: Vec<Json> =
+        scenes().iter().flat_map(|s| list(&json(&s.join("questions.json"))["questions"])).collect();
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/explanatory.jsonl"))
+        .unwrap_or_default();
+    questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
+    for q in &questions {
+        let program = Program::parse(&tokens(&q["program"])).unwrap();
+        let choices = list(&q["choices"]);
+        for c in &choices {
+            let mut stack = vec![];
+            Program::parse(&tokens(&c["program"])).unwrap().check(&mut stack).unwrap();
+            program.check(&mut stack).unwrap();
+            assert_eq!(stack, [Type::Bool]);
+        }
+        if choices.is_empty() {
+            let mut stack = vec![];
+            program.check(&mut stack).unwrap();
+            assert_eq!(stack.len(), 1);
+        }
+    }
+    println!("{} questions", questions.len());
+}
+
+#[test]
+fn english_gives_the_programs_of_the_data() {
+    let mut questions: Vec<Json> =
+        scenes().iter().flat_map(|s| list(&json(&s.join("questions.json"))["questions"])).collect();
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/explanatory.jsonl"))
+        .unwrap_or_default();
+    questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
+    let mut checked = 0;
+    for q in &questions {
+        let text = q["question"].as_str().unwrap();
+        assert_eq!(question_program(text), Ok(tokens(&q["program"])), "{text}");
+        for c in list(&q["choices"]) {
+            let text = c["choice"].as_str().unwrap();
+            let observed = q["question_type"] == "explanatory";
+            assert_eq!(choice_program(text, observed), Ok(tokens(&c["program"])), "{text}");
+        }
+        checked += 1;
+    }
+    let extra = std::fs::read_to_string(root().join("../shared/data/questions/counterfactual.jsonl"))
+        .unwrap_or_default();
+    for line in extra.lines() {
+        let q: Json = serde_json::from_str(line).unwrap();
+        let text = q["question"].as_str().unwrap();
+        let program = question_program(text).unwrap();
+        assert_eq!(program.last().map(String::as_str) == Some("negate"), text.contains(" not "), "{text}");
+        let mut fitting = list(&q["objects"]);
+        for pair in program.windows(2) {
+            let kind = pair[1].trim_start_matches("filter_");
+            fitting.retain(|o| o.get(kind).is_none_or(|word| word == pair[0].as_str()));
+        }
+        assert_eq!(fitting.iter().map(|o| &o["id"]).collect::<Vec<_>>(), [&q["removed"][0]], "{text}");
+        checked += 1;
+    }
+    println!("{checked} questions");
+}
+
+#[test]
+fn english_is_lenient_but_never_guesses() {
+    let same = |a: &str, b: &str| assert_eq!(question_program(a).unwrap(), question_program(b).unwrap());
+    same(
+        "WHAT WILL HAPPEN without the grey metallic ball",
+        "What will happen without the gray metal sphere?",
+    );
+    same(
+        "If the red block were much heavier, what would happen?",
+        "What would happen if the red cube were heavier?",
+    );
+    same("Does the grey cube hit the ball?", "do the gray box collide with the sphere");
+    for bad in [
+        "what will happen if the red is removed and added?",
+        "what will happen if the red cube is -2 times as heavy?",
+        "why?",
+        "how many red red cubes are there",
+        "the",
+    ] {
+        assert!(matches!(question_program(bad), Err(ReasonError::NotUnderstood { .. })), "{bad}");
+    }
+}
+
+#[test]
+fn changes_beyond_the_paper_have_programs() {
+    let blue = "objects blue filter_color unique";
+    let check = |text: &str, program: &str| {
+        assert_eq!(question_program(text).unwrap().join(" "), program.replace("BLUE", blue), "{text}");
+    };
+    check(
+        "What will happen if the blue object is 1.5 times as fast?",
+        "all_events BLUE 1.5 scale_velocity filter_counterfact belong_to",
+    );
+    check(
+        "What would not happen if the blue object were moving the other way?",
+        "all_events BLUE reverse filter_counterfact belong_to negate",
+    );
+    check(
+        "What will happen if the blue one is 25 cm to the right and the blue one is removed?",
+        "all_events BLUE 0.25 right shift BLUE both filter_counterfact belong_to",
+    );
+    check(
+        "What would happen if there were another red cube 30 cm to the left of the blue object?",
+        "all_events objects red filter_color cube filter_shape BLUE 0.3 left add_another filter_counterfact belong_to",
+    );
+    check(
+        "Would the blue ball hit the left side of the table if the blue object were at rest?",
+        "BLUE at_rest filter_counterfact objects blue filter_color sphere filter_shape unique left filter_side exist",
+    );
+    check(
+        "How many collisions would there be without the blue object?",
+        "BLUE filter_counterfact objects filter_collision count",
+    );
+    check(
+        "What color is the first cube to hit the blue object?",
+        "events BLUE objects cube filter_shape filter_partner first filter_order BLUE query_collision_partner \
+         query_color",
+    );
+}
+
+#[test]
+fn a_refusal_names_the_part_and_completes_what_it_understood() {
+    let check = |text: &str, refused: &str, near: &str| match question_program(text) {
+        Err(ReasonError::NotUnderstood { part, nearest }) => {
+            assert_eq!((part.as_str(), nearest.as_str()), (refused, near), "{text}");
+            question_program(&nearest).unwrap();
+        }
+        other => panic!("{text}: {other:?}"),
+    };
+    check("What will happen without the frog?", "frog", "what will happen without the blue cube");
+    check(
+        "How many cubes are moving when the frog enters?",
+        "frog enters",
+        "how many cubes are moving when the video ends",
+    );
+    check(
+        "If the red ball's gone, what happens?",
+        "'s gone what happens",
+        "if the red ball is removed what will happen",
+    );
+    check("What will happen next week?", "week", "what will happen next");
+    check(
+        "What is the meaning of life?",
+        "meaning of life",
+        "what is the color of the first object to collide with the blue cube",
+    );
+    check(
+        "Why did the red ball bump into the cube?",
+        "why did the red ball bump into the cube",
+        "what is responsible for the collision between the blue cube and the red metal sphere",
+    );
+    for (text, told) in [
+        ("Suppose the cube weighed ten times as much, what happens?", "heav"),
+        ("How quick is the cube?", "fast"),
+        ("And if nothing was slippery?", "friction"),
+    ] {
+        let Err(ReasonError::NotUnderstood { nearest, .. }) = question_program(text) else {
+            panic!("{text}")
+        };
+        assert!(nearest.contains(told) && question_program(&nearest).is_ok(), "{text}: {nearest}");
+    }
+}
+
+#[test]
+fn every_example_is_understood() {
+    for text in examples() {
+        let tokens = question_program(&text).or_else(|_| choice_program(&text, false)).unwrap();
+        Program::parse(&tokens)
+            .unwrap()
+            .check(&mut vec![])
+            .or_else(|_| {
+                // What asks about choices needs one on the stack.
+                Program::parse(&tokens).unwrap().check(&mut vec![Type::Event])
+            })
+            .unwrap_or_else(|e| panic!("{text}: {e}"));
+    }
+}
+
+#[test]
+fn billiards_ask_about_the_sides_of_the_table() {
+    let tokens =
+        question_program("Will the yellow billiard collide with the right side of the billiard table?");
+    let expected =
+        "unseen_events objects yellow filter_color sphere filter_shape unique right filter_side exist";
+    assert_eq!(tokens.unwrap().join(" "), expected);
+}
+
+/// The events of one true world.
+fn past(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> Past {
+    let index = |v: &Json| scene.object_index(v.as_u64().unwrap() as u32).unwrap();
+    let mut events: Vec<Happening> = list(collisions)
+        .iter()
+        .map(|c| {
+            let mut objects: Vec<usize> = list(&c["object_ids"]).iter().map(index).collect();
+            objects.sort_unstable();
+            Happening { kind: Kind::Collision, frame: c["frame_id"].as_u64().unwrap() as usize, objects }
+        })
+        .collect();
+    if plain {
+        events.extend(list(&truth["in_out"]).iter().map(|e| Happening {
+            kind: if e["type"] == "in" { Kind::In } else { Kind::Out },
+            frame: e["frame_id"].as_u64().unwrap() as usize,
+            objects: vec![index(&e["object_id"])],
+        }));
+    }
+    events.sort_by_key(|e| e.frame);
+    let moving = scene
+        .tracks
+        .iter()
+        .enumerate()
+        .map(|(i, track)| {
+            (0..scene.times.len())
+                .map(|f| {
+                    let s = &truth["trajectory"][f][i];
+                    let speed = s[3].as_f64()?.hypot(s[4].as_f64()?);
+                    track.samples.iter().any(|s| s.frame == f).then_some(speed > MOVING_SPEED)
+                })
+                .collect()
+        })
+        .collect();
+    Past { events, moving }
+}
+
+#[test]
+fn true_events_give_the_true_answers() {
+    let (mut right, mut asked, mut wrong) = (0, 0, vec![]);
+    for folder in scenes() {
+        let (scene, truth) = (observed(&folder), json(&folder.join("truth.json")));
+        let mut worlds = vec![World {
+            interventions: vec![],
+            rollouts: vec![past(&scene, &truth, &truth["collisions"], true)],
+        }];
+        for c in list(&truth["counterfactuals"]) {
+            let id = |v: &Json| v.as_u64().unwrap() as u32;
+            let change = match c["mass_factor"].as_f64() {
+                None => Intervention::Remove { id: id(&c["remove"]) },
+                Some(factor) => Intervention::ScaleMass { id: id(&c["object"]), factor },
+            };
+            worlds.push(World {
+                interventions: vec![change],
+                rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
+            });
+        }
+        let facts = Facts { scene: &scene, bodies: &[], effects: &[], worlds: &worlds, rollout: 0 };
+        for q in list(&json(&folder.join("questions.json"))["questions"]) {
+            let program = Program::parse(&tokens(&q["program"])).unwrap();
+            let choices = list(&q["choices"]);
+            let ok = if choices.is_empty() {
+                let out: Result<_, Halt> = run(&program, facts, vec![]);
+                out.is_ok_and(|(s, _)| describe(&scene, s.last().unwrap()) == q["answer"].as_str().unwrap())
+            } else {
+                choices.iter().all(|c| {
+                    let (stack, _) =
+                        run(&Program::parse(&tokens(&c["program"])).unwrap(), facts, vec![]).unwrap();
+                    let (stack, _) = run(&program, facts, stack).unwrap();
+                    (stack == [Value::Bool(true)]) == (c["answer"] == "correct")
+                })
+            };
+            asked += 1;
+            right += ok as usize;
+            if !ok {
+                wrong.push(format!("{} {}", folder.display(), q["question"]));
+            }
+        }
+    }
+    println!("{right}/{asked} right; {wrong:#?}");
+    assert!(right == asked, "{right}/{asked}: {wrong:#?}");
+}
+
+#[test]
+fn a_question_is_answered_from_english_and_from_its_program() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let start = Preset::named("clevrer").unwrap().model(&scene);
+    let options = crate::fit::FitOptions { max_iterations: 2, ..Default::default() };
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[start], &options, &never).unwrap();
+    let asked = |question: &str, choices: &[&str]| {
+        let choices = choices.iter().map(|c| c.to_string()).collect();
+        let question = Question::English { question: question.to_string(), choices };
+        ask(&scene, &fit, 0, &question, &AskOptions { rollouts: 3, seed: 1 }, &never)
+    };
+    let pair = "The cube and the brown sphere collide";
+    let answer = asked("What will happen if the cube is removed?", &[pair, pair]).unwrap();
+    assert_eq!((answer.choices.len(), answer.simulations.len()), (2, 1));
+    assert!(!answer.choices[0].correct && answer.choices[0].probability == 0.0);
+    let program = Question::Program {
+        program: answer.program.clone(),
+        choices: vec![choice_program(pair, false).unwrap()],
+    };
+    let again = ask(&scene, &fit, 0, &program, &AskOptions { rollouts: 3, seed: 1 }, &never).unwrap();
+    assert_eq!(again.choices[0].trail, answer.choices[0].trail);
+    assert!(asked("What will happen next?", &[]).unwrap().answer.is_some());
+    assert!(matches!(
+        asked("What will happen without the red object?", &[pair]),
+        Err(ReasonError::NoSuchObject { .. })
+    ));
+    for (text, edits) in [
+        ("What would happen if the cube were 3 times as heavy?", 1),
+        ("What would happen without the cube and the brown sphere?", 2),
+        ("What would happen if there were no friction?", 3),
+        ("What would happen if the cube moved twice as fast?", 1),
+        ("If the cube did not move and the brown sphere were half as heavy, what would happen?", 2),
+        ("What would happen if the cube were 25 cm further left?", 1),
+        ("What would happen if the cube were 1.5 times as bouncy?", 1),
+        ("What would happen if there were another cube 2 m to the right of the brown sphere?", 1),
+    ] {
+        let answer = asked(text, &[pair]).unwrap();
+        assert_eq!(answer.simulations[0].interventions.len(), edits, "{text}");
+    }
+    let ambiguous = asked("What will happen without the cyan object?", &[pair]);
+    assert!(
+        matches!(ambiguous, Err(ReasonError::AmbiguousObject { candidates, .. }) if candidates.len() == 2)
+    );
+    // What never happened has no before, no after and no causes.
+    for question in [
+        "How many objects enter the scene after the collision between the cube and the brown sphere?",
+        "How many collisions happen before the brown sphere exits the scene?",
+        "What is responsible for the collision between the cube and the brown sphere?",
+    ] {
+        let refused = asked(question, &[]);
+        assert!(matches!(refused, Err(ReasonError::NoSingleEvent { .. })), "{question}: {refused:?}");
+    }
+    assert!(matches!(
+        asked("What will not happen without the cube?", &[]),
+        Err(ReasonError::ProgramResult { .. })
+    ));
+}
+
+#[test]
+fn an_unsure_answer_says_what_the_video_leaves_open() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let estimate = |identified| Estimate {
+        scene: Some(0),
+        name: String::new(),
+        value: 1.0,
+        sd: 1.0,
+        unit: "1".to_string(),
+        identified,
+    };
+    let object = |i: usize, mass, restitution| ObjectEstimate {
+        id: scene.objects[i].id,
+        mass: estimate(mass),
+        restitution: estimate(restitution),
+    };
+    let said = doubt(&scene, [object(0, true, true), object(2, false, true)].iter());
+    let expected = "it does not determine the mass of the brown metal sphere.";
+    assert!(said.ends_with(expected), "{said}");
+    assert!(doubt(&scene, [object(0, true, true)].iter()).contains("noise"));
+}
+
+#[test]
+fn a_pair_of_clevrer_collides_once_and_a_ball_meets_a_side_again() {
+    let mut scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let ids: Vec<u32> = scene.objects.iter().map(|o| o.id).collect();
+    let hit = |time, objects: &[u32], wall: Option<&str>| Event {
+        kind: EventKind::Collision,
+        time,
+        objects: objects.to_vec(),
+        position: crate::num::vec2(0.0, 0.0),
+        normal: None,
+        impulse: None,
+        wall: wall.map(str::to_string),
+    };
+    let simulated = |scene: &Scene| {
+        let request = Request { interventions: vec![], frames: 2, rollouts: 0, seed: 0 };
+        let start = Preset::named("clevrer").unwrap().model(scene);
+        let options = crate::fit::FitOptions { max_iterations: 1, ..Default::default() };
+        let fit = crate::fit::fit(std::slice::from_ref(scene), &[start], &options, &never).unwrap();
+        imagine(scene, &fit, 0, &request, &never).unwrap()
+    };
+    let mut imagined = simulated(&scene);
+    let side = Some("left");
+    imagined.best.events = vec![
+        hit(0.5, &[ids[0], ids[1]], None),
+        hit(1.0, &[ids[2]], side),
+        hit(1.5, &[ids[1], ids[0]], None),
+        hit(2.0, &[ids[2]], side),
+    ];
+    let count = |scene: &Scene, kind| {
+        let events = &world(scene, &imagined).rollouts[0].events;
+        events.iter().filter(|e| e.kind == kind).count()
+    };
+    assert_eq!((count(&scene, Kind::Collision), count(&scene, Kind::Side("left"))), (1, 2));
+    scene.world = WorldKind::Billiards;
+    assert_eq!(count(&scene, Kind::Collision), 2);
+}
+
+fn fitted(scene: &Scene) -> crate::fit::Fit {
+    let start = Preset::for_world(scene.world).model(scene);
+    crate::fit::fit(std::slice::from_ref(scene), &[start], &Default::default(), &never).unwrap()
+}
+
+fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene {
+    let sample = |frame: usize| {
+        let shake = vec2((37.0 * frame as f64).sin(), (53.0 * frame as f64).cos()).scaled(1e-3);
+        Sample { frame, position: at(frame as f64 / 25.0) + shake, yaw: None, covariance: None }
+    };
+    Scene {
+        name: "one".into(),
+        setup: None,
+        world,
+        fps: 25.0,
+        times: (0..60).map(|f| f as f64 / 25.0).collect(),
+        camera: None,
+        table: Some(Table { x: [-1.0, 9.0], y: [-1.0, 9.0] }),
+        noise_sigma: None,
+        objects: vec![Object { id: 4, color: "red".into(), material: "x".into(), shape, mass: Some(1.0) }],
+        tracks: vec![Track { samples: (0..60).map(sample).collect() }],
+    }
+}
+
+#[test]
+fn a_prediction_starts_from_the_end_of_the_video_where_the_model_is_wrong() {
+    // Nothing in the preset speeds an object up across its way.
+    let at = |t: f64| vec2(0.8 * t, 0.15 * t * t);
+    let scene = one_object(WorldKind::Table, Shape::Disc { radius: 0.1 }, at);
+    let fit = fitted(&scene);
+    assert!(!fit.scenes[0].adequate);
+    let request = Request { interventions: vec![], frames: 80, rollouts: 8, seed: 0 };
+    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
+    let plain = trace(&fit.scenes[0].model, &imagined.best.times);
+    for (a, b) in plain.states.iter().zip(&imagined.best.states).take(60) {
+        let (a, b) = (a[0].unwrap(), b[0].unwrap());
+        let off = (a.position - b.position).norm() + (a.velocity - b.velocity).norm();
+        assert!(off < 1e-9, "the video itself stays as it was fitted: {off}");
+    }
+    let off = |t: &Trace| (t.states[79][0].unwrap().position - at(79.0 / 25.0)).norm();
+    assert!(off(&imagined.best) < 0.5 * off(&plain), "{} {}", off(&imagined.best), off(&plain));
+    assert_eq!(trace(&imagined.model, &imagined.best.times).states, imagined.best.states);
+}
+
+#[test]
+fn what_a_change_does_not_reach_moves_as_observed() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00022"));
+    let fit = fitted(&scene);
+    let run = |interventions| {
+        let request = Request { interventions, frames: scene.times.len(), rollouts: 2, seed: 0 };
+        imagine(&scene, &fit, 0, &request, &never).unwrap()
+    };
+    let factual = run(vec![]);
+    assert!(factual.unreached.is_empty());
+    let (mut kept, mut reached) = (0, 0);
+    for id in scene.objects.iter().map(|o| o.id) {
+        let imagined = run(vec![Intervention::Remove { id }]);
+        for other in imagined.best.ids.iter().filter(|other| **other != id) {
+            let path = |t: &Trace| {
+                let body = t.ids.iter().position(|i| i == other).unwrap();
+                t.states.iter().map(|row| row[body].map(|s| s.position)).collect::<Vec<_>>()
+            };
+            let (before, after) = (path(&factual.best), path(&imagined.best));
+            let far =
+                before.iter().zip(&after).any(|(a, b)| a.zip(*b).is_some_and(|(a, b)| (a - b).norm() > 1e-5));
+            let unreached = imagined.unreached.contains(other);
+            assert!(!(far && unreached), "{other} moves otherwise without {id}");
+            (kept, reached) = (kept + usize::from(unreached), reached + usize::from(far));
+        }
+    }
+    assert!(kept > 0 && reached > 0, "{kept} {reached}");
+}
+
+#[test]
+fn a_simulation_that_ends_early_says_so() {
+    let scene = one_object(WorldKind::Billiards, Shape::Ball { radius: 0.03 }, |_| vec2(0.0, 0.0));
+    let mut fit = fitted(&scene);
+    let model = &mut fit.scenes[0].model;
+    model.effects.retain(|e| e.name == "cushion");
+    for p in &mut model.effects[0].parameters {
+        p.values = vec![if p.name == "restitution" { 1.0 } else { 0.0 }];
+    }
+    model.walls[0].from = vec2(-0.1, -5.0);
+    model.walls[0].to = vec2(-0.1, 5.0);
+    model.walls[1].from = vec2(0.1, -5.0);
+    model.walls[1].to = vec2(0.1, 5.0);
+    let velocity = vec2(5000.0, 0.0);
+    let request = Request {
+        interventions: vec![Intervention::SetVelocity { id: 4, velocity }],
+        frames: 200,
+        rollouts: 0,
+        seed: 0,
+    };
+    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
+    let cut = imagined.cut_short.unwrap();
+    assert_eq!((cut.rollouts, cut.why), (1, Ending::EventLimit));
+    let frame = cut.frame.unwrap();
+    assert!(imagined.best.states[frame][0].is_none() && imagined.best.states[frame - 1][0].is_some());
+    assert!(cut.why.to_string().contains("fewer frames"));
+}

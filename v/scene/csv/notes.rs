@@ -1,0 +1,79 @@
+//! Reads the lines before the header of a CSV file, which hold for all of its rows.
+
+use super::{DISC, Kind, Report, SHAPES, kind, misspelt};
+use crate::scene::{DEFAULT_SIZE, WorldKind};
+
+/// Keys of the lines before the header.
+const NOTES: [&str; 9] = ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world"];
+
+/// What the lines before the header tell.
+pub(super) struct Notes {
+    pub fps: Option<f64>,
+    pub unit: Option<String>,
+    pub scale: Option<f64>,
+    pub size: f64,
+    pub shape: Kind,
+    pub material: String,
+    pub world: WorldKind,
+    pub setup: Option<String>,
+}
+
+impl Notes {
+    pub fn read(text: &str, r: &mut Report) -> Notes {
+        let mut notes = Notes {
+            fps: None,
+            unit: None,
+            scale: None,
+            size: DEFAULT_SIZE,
+            shape: DISC,
+            material: String::new(),
+            world: WorldKind::Table,
+            setup: None,
+        };
+        for (number, line) in text.lines().enumerate() {
+            let Some((key, value)) = line.trim().strip_prefix('#').and_then(|l| l.split_once(':')) else {
+                continue;
+            };
+            let (key, value) = (key.trim().to_ascii_lowercase(), value.trim());
+            let at = || format!("line {}", number + 1);
+            let mut positive = || {
+                // "0.002 m/px" is 0.002.
+                let number = value.split_whitespace().next().and_then(|v| v.parse::<f64>().ok());
+                let number = number.filter(|v| v.is_finite() && *v > 0.0);
+                if number.is_none() {
+                    r.add(at(), format!("{key} is {value:?}; give a number above 0"));
+                }
+                number
+            };
+            match key.as_str() {
+                "fps" => notes.fps = positive(),
+                "scale" => notes.scale = positive(),
+                "size" | "radius" => notes.size = positive().unwrap_or(DEFAULT_SIZE),
+                "unit" => notes.unit = Some(value.to_ascii_lowercase()),
+                "shape" => match kind(value) {
+                    Some(kind) => notes.shape = kind,
+                    None => r.add(at(), format!("shape is {value:?}; it must be {SHAPES}")),
+                },
+                "material" => notes.material = value.to_ascii_lowercase(),
+                "setup" => notes.setup = Some(value.to_string()),
+                "world" => match value.to_ascii_lowercase().as_str() {
+                    "clevrer" => notes.world = WorldKind::Clevrer,
+                    "table" => notes.world = WorldKind::Table,
+                    "air_table" => notes.world = WorldKind::AirTable,
+                    "billiards" => notes.world = WorldKind::Billiards,
+                    _ => r.add(
+                        at(),
+                        format!("world is {value:?}; it must be clevrer, table, air_table or billiards"),
+                    ),
+                },
+                // What people note for themselves is passed over; a slip of the pen is not.
+                other => {
+                    if let Some(near) = misspelt(other, NOTES.into_iter()) {
+                        r.add(at(), format!("{other} is not known; did you mean {near}? rename it"));
+                    }
+                }
+            }
+        }
+        notes
+    }
+}

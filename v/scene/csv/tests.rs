@@ -1,0 +1,208 @@
+//! CSV files as people write them, and broken ones.
+
+use super::*;
+use crate::scene::WorldKind;
+use proptest::prelude::*;
+
+#[test]
+fn tracks_are_read_in_their_units() {
+    let text = "# A puck and a ball.\n# fps: 50\n# world: air_table\n# size: 0.03\n\
+                id;t [ms];x_mm;y (cm);yaw [deg];visible;shape;mass_g\n\
+                7;0;1000;-20;90;1;disc;250\n9;0;0;0;;1;ball;\n7;20;1010;-20;180;1;disc;250\n9;20;;;;1;ball;\n\
+                9;40;5;1;;0;ball;\n7;40;1020;-20;270;yes;disc;250\n9;60;30;1;;1;ball;\n";
+    let scene = parse_csv("lab", text).expect("it is right");
+    assert_eq!((scene.name.as_str(), scene.world, scene.fps), ("lab", WorldKind::AirTable, 50.0));
+    assert_eq!(scene.times, [0.0, 0.02, 0.04, 0.06]);
+    let shapes: Vec<_> = scene.objects.iter().map(|o| (o.id, o.shape, o.mass)).collect();
+    assert_eq!(
+        shapes,
+        [(7, Shape::Disc { radius: 0.03 }, Some(0.25)), (9, Shape::Ball { radius: 0.03 }, None)]
+    );
+    let frames: Vec<Vec<usize>> =
+        scene.tracks.iter().map(|t| t.samples.iter().map(|s| s.frame).collect()).collect();
+    assert_eq!(frames, [vec![0, 1, 2], vec![0, 3]]);
+    let first = scene.tracks[0].samples[1];
+    assert_eq!((first.position, first.yaw), (vec2(1.01, -0.2), Some(PI)));
+}
+
+#[test]
+fn the_tutorials_videos_are_those_of_the_annotations() {
+    let table = include_str!("../../../tests/data/csv/video_1.csv");
+    let known = include_str!("../../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json");
+    let (read, known) =
+        (parse_csv("v", table).expect("rows"), crate::scene::parse("v", known).expect("json"));
+    assert_eq!((read.world, read.times.len()), (known.world, known.times.len()));
+    for ((a, b), (p, q)) in read.objects.iter().zip(&known.objects).zip(read.tracks.iter().zip(&known.tracks))
+    {
+        assert_eq!((a.id, a.shape, a.mass, &a.material), (b.id, b.shape, b.mass, &b.material));
+        assert_eq!(p.samples.len(), q.samples.len());
+        let near = |(s, t): (&Sample, &Sample)| s.frame == t.frame && (s.position - t.position).norm() < 2e-5;
+        assert!(p.samples.iter().zip(&q.samples).all(near));
+    }
+}
+
+#[test]
+fn frames_count_at_the_rate_and_pixels_need_a_scale() {
+    let rows = "frame,id,x,y\n0,1,100,100\n2,1,120,100\n3,1,130,100\n";
+    let scaled = parse_csv("s", &format!("# unit: px\n# scale: 0.001 m/px\n{rows}")).expect("it is right");
+    assert_eq!(scaled.times, [0.0, 0.04, 0.08, 0.12]);
+    assert_eq!(scaled.tracks[0].samples[1].position, vec2(0.12, 0.1));
+    let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
+    assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
+}
+
+#[test]
+fn everything_wrong_is_told_with_its_place() {
+    let check = |text: &str, expected: &[&str]| {
+        let found = parse_csv("s", text).expect_err(text).to_string();
+        let lines: Vec<&str> = found.lines().collect();
+        assert_eq!(lines.len(), expected.len(), "{found}");
+        for (line, start) in lines.iter().zip(expected) {
+            assert!(line.starts_with(start), "{line} / {start}");
+        }
+    };
+    check(
+        "id,t,x,y,shape\n1,0,0,zero,disc\n1.5,0.1,0,0,disc\n1,0.2,,1,disc\n1,0.3,0,0,egg\n1,0.4,0\n1,,1,1,disc\n",
+        &[
+            "line 2, column 4 (y): is \"zero\"; give a number",
+            "line 3, column 1 (id): is 1.5; give a whole number",
+            "line 4, column 3 (x): is empty or NaN, but y is not",
+            "line 5, column 5 (shape): is \"egg\"; it must be disc, ball or cube",
+            "line 6: has 3 columns; the header has 5",
+            "line 7, column 2 (t): is empty or NaN; say when it was",
+        ],
+    );
+    // Rows are not judged by what the header lacks.
+    let rows: String = (0..200).map(|k| format!("{k},2,3\n")).collect();
+    check(&format!("id,x,y\n{rows}"), &["header: has neither a column t nor a column frame; give one"]);
+    check(
+        "a,b\n",
+        &[
+            "header: has no column id; it has a, b: rename the one that holds it",
+            "header: has no column x",
+            "header: has no column y",
+            "header: has neither",
+        ],
+    );
+    check("id,t,x,y\n", &["(file): has a header only; give a row"]);
+    check(
+        "id,t,x [ft],y\n1,0,0,0\n1,1,0,0\n",
+        &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
+    );
+    check(
+        "# ftp: 50\nid,frame,x,y,massa,vx,coulor,note\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
+        &[
+            "header, column 5 (massa): is no known column; did you mean mass?",
+            "header, column 7 (coulor): is no known column; did you mean color?",
+        ],
+    );
+    check(
+        "# scael: 2\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n",
+        &["line 1: scael is not known; did you mean scale?"],
+    );
+    check(
+        "id,frame,x,y,yaw\n1,0,0,0,0\n1,1,0,0,45\n",
+        &["frame 1, object 1: yaw: is 45, which is no yaw in radians"],
+    );
+    check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
+    check(
+        "# fps: 25\nid,t,x,y\n1,0,0,0\n1,0.02,0,0\n1,0.04,0,0\n",
+        &["fps: is 25, but there are 50.0 times a second; correct one of both, or leave it out"],
+    );
+    // One time has no rate that could contradict.
+    assert!(!parse_csv("s", "# fps: 10\nid,t,x,y\n1,0,0,0\n").is_err_and(|e| e.to_string().contains("fps")));
+    check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
+    check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
+    for empty in ["", "\n \n", "# fps: 25\n"] {
+        check(empty, &["(file): has no rows; begin with a header such as `id,t [s],x [mm],y [mm]`"]);
+    }
+    check("# shape: egg\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: shape is \"egg\"; it must be disc"]);
+}
+
+#[test]
+fn what_is_wrong_in_each_row_is_told_of_the_first_ones() {
+    let rows: String = (0..200).map(|k| format!("1,{k},zero,-{k}.5\n")).collect();
+    let told = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("no x").to_string();
+    let lines: Vec<&str> = told.lines().collect();
+    assert_eq!(lines.len(), 5, "{told}");
+    assert!(
+        lines[4].starts_with("line 6, column 3 (x)") && lines[4].ends_with("(and 195 more like these)"),
+        "{told}"
+    );
+}
+
+#[test]
+fn an_object_has_one_mass_size_shape_material_and_colour() {
+    let read =
+        |rows: &str| parse_csv("s", &format!("id,frame,x,y,shape,size [mm],mass,material,color\n{rows}"));
+    // One of its rows tells it; other words for the same shape are the same.
+    let scene = read("1,0,0,0,puck,50,2,metal,red\n1,1,0,0,disc,,,,\n1,2,0,0,,50.0,2.0,Metal,\n")
+        .expect("it is right");
+    let object = &scene.objects[0];
+    assert_eq!((object.shape, object.mass), (Shape::Disc { radius: 0.05 }, Some(2.0)));
+    assert_eq!((object.material.as_str(), object.color.as_str()), ("metal", "red"));
+    let first = "1,0,0,0,disc,50,2,metal,red\n2,0,3,0,ball,70,3,wood,blue\n";
+    for (row, expected) in [
+        (
+            "1,1,0,0,ball,50,2,metal,red",
+            "line 4, column 5 (shape): is \"ball\" where object 1 has \"disc\" in line 2",
+        ),
+        (
+            "1,1,0,0,disc,60,2,metal,red",
+            "line 4, column 6 (size [mm]): is \"0.06 m\" where object 1 has \"0.05 m\"",
+        ),
+        (
+            "1,1,0,0,disc,50,3,metal,red",
+            "line 4, column 7 (mass): is \"3 kg\" where object 1 has \"2 kg\" in line 2",
+        ),
+        (
+            "2,1,3,0,ball,70,3,metal,blue",
+            "line 4, column 8 (material): is \"metal\" where object 2 has \"wood\"",
+        ),
+        (
+            "2,1,3,0,ball,70,3,wood,red",
+            "line 4, column 9 (color): is \"red\" where object 2 has \"blue\" in line 3",
+        ),
+        ("1,1,0,0,disc,50,-2,metal,red", "line 4, column 7 (mass): is -2 kg; it must be from 1e-9 to"),
+        ("1,1,0,0,disc,0,2,metal,red", "line 4, column 6 (size [mm]): is 0 m; it must be from 1e-6 to"),
+    ] {
+        let told = read(&format!("{first}{row}\n")).expect_err(row).to_string();
+        assert!(told.starts_with(expected) && told.lines().count() == 1, "{told} / {expected}");
+    }
+}
+
+#[test]
+fn rows_may_come_in_any_order_but_one_a_time() {
+    let rows = ["1,0,0,0", "1,0.1,0.1,0", "2,0,3,0", "1,0.2,0.2,0", "2,0.1,3,0.1"];
+    let read = |rows: &[&str]| parse_csv("s", &format!("id,t,x,y\n{}\n", rows.join("\n")));
+    let known = read(&rows).expect("it is right");
+    let mut mixed = [rows[1], rows[4], rows[3], rows[0], rows[2]];
+    assert_eq!(read(&mixed).expect("it is right"), known);
+    mixed[4] = "1,0.2,0.5,0";
+    let told = read(&mixed).expect_err("twice").to_string();
+    assert!(
+        told.starts_with("line 6: is the second row of object 1 at this time, after line 4; rows may"),
+        "{told}"
+    );
+}
+
+#[test]
+fn numbers_that_are_no_metres_are_told_with_the_unit_to_give() {
+    let text = |unit: &str| format!("id,t,x{unit},y\n1,0,-197.54,0\n1,0.04,1067.45,0\n1,0.08,2067.45,0\n");
+    for unit in ["", " [m]"] {
+        let told = parse_csv("s", &text(unit)).expect_err("no table is so large").to_string();
+        let start =
+            format!("line 3, column 3 (x{unit}): is 1067.45 m, and nothing that is filmed is beyond 200 m");
+        assert!(told.starts_with(&start) && told.contains("`x [mm]`"), "{told}");
+        assert!(!told.contains("line 2"), "{told}");
+    }
+    assert!(parse_csv("s", &text(" [mm]")).is_ok());
+}
+
+proptest! {
+    #[test]
+    fn no_text_panics(text in "(id,t,x,y\n)?[0-9a-z,;#:. \"\n-]{0,80}", any in ".{0,60}") {
+        let _ = parse_csv("s", &text);
+        let _ = parse_csv("s", &any);
+    }
+}

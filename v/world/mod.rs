@@ -1,0 +1,41 @@
+//! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
+
+mod agenda;
+mod anchor;
+mod blow;
+mod encounter;
+mod field;
+mod film;
+mod flight;
+mod footprint;
+mod geometry;
+mod grid;
+mod impact;
+mod intervene;
+mod jam;
+mod model;
+mod motion;
+mod obstacle;
+mod preset;
+mod pressing;
+mod pressure;
+mod rigid;
+mod setup;
+mod simulate;
+mod trace;
+
+pub use anchor::Anchor;
+pub use field::{Snapshot, accelerations, accelerations_of, affected};
+pub use film::film;
+pub use geometry::{Outline, gap};
+pub use intervene::{Intervention, InterventionError};
+pub use model::{
+    ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall,
+};
+pub use motion::Kinematics;
+pub use preset::{PRESETS, Preset};
+pub use simulate::{Limits, Rollout, simulate, trace};
+pub use trace::{Ending, Event, EventKind, State, Trace};
+
+#[cfg(test)]
+mod tests;
