@@ -55,10 +55,14 @@ fn sources() -> Vec<Source> {
     sources
 }
 
+/// Whether a file is `tests.rs` or in its folder.
+fn of_tests(path: &Path) -> bool {
+    path.ends_with("tests.rs") || path.iter().any(|part| part == "tests")
+}
+
 fn code(path: &Path, text: &str) -> Vec<(usize, String)> {
     let lines = text.lines().enumerate();
-    let lines =
-        lines.take_while(|(_, line)| !line.starts_with("#[cfg(test)]") && !path.ends_with("tests.rs"));
+    let lines = lines.take_while(|(_, line)| !line.starts_with("#[cfg(test)]") && !of_tests(path));
     let lines = lines.filter(|(_, line)| !line.trim_start().starts_with("//"));
     lines.map(|(i, line)| (i + 1, line.to_string())).collect()
 }
