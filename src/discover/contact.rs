@@ -88,8 +88,9 @@ impl ContactCandidate {
     pub fn proven(&self) -> bool {
         let law = !self.entry.uses(Hook::Bodies);
         let often = self.gained > 1 || self.strong();
-        if self.object.is_some() {
-            // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them.
+        if self.object.is_some() || self.entry.spec.name == SCALE {
+            // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them; a scale,
+            // of what they do at all.
             return self.strong() && self.gained > 1 && self.certain();
         }
         // Judged by what it explains, not by its deviation: where objects stick at a contact, more friction changes nothing.

@@ -30,7 +30,7 @@ const STICKING_PROOF: f64 = 9.0;
 const FADING: &str = "speed_dependent_restitution";
 const MISSED: f64 = 1.15;
 /// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
-const FADES: f64 = 0.1;
+const FADES: f64 = 0.15;
 /// The law that holds touching surfaces, and a coefficient with which most do not slip.
 const RUBBING: &str = "contact_friction";
 const GRIP: f64 = 0.3;
