@@ -7,7 +7,7 @@ use super::film::Contacts;
 use super::jackknife::scatter;
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
-use super::screen::{CERTAIN, with_effect};
+use super::screen::{certain, with_effect};
 use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
@@ -75,8 +75,7 @@ impl ContactCandidate {
 
     /// Whether an amplitude differs from none.
     fn certain(&self) -> bool {
-        let amplitudes = self.values.iter().zip(&self.sd).take(self.entry.amplitudes);
-        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
+        certain(&self.values, &self.sd, self.entry.amplitudes)
     }
 
     /// Whether a single short film speaks for it as clearly as several would.

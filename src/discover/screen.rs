@@ -79,9 +79,13 @@ pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
 impl Candidate {
     /// Whether an amplitude differs from zero beyond doubt.
     pub fn certain(&self) -> bool {
-        let amplitudes = self.values.iter().zip(&self.sd).take(self.amplitudes);
-        amplitudes.into_iter().any(|(a, sd)| a.abs() > CERTAIN * sd)
+        certain(&self.values, &self.sd, self.amplitudes)
     }
+}
+
+/// Whether one of the first `amplitudes` values differs from zero beyond doubt.
+pub fn certain(values: &[f64], sd: &[f64], amplitudes: usize) -> bool {
+    values.iter().zip(sd).take(amplitudes).any(|(a, sd)| a.abs() > CERTAIN * sd)
 }
 
 /// Effects that the models lack.

@@ -24,45 +24,49 @@ pub fn film<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits
         [] => simulate(model, flat, times, limits),
         _ => with_clock(model, flat, times, limits, &clocks),
     };
-    for (active, entry, first) in of(Hook::Observe) {
-        let observe = T::hooks(entry).observe;
-        for (i, body) in model.bodies.iter().enumerate() {
-            let p = active.values_for(first, flat, body, body);
-            for k in rollout.states.iter_mut().filter_map(|row| row[i].as_mut()) {
-                let mut view = View { position: k.position, yaw: k.yaw };
-                observe(&p, &mut view);
-                (k.position, k.yaw) = (view.position, view.yaw);
-            }
+    let views = Views::new(model, flat);
+    if !views.are_true() {
+        for (i, k) in rollout.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
+            let Some(k) = k else { continue };
+            let seen = views.seen(i, k.position, k.yaw);
+            (k.position, k.yaw) = (seen.position, seen.yaw);
         }
     }
     rollout
 }
 
 /// How the camera of a model sees each body.
-pub struct Views {
+pub struct Views<T = f64> {
     /// By body; most have none.
-    of: Vec<Vec<(ObserveFn<f64>, Vec<f64>)>>,
+    of: Vec<Vec<(ObserveFn<T>, Vec<T>)>>,
 }
 
-impl Views {
+impl<T: Scalar> Views<T> {
     /// Under the numbers `flat` ([`Model::flatten`]).
-    pub fn new(model: &Model, flat: &[f64]) -> Self {
+    pub fn new(model: &Model, flat: &[T]) -> Self {
         let mut of = vec![vec![]; model.bodies.len()];
         for (active, entry, first) in model.active().filter(|(_, entry, _)| entry.uses(Hook::Observe)) {
             for (body, views) in model.bodies.iter().zip(&mut of) {
-                views.push((f64::hooks(entry).observe, active.values_for(first, flat, body, body)));
+                views.push((T::hooks(entry).observe, active.values_for(first, flat, body, body)));
             }
         }
         Views { of }
     }
 
+    /// Whether bodies are seen where they are.
+    fn are_true(&self) -> bool {
+        self.of.iter().all(|of| of.is_empty())
+    }
+
     /// What the camera reports of body `i` at this place (m) with this yaw (rad).
-    fn seen(&self, i: usize, position: Vec2, yaw: f64) -> View<f64> {
+    fn seen(&self, i: usize, position: Vec2<T>, yaw: T) -> View<T> {
         let mut view = View { position, yaw };
         self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
         view
     }
+}
 
+impl Views {
     /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
     pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
         let mut place = seen;
@@ -93,7 +97,7 @@ impl Trace {
     /// With places and yaws as the camera of the model reports them, to be compared with what it did.
     pub fn as_seen(mut self, model: &Model) -> Self {
         let views = Views::new(model, &model.flatten());
-        if views.of.iter().all(|of| of.is_empty()) {
+        if views.are_true() {
             return self;
         }
         for (i, state) in self.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
