@@ -9,8 +9,10 @@ use crate::effects::{Hook, Hooks, ObserveFn, Scalar};
 use crate::num::{Real, Vec2, vec2};
 
 /// Newton's steps by which a view is undone, and the step of their differences (m).
-const UNDOING: usize = 4;
+const UNDOING: usize = 16;
 const STEP: f64 = 1e-5;
+/// A place that is seen so near to where it should be is found (m).
+const NEAR: f64 = 1e-9;
 
 /// Simulates as [`simulate`] does and gives what the camera reports at the film's `times` (s): positions and yaws are
 /// the seen ones. Without effects of the camera it is the simulation.
@@ -79,7 +81,7 @@ impl Views {
             let [along, across] =
                 [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
             let (off, turned) = (seen - here, along.cross(across));
-            if turned == 0.0 {
+            if turned == 0.0 || off.norm() < NEAR {
                 break;
             }
             place += vec2(off.cross(across), along.cross(off)).scaled(1.0 / turned);
