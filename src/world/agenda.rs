@@ -133,24 +133,26 @@ impl<T: Scalar> Run<'_, T> {
     fn impact_of(&self, a: usize, b: usize) -> Option<f64> {
         let body = &self.bodies[a];
         let still = |mode: Mode| matches!(mode, Mode::Rest | Mode::Absent);
+        let of_wall;
         let other = match self.bodies.get(b) {
             Some(o) if o.mode == Mode::Absent || (still(o.mode) && still(body.mode)) => return None,
-            Some(o) => o.path,
+            Some(o) => &o.path,
             None if still(body.mode) => return None,
             None => {
                 let wall = &self.walls[b - self.bodies.len()];
                 let still = wall.place.value();
-                Path::new(wall.shape, body.path.start, body.path.end, still, still)
+                of_wall = Path::new(wall.shape, body.path.start, body.path.end, still, still);
+                &of_wall
             }
         };
-        if body.mode == Mode::Absent || !body.path.overlaps(&other) || self.engaged(a, b) {
+        if body.mode == Mode::Absent || !body.path.overlaps(other) || self.engaged(a, b) {
             return None;
         }
         let (from, to) = (body.path.start.max(other.start), body.path.end.min(other.end));
         if from >= to {
             return None;
         }
-        time_of_impact(&body.path, &other, self.margin(a, b).value(), from, to)
+        time_of_impact(&body.path, other, self.margin(a, b).value(), from, to)
     }
 
     /// Whether the two are in contact, so that they cannot run into each other.

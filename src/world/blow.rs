@@ -1,6 +1,7 @@
 //! A blow on bodies that stand against others: it goes through to them, and comes back from what does not move.
 
 use super::encounter::{CLOSED, REBOUND_SPEED};
+use super::geometry::Proximity;
 use super::impact::push_apart;
 use super::motion::Mode;
 use super::pressing::Touching;
@@ -56,17 +57,18 @@ impl<T: Scalar> Run<'_, T> {
     /// An impact on a body that presses on others, at one point or two, goes through to them, blow by blow, until
     /// nothing approaches faster than `quiet_speed` (m/s).
     pub(super) fn pass_on(&mut self, time: f64, group: &[usize], quiet_speed: f64) {
-        let kept: Vec<Touching<T>> = self.touching.iter().filter(|t| group.contains(&t.a)).copied().collect();
+        let kept = self.touching.iter().filter(|t| group.contains(&t.a)).map(|t| (t.a, t.b));
+        // Blows change velocities, not places.
+        let points =
+            kept.flat_map(|(a, b)| self.points_now(a, b).into_iter().flatten().map(move |near| (a, b, near)));
+        let closed: Vec<(usize, usize, Proximity<T>)> =
+            points.filter(|(.., near)| near.gap.value() < CLOSED).collect();
         for _ in 0..BLOWS {
             let mut quiet = true;
-            for t in &kept {
-                for point in 0..2 {
-                    let Some(near) = self.points_now(t.a, t.b)[point] else { continue };
-                    let approach = self.approach_at(t.a, t.b, &near);
-                    if near.gap.value() < CLOSED && approach.value() > quiet_speed {
-                        self.bounce(time, t.a, t.b, &near);
-                        quiet = false;
-                    }
+            for (a, b, near) in &closed {
+                if self.approach_at(*a, *b, near).value() > quiet_speed {
+                    self.bounce(time, *a, *b, near);
+                    quiet = false;
                 }
             }
             if quiet {

@@ -101,8 +101,8 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     pub(super) fn facing_now(&self, a: usize, b: usize) -> (Proximity<T>, T) {
-        let (near, rate) = facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b));
-        (self.grown(near, (a, &self.bodies[a].from), (b, &self.kinematics(b))), rate)
+        let (near, rate) = facing(&self.bodies[a].from, self.shape(a), self.kinematics(b), self.shape(b));
+        (self.grown(near, (a, &self.bodies[a].from), (b, self.kinematics(b))), rate)
     }
 
     /// Gap between the outlines of two bodies at which they touch (m).
@@ -324,19 +324,19 @@ impl<T: Scalar> Run<'_, T> {
     pub(super) fn points_now(&self, a: usize, b: usize) -> [Option<Proximity<T>>; 2] {
         let (sa, sb) = (self.shape(a), self.shape(b));
         let (ka, kb) = (self.kinematics(a), self.kinematics(b));
-        let points = manifold(&Pose::of(&ka, sa), sa, &Pose::of(&kb, sb), sb);
-        points.map(|near| near.map(|near| self.grown(near, (a, &ka), (b, &kb))))
+        let points = manifold(&Pose::of(ka, sa), sa, &Pose::of(kb, sb), sb);
+        points.map(|near| near.map(|near| self.grown(near, (a, ka), (b, kb))))
     }
 
     /// Speed at which the gap closes (m/s).
     pub(super) fn approach_at(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
-        let velocity = |i: usize, point| point_velocity(&self.kinematics(i), point);
+        let velocity = |i: usize, point| point_velocity(self.kinematics(i), point);
         near.normal.dot(velocity(a, near.on_a) - velocity(b, near.on_b))
     }
 
     /// Rate of the gap itself (m/s): of the corner that is lowest, where a box faces a box.
     fn opening(&self, a: usize, b: usize, near: &Proximity<T>) -> T {
-        let velocity = |i: usize| point_velocity(&self.kinematics(i), near.lowest);
+        let velocity = |i: usize| point_velocity(self.kinematics(i), near.lowest);
         near.normal.dot(velocity(b) - velocity(a))
     }
 
@@ -431,7 +431,7 @@ impl<T: Scalar> Run<'_, T> {
                 },
             },
             None => Side {
-                kinematics: self.kinematics(i),
+                kinematics: *self.kinematics(i),
                 inverse_mass: T::zero(),
                 inverse_inertia: T::zero(),
                 ball: None,

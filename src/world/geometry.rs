@@ -157,10 +157,10 @@ pub(super) fn manifold<T: Real>(
     let (fa, fb) = (best_face(a, ha, b, hb), best_face(b, hb, a, ha));
     if fa.0 >= fb.0 {
         let face = facing_edge(a, ha, fa.1, b, hb);
-        [0, 1].map(|k| Some(face.point(k)))
+        [Some(face.point(0)), Some(face.point(1))]
     } else {
         let face = facing_edge(b, hb, fb.1, a, ha);
-        [0, 1].map(|k| Some(swapped(face.point(k))))
+        [Some(swapped(face.point(0))), Some(swapped(face.point(1)))]
     }
 }
 

@@ -64,8 +64,7 @@ impl<T: Scalar> Run<'_, T> {
     /// A body that has come out of an obstacle may run into it again.
     fn leave_obstacles(&mut self) {
         let inside = |&(a, b): &(usize, usize)| {
-            let (near, rate) =
-                facing(&self.bodies[a].from, self.shape(a), &self.kinematics(b), self.shape(b));
+            let (near, rate) = facing(&self.bodies[a].from, self.shape(a), self.kinematics(b), self.shape(b));
             near.gap.value() <= 0.0 || rate.value() < 0.0
         };
         let passing = self.passing.iter().copied().filter(inside).collect();
@@ -244,29 +243,30 @@ impl<T: Scalar> Run<'_, T> {
     /// The points at which kept contacts of the group press.
     pub(super) fn pressure_points(&self, group: &[usize], k: &[Kinematics<T>]) -> Vec<PressurePoint<T>> {
         let mut points = Vec::with_capacity(2 * self.touching.len());
+        let poses: Few<Pose<T>> = group.iter().zip(k).map(|(&j, k)| Pose::of(k, self.shape(j))).collect();
         for (contact, &Touching { a, b, friction, planar, forces, slides, .. }) in
             self.touching.iter().enumerate()
         {
             let place = |body: usize| group.iter().position(|&j| j == body);
             let Some(x) = place(a) else { continue };
             let y = place(b);
-            let (ka, kb) = (&k[x], y.map_or_else(|| self.kinematics(b), |y| k[y]));
+            let (ka, kb) = (&k[x], y.map_or_else(|| self.kinematics(b), |y| &k[y]));
             let (sa, sb) = (self.shape(a), self.shape(b));
-            let ends = manifold(&Pose::of(ka, sa), sa, &Pose::of(&kb, sb), sb);
+            let ends = manifold(&poses[x], sa, &y.map_or_else(|| Pose::of(kb, sb), |y| poses[y]), sb);
             for (end, near) in ends.into_iter().enumerate() {
                 let Some(near) = near else { continue };
-                let near = self.grown(near, (a, ka), (b, &kb));
+                let near = self.grown(near, (a, ka), (b, kb));
                 let point = (near.on_a + near.on_b).scaled(0.5);
-                let slip = point_velocity(&kb, near.on_b) - point_velocity(ka, near.on_a);
+                let slip = point_velocity(kb, near.on_b) - point_velocity(ka, near.on_a);
                 let n = near.normal;
                 let pressed = |at, body, sign| self.pressed((group, k), (at, body), sign, point);
                 let sides = [Some(pressed(x, a, -1.0)), y.map(|y| pressed(y, b, 1.0))];
                 let response = |d| sides.iter().flatten().fold(T::zero(), |sum, s| sum + s.response(d));
                 let (response, tangential_response) = (response(n), response(n.perp()));
-                let bias = curvature(&near, ka, sa, &kb, sb)
+                let bias = curvature(&near, ka, sa, kb, sb)
                     + n.dot(slip) * (2.0 * STIFFNESS)
                     + near.gap * (STIFFNESS * STIFFNESS);
-                let lift = -(lift_of(ka, sa, n) + lift_of(&kb, sb, n)) * (T::constant(1.0) - planar);
+                let lift = -(lift_of(ka, sa, n) + lift_of(kb, sb, n)) * (T::constant(1.0) - planar);
                 let slip = n.perp().dot(slip);
                 let speed = (slip * slip + lift * lift).sqrt_or_zero();
                 // A rolling ball rubs up or down, hardly aside.

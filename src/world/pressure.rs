@@ -122,15 +122,20 @@ pub(super) fn balance<T: Real>(points: &mut [PressurePoint<T>], rates: &mut [Rat
     if points.len() > MOST_SOLVED {
         points.iter().for_each(|p| p.add(rates, p.force, p.rub));
         sweep(points, rates, SWEPT);
-    } else {
-        let (plain, system) = search(points, rates);
+    } else if T::DIFFERENTIATES {
+        let mut plain: Vec<PressurePoint<f64>> = points.iter().map(PressurePoint::value).collect();
+        let system = search(&mut plain, rates.iter().map(Rates::value).collect());
         for (p, found) in points.iter_mut().zip(&plain) {
             (p.force, p.slides) = (T::constant(found.force), found.slides);
             p.rub = if found.slides { p.aside * found.rub_share() } else { T::constant(found.rub) };
             p.add(rates, p.force, p.rub);
         }
-        if T::DIFFERENTIATES {
-            system.differentiate(points, &plain, rates);
+        system.differentiate(points, &plain, rates);
+    } else {
+        search(points, Few::from_slice(rates));
+        for p in points {
+            p.rub = if p.slides { p.aside * p.rub_share() } else { p.rub };
+            p.add(rates, p.force, p.rub);
         }
     }
 }
@@ -145,11 +150,9 @@ fn sweep<T: Real>(points: &mut [PressurePoint<T>], rates: &mut [Rates<T>], (sett
     }
 }
 
-/// The points without derivatives and with their forces, and the equations that these obey.
-fn search<T: Real>(points: &[PressurePoint<T>], rates: &[Rates<T>]) -> (Vec<PressurePoint<f64>>, System) {
-    let mut plain: Vec<PressurePoint<f64>> = points.iter().map(PressurePoint::value).collect();
-    let mut rates: Few<Rates<f64>> = rates.iter().map(Rates::value).collect();
-    for p in &mut plain {
+/// Gives the points their forces; and the equations that these obey.
+fn search<T: Real>(points: &mut [PressurePoint<T>], mut rates: Few<Rates<T>>) -> System {
+    for p in points.iter_mut() {
         if p.slides {
             // Its bound is another one than when the last search ended.
             p.rub = p.aside * p.rub_share();
@@ -158,13 +161,13 @@ fn search<T: Real>(points: &[PressurePoint<T>], rates: &[Rates<T>]) -> (Vec<Pres
     }
     let mut settled = SETTLING.into_iter();
     loop {
-        let system = System::of(&plain, rates.len());
-        if system.improve(&mut plain, &mut rates) {
-            return (plain, system);
+        let system = System::of(points, rates.len());
+        if system.improve(points, &mut rates) {
+            return system;
         }
         match settled.next() {
-            Some(settled) => sweep(&mut plain, &mut rates, settled),
-            None => return (plain, system),
+            Some(settled) => sweep(points, &mut rates, settled),
+            None => return system,
         }
     }
 }
@@ -178,20 +181,23 @@ struct System {
 }
 
 impl System {
-    fn of(points: &[PressurePoint<f64>], bodies: usize) -> System {
-        let pressing = points.iter().enumerate().filter(|(_, p)| p.force > 0.0);
+    fn of<T: Real>(points: &[PressurePoint<T>], bodies: usize) -> System {
+        let pressing = points.iter().enumerate().filter(|(_, p)| p.force.value() > 0.0);
         let unknowns: Few<(usize, bool)> = pressing
             .flat_map(|(i, p)| std::iter::once((i, false)).chain((!p.slides).then_some((i, true))))
             .collect();
         let n = unknowns.len();
         let mut matrix = SmallVec::from_elem(0.0, n * n);
+        let mut rates: Few<Rates<T>> = Few::from_elem(Rates::zero(), bodies);
+        let one = T::constant(1.0);
         for (column, &(i, rubs)) in unknowns.iter().enumerate() {
             let p = &points[i];
-            let mut rates: Few<Rates<f64>> = Few::from_elem(Rates::zero(), bodies);
-            p.add(&mut rates, if rubs { 0.0 } else { 1.0 }, if rubs { 1.0 } else { p.rub_per_force() });
+            rates.fill(Rates::zero());
+            let (force, rub) = if rubs { (T::zero(), one) } else { (one, p.rub_per_force()) };
+            p.add(&mut rates, force, rub);
             for (row, &(j, rubs)) in unknowns.iter().enumerate() {
                 let along = if rubs { points[j].normal.perp() } else { points[j].normal };
-                matrix[row * n + column] = points[j].acceleration(&rates, along);
+                matrix[row * n + column] = points[j].acceleration(&rates, along).value();
             }
         }
         System { unknowns, matrix }
@@ -238,26 +244,27 @@ impl System {
     }
 
     /// Takes the forces that solve the equations, if the points then still press, slip and open as they do.
-    fn improve(&self, points: &mut [PressurePoint<f64>], rates: &mut [Rates<f64>]) -> bool {
+    fn improve<T: Real>(&self, points: &mut [PressurePoint<T>], rates: &mut [Rates<T>]) -> bool {
         let change = self.solve(points, rates);
-        let mut forces: Few<(f64, f64)> = points.iter().map(|p| (p.force, p.rub)).collect();
-        for (&(i, rubs), change) in self.unknowns.iter().zip(&change) {
+        let mut forces: Few<(T, T)> = points.iter().map(|p| (p.force, p.rub)).collect();
+        for (&(i, rubs), &change) in self.unknowns.iter().zip(&change) {
             if rubs {
                 forces[i].1 += change;
             } else {
                 forces[i].0 += change;
-                forces[i].1 += if points[i].slides { points[i].rub_per_force() * change } else { 0.0 };
+                forces[i].1 += if points[i].slides { points[i].rub_per_force() * change } else { T::zero() };
             }
         }
-        let mut better: Few<Rates<f64>> = Few::from_slice(rates);
+        let mut better: Few<Rates<T>> = Few::from_slice(rates);
         for (p, &(force, rub)) in points.iter().zip(&forces) {
             p.add(&mut better, force - p.force, rub - p.rub);
         }
         let holds = points.iter().zip(&forces).all(|(p, &(force, rub))| {
-            let open = p.force > 0.0 || p.opening(&better) >= -SETTLED;
+            let open = p.force.value() > 0.0 || p.opening(&better).value() >= -SETTLED;
+            let (force, rub) = (force.value(), rub.value());
             let rubs = match p.slides {
-                true => rub == 0.0 || rub.signum() * p.slipping(&better) <= SETTLED,
-                false => rub.abs() <= p.aside * force + 1e-9,
+                true => rub == 0.0 || rub.signum() * p.slipping(&better).value() <= SETTLED,
+                false => rub.abs() <= p.aside.value() * force + 1e-9,
             };
             open && force >= 0.0 && rubs
         });
@@ -291,25 +298,24 @@ impl System {
     }
 }
 
-impl PressurePoint<f64> {
+impl<T: Real> PressurePoint<T> {
     /// Normal force with the sign of the friction: times `aside`, the friction of a point that slips (N).
-    fn rub_share(&self) -> f64 {
+    fn rub_share(&self) -> T {
         self.force * self.direction()
     }
 
     /// Friction per normal force.
-    fn rub_per_force(&self) -> f64 {
-        if self.slides { self.aside * self.direction() } else { 0.0 }
+    fn rub_per_force(&self) -> T {
+        if self.slides { self.aside * self.direction() } else { T::zero() }
     }
 
     /// Sign of the friction of a point that slips.
     fn direction(&self) -> f64 {
         // Without friction only its derivative matters, and that goes against the slip.
-        if self.rub != 0.0 { self.rub.signum() } else { -self.slip.signum() }
+        let (rub, slip) = (self.rub.value(), self.slip.value());
+        if rub != 0.0 { rub.signum() } else { -slip.signum() }
     }
-}
 
-impl<T: Real> PressurePoint<T> {
     /// The real parts.
     fn value(&self) -> PressurePoint<f64> {
         PressurePoint {

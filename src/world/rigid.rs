@@ -155,9 +155,9 @@ impl<T: Scalar> Run<'_, T> {
     }
 
     /// The clusters of a group, as places in it.
-    fn clusters_of(&self, group: &[usize]) -> Few<Few<usize>> {
+    fn clusters_of(&self, group: &[usize]) -> impl Iterator<Item = Few<usize>> {
         let own = self.clusters.iter().filter(|c| group.contains(&c[0]));
-        own.map(|c| c.iter().filter_map(|j| group.iter().position(|i| i == j)).collect()).collect()
+        own.map(|c| c.iter().filter_map(|j| group.iter().position(|i| i == j)).collect())
     }
 
     /// Accelerations of bodies that stick together become those of one body.
@@ -239,7 +239,7 @@ impl<T: Scalar> Run<'_, T> {
                 self.bodies[j].mode = self.laws.mode_under(j, self.bodies[j].mode, &w[x]);
             }
         }
-        for members in self.clusters_of(group) {
+        for members in self.clusters_of(group).collect::<Vec<_>>() {
             let resting = members.iter().all(|&x| self.bodies[group[x]].mode == Mode::Rest);
             let mode = match resting && self.held(group[members[0]], group, k, w) {
                 true => Mode::Rest,

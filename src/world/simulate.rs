@@ -492,10 +492,10 @@ impl<'m, T: Scalar> Run<'m, T> {
     }
 
     /// State of a body, or of wall `i - bodies`.
-    pub(super) fn kinematics(&self, i: usize) -> Kinematics<T> {
+    pub(super) fn kinematics(&self, i: usize) -> &Kinematics<T> {
         match self.bodies.get(i) {
-            Some(body) => body.from,
-            None => self.walls[i - self.bodies.len()].place,
+            Some(body) => &body.from,
+            None => &self.walls[i - self.bodies.len()].place,
         }
     }
 
