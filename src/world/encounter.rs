@@ -56,7 +56,7 @@ impl<T: Scalar> Run<'_, T> {
                 let midpoint =
                     group.iter().any(|&j| self.bodies[j].change.is_some_and(|c| c != Change::Continue));
                 let first = self.rates_at(&group, &start, since);
-                let end = self.integrate(&group, &start, &first, since, h, midpoint);
+                let (end, _) = self.integrate(&group, &start, &first, since, h, midpoint);
                 for (x, &j) in group.iter().enumerate() {
                     self.bodies[j].from = end[x];
                 }

@@ -8,7 +8,7 @@ pub(super) const APPROACH_SHARE: f64 = 0.9;
 pub(super) const SHORTEST_APPROACH: f64 = 1e-3;
 /// A stretch is halved while its acceleration is so uneven that positions could be off by this (m), down to
 /// the shortest (s).
-const ROUGH: f64 = 1e-6;
+pub(super) const ROUGH: f64 = 1e-6;
 pub(super) const SHORTEST_STRETCH: f64 = 1e-3;
 /// No time at all (s): over less, differences of places are rounding.
 pub(super) const INSTANT: f64 = 1e-9;
@@ -111,7 +111,12 @@ impl<T: Scalar> Laws<T> {
         let y4 = from.stepped(&y3, &k3, h);
         let k4 = rates(&y4, since + h);
         let to = from.summed(k1, [(&y2, &k2), (&y3, &k3), (&y4, &k4)], h);
-        let bend = k1.velocity.value() - k2.velocity.value() - k3.velocity.value() + k4.velocity.value();
-        (to, bend.norm() * h.value() * h.value() / 12.0)
+        (to, bend([k1, &k2, &k3, &k4], h.value()))
     }
+}
+
+/// How far positions would be off after `h` (s) had the acceleration been linear (m), by the rates of four stages.
+pub(super) fn bend<T: Scalar>(stages: [&Rates<T>; 4], h: f64) -> f64 {
+    let [k1, k2, k3, k4] = stages.map(|k| k.velocity.value());
+    (k1 - k2 - k3 + k4).norm() * h * h / 12.0
 }

@@ -10,6 +10,7 @@ mod flight;
 mod footprint;
 mod geometry;
 mod grid;
+mod group;
 mod impact;
 mod intervene;
 mod jam;

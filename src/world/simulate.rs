@@ -2,7 +2,7 @@
 
 use super::agenda::{Agenda, Next};
 use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
-use super::flight::{APPROACH_SHARE, Flight, INSTANT, SHORTEST_APPROACH, SHORTEST_STRETCH};
+use super::flight::{Flight, INSTANT};
 use super::grid::Grid;
 use super::impact::Path;
 use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
@@ -11,7 +11,6 @@ use super::obstacle::Static;
 use super::pressing::Touching;
 use super::rigid::Bond;
 use super::trace::{Ending, Event, EventKind, State, Trace};
-use crate::body::Wrench;
 use crate::effects::{ContactFn, Hook, MarginFn, Scalar};
 use crate::num::Vec2;
 use crate::scene::Shape;
@@ -20,15 +19,9 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 /// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
-const MAX_STEP: f64 = 0.16;
+pub(super) const MAX_STEP: f64 = 0.16;
 /// The same under forces that change with time: they may wake a body at rest.
 const UNSTEADY_STEP: f64 = 0.02;
-/// The same of bodies that press on each other, and of such that pull at each other, too.
-const CONTACT_STEP: f64 = 0.04;
-const PULL_STEP: f64 = 0.02;
-/// Overlap at which a stretch of touching bodies is halved (m).
-const CUT_IN: f64 = 1e-4;
-
 /// A limit on the work of one simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
@@ -160,6 +153,8 @@ pub(super) struct Run<'m, T: Scalar> {
     pub times: &'m [f64],
     pub states: Vec<Vec<Option<Kinematics<T>>>>,
     pub step_end: f64,
+    /// How long a stretch of bodies that pull at each other may be, by the last one (s).
+    pub stretch: f64,
     pub events: Vec<Event>,
     pub budget: usize,
     pub ending: Ending,
@@ -219,6 +214,7 @@ impl<'m, T: Scalar> Run<'m, T> {
             agenda: Agenda::default(),
             grid: Grid::default(),
             step_end: 0.0,
+            stretch: MAX_STEP,
             events: vec![],
             budget: limits.events,
             ending: Ending::Completed,
@@ -358,7 +354,7 @@ impl<'m, T: Scalar> Run<'m, T> {
         plain.filter(|_| body.since.is_constant() && body.from.is_constant())
     }
 
-    fn fly(&mut self, i: usize) {
+    pub(super) fn fly(&mut self, i: usize) {
         let Moving { from, since, mode, .. } = self.bodies[i];
         let flight = match self.plainly(i) {
             Some(laws) => {
@@ -372,123 +368,6 @@ impl<'m, T: Scalar> Run<'m, T> {
         (body.mode, body.to, body.until, body.change) = (flight.mode, flight.to, flight.until, flight.change);
         let (start, end) = (since.value(), body.until.value());
         body.path = Path::new(self.laws.shapes[i], start, end, from.value(), body.to.value());
-    }
-
-    /// The undisturbed motion of the group of `i` to the end of the step, or to its next change of mode.
-    pub(super) fn predict(&mut self, i: usize) {
-        if self.is_alone(i) {
-            return self.fly(i);
-        }
-        let group = std::mem::take(&mut self.bodies[i].group);
-        let mut start: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
-        let since = self.bodies[i].since;
-        let h = T::constant(self.step_end) - since;
-        let awake =
-            |run: &Self| group.iter().any(|&j| matches!(run.bodies[j].mode, Mode::Slide | Mode::Roll));
-        let wrenches = self.wrenches(&group, &start, since);
-        let jammed = self.jam(&group, &mut start, &wrenches);
-        let mut end = start.clone();
-        let mut until = T::constant(self.step_end);
-        let mut change = None;
-        if awake(self) && h.value() > 0.0 {
-            let mut first = self.rates(&group, &start, &wrenches, true);
-            let settled = self.settle(&group, &mut start, &wrenches, &first);
-            if self.wake(&group, &jammed, &start, &wrenches) || settled {
-                first = self.rates(&group, &start, &wrenches, true);
-            }
-            for (x, &j) in group.iter().enumerate() {
-                let next = match self.cluster(j) {
-                    Some(_) => self.cluster_change(j, &group, &start, &wrenches, &first),
-                    None => self.laws.next_change(j, &start[x], self.bodies[j].mode, &wrenches[x], &first[x]),
-                };
-                if let Some((kind, after)) = next
-                    && !(kind == Change::Stop && self.creeps(j, &start[x], &wrenches[x]))
-                    && matches!(self.bodies[j].mode, Mode::Slide | Mode::Roll)
-                    && (since + after).value() < until.value()
-                {
-                    until = since + after;
-                    change = Some((j, kind));
-                }
-            }
-            let left = (until - since).value();
-            if change.is_some() && left > SHORTEST_APPROACH {
-                until = since + (until - since) * APPROACH_SHARE;
-                change = Some((i, Change::Continue));
-            }
-            let pulls = self.laws.has_pair_forces() || !self.bonds.is_empty();
-            let longest = if pulls { PULL_STEP } else { CONTACT_STEP };
-            if left > longest + INSTANT {
-                until = since + longest;
-                change = Some((i, Change::Continue));
-            }
-            loop {
-                let midpoint = change.is_some_and(|c| c.1 != Change::Continue);
-                let h = until - since;
-                end = self.integrate(&group, &start, &first, since, h, midpoint);
-                if h.value() <= SHORTEST_STRETCH || self.narrowest(&group, &end) > -CUT_IN {
-                    break;
-                }
-                // Another corner cuts in: look again before it does.
-                until = since + h * 0.5;
-                change = Some((i, Change::Continue));
-            }
-        }
-        for (x, &j) in group.iter().enumerate() {
-            let shape = self.laws.shapes[j];
-            let body = &mut self.bodies[j];
-            body.since = since;
-            body.until = until;
-            body.to = end[x];
-            body.change = change.filter(|c| c.0 == j).map(|c| c.1);
-            body.path = Path::new(shape, since.value(), until.value(), body.from.value(), body.to.value());
-        }
-        self.bodies[i].group = group;
-    }
-
-    /// Fourth-order Runge-Kutta, or the midpoint rule on the way to a change of mode: friction has no
-    /// direction at its end, and the midpoint never looks there.
-    pub(super) fn integrate(
-        &mut self,
-        group: &[usize],
-        start: &[Kinematics<T>],
-        k1: &[Rates<T>],
-        since: T,
-        h: T,
-        midpoint: bool,
-    ) -> Few<Kinematics<T>> {
-        let half = h * 0.5;
-        let stage = |from: &[Kinematics<T>], rates: &[Rates<T>], h: T| -> Few<Kinematics<T>> {
-            start.iter().zip(from).zip(rates).map(|((s, k), r)| s.stepped(k, r, h)).collect()
-        };
-        let y2 = stage(start, k1, half);
-        let k2 = self.rates_at(group, &y2, since + half);
-        if midpoint {
-            let mut end = stage(&y2, &k2, h);
-            self.assemble(group, start, &mut end);
-            return end;
-        }
-        let y3 = stage(&y2, &k2, half);
-        let k3 = self.rates_at(group, &y3, since + half);
-        let y4 = stage(&y3, &k3, h);
-        let k4 = self.rates_at(group, &y4, since + h);
-        let stages = |x: usize| [(&y2[x], &k2[x]), (&y3[x], &k3[x]), (&y4[x], &k4[x])];
-        let mut end = (0..group.len()).map(|x| start[x].summed(&k1[x], stages(x), h)).collect::<Few<_>>();
-        self.assemble(group, start, &mut end);
-        end
-    }
-
-    pub(super) fn wrenches(&self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Wrench<T>> {
-        let mut out: Few<Wrench<T>> =
-            group.iter().zip(k).map(|(&j, k)| self.laws.wrench(j, k, time)).collect();
-        if self.laws.has_pair_forces() {
-            self.laws.add_pair_forces(group, k, &mut out);
-        }
-        out
-    }
-
-    pub(super) fn rates_at(&mut self, group: &[usize], k: &[Kinematics<T>], time: T) -> Few<Rates<T>> {
-        let wrenches = self.wrenches(group, k, time);
-        self.rates(group, k, &wrenches, false)
     }
 
     /// State of a body, or of wall `i - bodies`.
