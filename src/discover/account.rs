@@ -66,7 +66,7 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
             values[k] = motion.seen.values[at];
             sd[k] = scatter.as_ref().map_or(sd[k], |all| widened(sd[k], all[at]));
         }
-        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry, p.name)[..]) {
+        if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry.spec.name, p.name)[..]) {
             let apart = e.value - values[k];
             if apart.abs() < AGREE * sd[k] {
                 values[k] = e.value;
@@ -86,12 +86,12 @@ pub fn of_objects(entry: &EffectEntry) -> bool {
 /// than chance, the surest first; where none does, of the one that is nearest to it.
 pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
     let first: Vec<&Estimate> =
-        entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry, p.name));
+        entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry.spec.name, p.name));
     let one = |e: &&Estimate| -> Option<(f64, Vec<Reported>)> {
         let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
         let label = format!("[{object}]");
         let of = |name: &str| {
-            let mut all = estimates_of(fit, entry, name).into_iter();
+            let mut all = estimates_of(fit, entry.spec.name, name).into_iter();
             all.find(|o| o.scene == e.scene && o.name.ends_with(&label))
         };
         let own: Vec<Option<&Estimate>> = entry.spec.params.iter().map(|p| of(p.name)).collect();

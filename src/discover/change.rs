@@ -7,13 +7,14 @@ use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::inquire::{nearest, readings, too_little};
+use super::jackknife::of_videos;
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::proof::distance;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::search::leaves_something;
 use super::whole::stuck;
-use crate::effects::formula::{Formula, FormulaError};
+use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, counted, part};
@@ -243,7 +244,8 @@ pub fn change(
     if too_little.is_some() {
         weight.worth = Worth::NotIdentifiable;
     }
-    let added = proposal.added.map(|name| found(&after, &name));
+    let added =
+        proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
     Ok(Changed { before, after, added, weight, too_little })
 }
 
@@ -406,40 +408,47 @@ impl Revision {
     }
 }
 
-/// The effect of a revision with its parameters as the fit has them.
-fn found(revision: &Revision, name: &str) -> Found {
+/// The effect of a revision with its parameters as the fit has them; the intervals hold how far the videos disagree, too.
+fn found(
+    lens: &Lens,
+    revision: &Revision,
+    name: &str,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Found, FitError> {
     let fit = &revision.fit;
-    match named(name).find(|e| e.spec.name == name) {
-        Some(entry) if of_objects(entry) => {
-            Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) }
-        }
-        Some(entry) => {
-            let (mut values, mut sd) = (vec![], vec![]);
-            for p in entry.spec.params {
-                // Where it differs by label the largest is told, and where it was not fitted its value.
-                let of = estimates_of(fit, entry, p.name);
-                let largest = of.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()));
-                let fixed = || value(fit, name, p.name).unwrap_or(p.default);
-                values.push(largest.map_or_else(fixed, |e| e.value));
-                sd.push(largest.map_or(0.0, |e| e.sd));
-            }
-            let parameters = reported(entry, &values, &sd);
-            Found { kind: entry.kind.into(), effect: name.into(), parameters }
-        }
-        None => {
-            let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
-            let own = formula.map_or(&[][..], |f| &f.parameters);
-            let one = |p: &crate::effects::formula::FormulaParameter| {
-                let full = format!("{name}.{}", p.name);
-                let e = fit.posterior.estimates.iter().find(|e| e.name == full);
-                let (at, sd) = e.map_or((p.default, 0.0), |e| (e.value, e.sd));
-                let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
-                let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
-                Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
-            };
-            Found { kind: FORMULA.into(), effect: name.into(), parameters: own.iter().map(one).collect() }
-        }
+    let entry = named(name).find(|e| e.spec.name == name);
+    if let Some(entry) = entry.filter(|entry| of_objects(entry)) {
+        return Ok(Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) });
     }
+    let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
+    let own = formula.map_or(&[][..], |f| &f.parameters);
+    let (names, defaults): (Vec<&str>, Vec<f64>) = match entry {
+        Some(entry) => entry.spec.params.iter().map(|p| (p.name, p.default)).unzip(),
+        None => own.iter().map(|p| (p.name.as_str(), p.default)).unzip(),
+    };
+    let numbers = (name, names);
+    let videos = of_videos(lens, revision, &numbers, options, stop)?;
+    let told = |(k, default): (usize, &f64)| {
+        // Where it differs by label the largest is told, and where it was not fitted its value.
+        let of = estimates_of(fit, name, numbers.1[k]);
+        let scatter = videos.as_ref().and_then(|v| v[k]).filter(|_| of.len() == 1).map_or(0.0, |s| s.scatter);
+        let largest = of.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()));
+        let fixed = || (value(fit, name, numbers.1[k]).unwrap_or(*default), 0.0);
+        largest.map_or_else(fixed, |e| (e.value, e.sd.max(scatter)))
+    };
+    let (values, sd): (Vec<f64>, Vec<f64>) = defaults.iter().enumerate().map(told).unzip();
+    if let Some(entry) = entry {
+        let parameters = reported(entry, &values, &sd);
+        return Ok(Found { kind: entry.kind.into(), effect: name.into(), parameters });
+    }
+    let one = |((p, at), sd): ((&FormulaParameter, &f64), &f64)| {
+        let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
+        let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
+        Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
+    };
+    let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
+    Ok(Found { kind: FORMULA.into(), effect: name.into(), parameters })
 }
 
 fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {

@@ -8,7 +8,7 @@ use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::jackknife::of_videos;
+use super::jackknife::{numbers_of, of_videos};
 use super::outcome::{Discovery, Found, Verdict};
 use super::proof;
 use super::revise::{
@@ -160,7 +160,7 @@ pub fn conclude(
         // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
         let videos = match c.entry.uses(Hook::Bodies) {
             true => None,
-            false => of_videos(lens, last, c.entry, &options.fit, stop)?,
+            false => of_videos(lens, last, &numbers_of(c.entry), &options.fit, stop)?,
         };
         effects.push(found_contact(c, noise_sigma, videos.as_deref()));
     }
@@ -332,7 +332,7 @@ fn borne_out<'c>(
 /// Whether the number of one object is still there in trajectories, which may follow better for another reason.
 fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
     let Some(p) = c.entry.spec.params.first().filter(|_| c.object.is_some()) else { return true };
-    let told = pooled(&estimates_of(&found.fit, c.entry, p.name));
+    let told = pooled(&estimates_of(&found.fit, c.entry.spec.name, p.name));
     told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
 }
 

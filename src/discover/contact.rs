@@ -4,7 +4,7 @@
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::cost::Cost;
 use super::film::Contacts;
-use super::jackknife::scatter;
+use super::jackknife::{numbers_of, scatter};
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::{certain, with_effect};
@@ -353,7 +353,7 @@ fn judged(
             let mut sd = vec![0.0; values.len()];
             let mut added = 0;
             for (k, p) in entry.spec.params.iter().enumerate() {
-                let of = estimates_of(&fit, entry, p.name);
+                let of = estimates_of(&fit, entry.spec.name, p.name);
                 added += of.len();
                 if let Some(pooled) = pooled(&of) {
                     (values[k], sd[k]) = pooled;
@@ -364,7 +364,8 @@ fn judged(
                 .filter(|&k| before.of_scene(k) - after.of_scene(k) > CHANCE * unit)
                 .collect();
             if score > PROOF && told.len() > 1 {
-                let scatter = scatter(&films.scenes, &fit, entry, &values, &told, options, stop)?;
+                let scatter =
+                    scatter(&films.scenes, &fit, &numbers_of(entry), &values, &told, options, stop)?;
                 sd.iter_mut().zip(scatter).for_each(|(sd, scatter)| *sd = widened(*sd, scatter));
             }
             Ok(ContactCandidate {
@@ -439,8 +440,8 @@ fn odd_ones(
 }
 
 /// What the fit says of one parameter of an effect, for each label.
-pub fn estimates_of<'f>(fit: &'f Fit, entry: &EffectEntry, parameter: &str) -> Vec<&'f Estimate> {
-    let stem = format!("{}.{parameter}", entry.spec.name);
+pub fn estimates_of<'f>(fit: &'f Fit, effect: &str, parameter: &str) -> Vec<&'f Estimate> {
+    let stem = format!("{effect}.{parameter}");
     let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
     fit.posterior.estimates.iter().filter(own).collect()
 }

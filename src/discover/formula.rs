@@ -94,7 +94,7 @@ pub fn residual_law(
             let step = FRAC_PI_2 / TURNS as f64;
             let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
             let best = others.fold(upright.clone(), |a, b| if by_axes(&b) < by_axes(&a) { b } else { a });
-            let best = search.turn(best, step);
+            let best = search.thinned(search.turn(best, step));
             (if by_axes(&best) < by_axes(&upright) { best } else { upright }).law()
         });
         [along_axes, central_law(&search)]
@@ -217,27 +217,31 @@ impl Search<'_> {
         let joined =
             |with: &[usize]| DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
         let mut chosen: Vec<usize> = vec![];
-        let mut best = (0.0, vec![]);
+        let mut best = 0.0;
         while chosen.len() < most {
             let tried = (0..TERMS.len()).filter(|k| !chosen.contains(k)).filter_map(|k| {
                 let with: Vec<usize> = chosen.iter().copied().chain([k]).collect();
-                let (cost, amplitudes) = self.lens.joint(self.projector, self.start, &joined(&with))?;
-                Some((unexplained - cost, amplitudes.as_slice().to_vec(), k))
+                Some((unexplained - self.lens.joint(self.projector, self.start, &joined(&with))?.0, k))
             });
-            let Some((gain, amplitudes, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+            let Some((gain, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
             let remains = ((unexplained - gain) / degrees).max(1.0);
-            if (gain - best.0) / remains < PROOF + degrees.ln() {
+            if (gain - best) / remains < PROOF + degrees.ln() {
                 break;
             }
             chosen.push(k);
-            best = (gain, amplitudes);
+            best = gain;
         }
-        if chosen.is_empty() {
-            return None;
-        }
-        let elsewhere = self.elsewhere(&joined(&chosen), &best.1);
-        let (force, cost) = (self.force, unexplained - best.0);
-        Some(Sparse { force, angle, terms: chosen, amplitudes: best.1, cost, elsewhere })
+        if chosen.is_empty() { None } else { self.fitted(chosen, angle) }
+    }
+
+    /// Some terms along axes turned by `angle`.
+    fn fitted(&self, terms: Vec<usize>, angle: f64) -> Option<Sparse> {
+        let columns: Vec<_> = terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect();
+        let columns = DMatrix::from_columns(&columns);
+        let (cost, amplitudes) = self.lens.joint(self.projector, self.start, &columns)?;
+        let amplitudes = amplitudes.as_slice().to_vec();
+        let elsewhere = self.elsewhere(&columns, &amplitudes);
+        Some(Sparse { force: self.force, angle, terms, amplitudes, cost, elsewhere })
     }
 
     /// The same terms along axes that are turned further, by less and less, while the cost falls.
@@ -245,19 +249,30 @@ impl Search<'_> {
         for halving in 1..=HALVINGS {
             for side in [-1.0, 1.0] {
                 let angle = best.angle + side * step * 0.5f64.powi(halving);
-                let columns: Vec<_> = best.terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect();
-                let columns = DMatrix::from_columns(&columns);
-                let Some((cost, amplitudes)) = self.lens.joint(self.projector, self.start, &columns) else {
-                    continue;
-                };
-                if cost < best.cost {
-                    let amplitudes = amplitudes.as_slice().to_vec();
-                    let elsewhere = self.elsewhere(&columns, &amplitudes);
-                    best = Sparse { angle, amplitudes, cost, elsewhere, ..best };
-                }
+                let turned = self.fitted(best.terms.clone(), angle).filter(|turned| turned.cost < best.cost);
+                best = turned.unwrap_or(best);
             }
         }
         best
+    }
+
+    /// Without the terms that prove nothing beside the others: the axes at which they were chosen were not the law's yet.
+    fn thinned(&self, mut law: Sparse) -> Sparse {
+        let degrees = self.lens.degrees_of_freedom().max(1) as f64;
+        while law.terms.len() > 1 {
+            let without = |k: usize| {
+                let mut terms = law.terms.clone();
+                terms.remove(k);
+                self.fitted(terms, law.angle)
+            };
+            let fewer = (0..law.terms.len()).filter_map(without).min_by(|a, b| a.cost.total_cmp(&b.cost));
+            let Some(fewer) = fewer else { break };
+            if (fewer.cost - law.cost) / (law.cost / degrees).max(1.0) >= PROOF + degrees.ln() {
+                break;
+            }
+            law = fewer;
+        }
+        law
     }
 
     pub fn unexplained(&self) -> Option<f64> {
@@ -277,12 +292,13 @@ impl Search<'_> {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::{Sparse, TERMS};
+    use super::super::force::fit_forces;
+    use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::*;
     use crate::body::{Body, Wrench};
     use crate::effects::formula::Formula;
-    use crate::num::{Vec2, vec2};
     use crate::scene::Shape;
-    use crate::world::Kinematics;
+    use crate::world::ActiveEffect;
 
     #[test]
     fn a_law_along_axes_of_its_own_is_what_its_text_says() {
@@ -337,5 +353,29 @@ pub(super) mod tests {
                 agrees(&text, vec2(1.1, -0.4), velocity, term.value);
             }
         }
+    }
+
+    #[test]
+    fn a_drag_along_one_axis_needs_no_term_beside_it() {
+        let launches = [
+            vec![(DISC, 0.6, [-1.5, 0.4], [0.9, 0.1]), (CUBE, 1.2, [1.4, -1.0], [-0.2, 0.8])],
+            vec![(DISC, 0.6, [0.2, 1.6], [0.4, -0.6]), (CUBE, 1.2, [-1.2, -1.3], [0.7, 0.2])],
+        ];
+        let across = "(cos(0.58)*vy - sin(0.58)*vx)";
+        let text = format!("fx = 0.2*sin(0.58)*{across}; fy = -0.2*cos(0.58)*{across}");
+        let scenes = film_under(&launches, |model| {
+            let formula = Formula::new(&text, vec![]).expect("it is one");
+            let active = ActiveEffect::of_formula("drag", formula, &model.bodies);
+            model.effects.push(active.expect("it is one"));
+        });
+        let (lens, models) = (Lens::new(&scenes), models(&scenes));
+        let (free, seen) = fit_forces(&lens, &models);
+        let projector = &lens.projector(&models, &free, &seen.values).expect("it is determined");
+        let search = Search { lens: &lens, models: &models, projector, start: seen.cost, force: true };
+        let [drag, beside] = [14, 7];
+        let law = search.thinned(search.fitted(vec![drag, beside], 0.58).expect("it is determined"));
+        assert_eq!(law.terms, [drag], "{}", law.text());
+        let turned = search.thinned(search.fitted(vec![drag, 13], 0.9).expect("it is determined"));
+        assert_eq!(turned.terms, [drag, 13], "along other axes both are needed: {}", turned.text());
     }
 }

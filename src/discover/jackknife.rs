@@ -5,7 +5,7 @@ use super::contact::{estimates_of, pooled};
 use super::force::Lens;
 use super::proof;
 use super::revise::Revision;
-use crate::effects::{EffectEntry, ParamSpec};
+use crate::effects::EffectEntry;
 use crate::fit::{Begin, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -25,12 +25,19 @@ pub struct Shared {
     pub scatter: f64,
 }
 
+/// Names of a law and its parameters.
+pub type Numbers<'n> = (&'n str, Vec<&'n str>);
+
+pub fn numbers_of(entry: &'static EffectEntry) -> Numbers<'static> {
+    (entry.spec.name, entry.spec.params.iter().map(|p| p.name).collect())
+}
+
 /// The numbers of a law, one for each of its parameters that is identified, as the videos have them that a revision follows;
 /// `None` where it follows one of several, or none.
 pub fn of_videos(
     lens: &Lens,
     revision: &Revision,
-    entry: &EffectEntry,
+    law: &Numbers,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Vec<Option<Shared>>>, FitError> {
@@ -45,26 +52,26 @@ pub fn of_videos(
     let models: Vec<Model> = followed.iter().map(|&k| all[k].model.clone()).collect();
     let as_one = followed.len() == all.len() && revision.apart.is_empty();
     let fit = if as_one { &revision.fit } else { &estimate(&scenes, &models, &near, stop)? };
-    let known: Vec<Option<(f64, f64)>> = entry.spec.params.iter().map(|p| number(fit, entry, p)).collect();
+    let known: Vec<Option<(f64, f64)>> = law.1.iter().map(|p| number(fit, law.0, p)).collect();
     let values: Vec<f64> = known.iter().map(|e| e.map_or(0.0, |e| e.0)).collect();
     let each: Vec<usize> = if scenes.len() > 1 { (0..scenes.len()).collect() } else { vec![] };
-    let scatter = scatter(&scenes, fit, entry, &values, &each, &near, stop)?;
+    let scatter = scatter(&scenes, fit, law, &values, &each, &near, stop)?;
     let shared = |(e, scatter): (Option<(f64, f64)>, f64)| e.map(|(value, sd)| Shared { value, sd, scatter });
     Ok(Some(known.into_iter().zip(scatter).map(shared).collect()))
 }
 
 /// Value and deviation of a parameter that the data identify.
-fn number(fit: &Fit, entry: &EffectEntry, p: &ParamSpec) -> Option<(f64, f64)> {
-    let of = estimates_of(fit, entry, p.name);
+fn number(fit: &Fit, effect: &str, parameter: &str) -> Option<(f64, f64)> {
+    let of = estimates_of(fit, effect, parameter);
     pooled(&of).filter(|_| of.iter().any(|e| e.identified))
 }
 
-/// Deviations of an effect's parameters by how much the scenes that tell of it disagree. One without which nothing tells of a
+/// Deviations of a law's parameters by how much the scenes that tell of it disagree. One without which nothing tells of a
 /// number cannot disagree with the others.
 pub fn scatter(
     scenes: &[Scene],
     with: &Fit,
-    entry: &EffectEntry,
+    law: &Numbers,
     values: &[f64],
     told: &[usize],
     options: &FitOptions,
@@ -76,8 +83,8 @@ pub fn scatter(
         let some: Vec<Scene> = kept.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = kept.iter().map(|&k| with.scenes[k].model.clone()).collect();
         let found = estimate(&some, &models, &near, stop)?;
-        let one = |(p, value): (&ParamSpec, &f64)| number(&found, entry, p).map_or(*value, |e| e.0);
-        Ok(entry.spec.params.iter().zip(values).map(one).collect())
+        let one = |(p, value): (&&str, &f64)| number(&found, law.0, p).map_or(*value, |e| e.0);
+        Ok(law.1.iter().zip(values).map(one).collect())
     };
     let all: Result<Vec<Vec<f64>>, FitError> = told.par_iter().map(one).collect();
     let (all, n) = (all?, told.len().max(1) as f64);
@@ -116,7 +123,8 @@ mod tests {
             let with = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.1], None, &region);
             let options = DiscoverOptions::default().fit;
             let revision = revise(&lens, &with, Some(FADING), &options, &never).expect("it can be fitted");
-            let found = of_videos(&lens, &revision, entry, &options, &never).expect("nobody stops it");
+            let found =
+                of_videos(&lens, &revision, &numbers_of(entry), &options, &never).expect("nobody stops it");
             found.expect("they are followed")[0].expect("it is identified")
         };
         let (alike, unlike) = (shared(0.2), shared(0.3));

@@ -132,8 +132,13 @@ pub fn asked(
     let often = gained >= found.fit.scenes.len().min(2)
         || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes))
         || (best.entry.spec.name == FADING && shows_elsewhere(base, &found));
-    let added =
-        best.entry.spec.params.iter().map(|p| estimates_of(&found.fit, best.entry, p.name).len()).sum();
+    let added = best
+        .entry
+        .spec
+        .params
+        .iter()
+        .map(|p| estimates_of(&found.fit, best.entry.spec.name, p.name).len())
+        .sum();
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
@@ -175,7 +180,7 @@ fn begun(fit: &Fit) -> Vec<Option<&Model>> {
 /// Each parameter of a law as a fit with it has it, with its deviation; none of what is no parameter there.
 fn numbers(fit: &Fit, trial: &Trial) -> Vec<(f64, f64)> {
     let of = |(p, &start): (&ParamSpec, &f64)| {
-        pooled(&estimates_of(fit, trial.entry, p.name)).unwrap_or((start, 0.0))
+        pooled(&estimates_of(fit, trial.entry.spec.name, p.name)).unwrap_or((start, 0.0))
     };
     trial.entry.spec.params.iter().zip(&trial.start).map(of).collect()
 }
@@ -284,7 +289,7 @@ fn heavier(
     let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
     let (found, _) = trajectories_from(lens, &all, &begun(&base.fit), Some(HEAVIER), options, stop)?;
     let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
-    let masses = estimates_of(&found, entry, entry.spec.params[0].name);
+    let masses = estimates_of(&found, entry.spec.name, entry.spec.params[0].name);
     let mut masses: Vec<(f64, u32)> =
         masses.into_iter().filter_map(|e| Some((1.0 + e.value, id(e)?))).collect();
     masses.sort_by(|a, b| a.0.total_cmp(&b.0));
