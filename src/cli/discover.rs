@@ -225,14 +225,14 @@ mod tests {
     fn where_nothing_is_missing_it_tells_what_would_have_been_seen() {
         let tilt = SmallestEffect {
             kind: "tilt".into(),
-            parameter: "a_x".into(),
+            parameter: "a".into(),
             value: 0.012,
             unit: "m/s^2".into(),
             ..Default::default()
         };
         let mut found = Discovery { smallest: vec![tilt], ..Default::default() };
         found.set_verdict(Verdict::Adequate);
-        assert!(text(&found).contains("a_x 0.0120 m/s^2"), "{}", text(&found));
+        assert!(text(&found).contains("a 0.0120 m/s^2"), "{}", text(&found));
         found.set_verdict(Verdict::EffectFound);
         assert!(!text(&found).contains("would have been seen"));
     }

@@ -143,22 +143,24 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
     Found { kind: c.entry.kind.to_string(), effect: c.entry.spec.name.to_string(), parameters }
 }
 
-/// The smallest amplitude of each kind of force that the lens would have proven.
+/// The smallest amplitude of each kind of force that the lens would have proven; not of one that shows at no size that it may
+/// have.
 pub fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
     let price = |c: &Candidate| PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
     let unit = motion.reduced_chi_square().max(1.0);
-    let one = |c: &Candidate| {
-        let entry: &'static EffectEntry = c.entry;
+    let one = |c: &Candidate| -> Option<Smallest> {
+        let (entry, amplitude): (&'static EffectEntry, _) = (c.entry, c.entry.spec.params.first()?);
         let sd = c.sd[..entry.amplitudes.min(c.sd.len())].iter().fold(0.0, |a: f64, b| a.max(*b));
-        Smallest {
+        let value = (price(c) * unit).sqrt() * sd;
+        (value <= amplitude.max).then(|| Smallest {
             kind: entry.kind.to_string(),
             effect: entry.spec.name.to_string(),
-            parameter: entry.spec.params[0].name.to_string(),
-            value: (price(c) * unit).sqrt() * sd,
-            unit: entry.spec.params[0].unit.to_string(),
-        }
+            parameter: amplitude.name.strip_suffix("_x").unwrap_or(amplitude.name).to_string(),
+            value,
+            unit: amplitude.unit.to_string(),
+        })
     };
-    motion.ranked.iter().map(|(_, c)| one(c)).collect()
+    motion.ranked.iter().filter_map(|(_, c)| one(c)).collect()
 }
 
 /// Why the verdict is what it is.

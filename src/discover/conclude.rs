@@ -9,7 +9,7 @@ use super::film::contacts;
 use super::force::{Lens, fit_forces};
 use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::jackknife::{numbers_of, of_videos};
-use super::outcome::{Discovery, Found, Verdict};
+use super::outcome::{Discovery, Found, NINETY_FIVE, Verdict};
 use super::proof;
 use super::revise::{
     Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise, without_effect,
@@ -162,7 +162,14 @@ pub fn conclude(
             true => None,
             false => of_videos(lens, last, &numbers_of(c.entry), &options.fit, stop)?,
         };
-        effects.push(found_contact(c, noise_sigma, videos.as_deref()));
+        let amplitude = videos.as_ref().and_then(|v| *v.first()?);
+        if whole.is_some() && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter) {
+            // No short film speaks for it, and the videos disagree on whether it acts at all.
+            proven = None;
+            revisions.pop();
+        } else {
+            effects.push(found_contact(c, noise_sigma, videos.as_deref()));
+        }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
