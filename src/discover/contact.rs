@@ -68,9 +68,9 @@ pub struct ContactCandidate {
 }
 
 impl ContactCandidate {
-    /// Whether short films speak for it, if too few of them: trajectories may prove it.
+    /// Whether short films speak for it, if too few of them or without one number: trajectories may prove it.
     pub fn suggested(&self) -> bool {
-        self.score > PROOF && self.certain()
+        self.score > PROOF && (self.certain() || self.gained > 1)
     }
 
     /// Whether an amplitude differs from none.

@@ -12,6 +12,7 @@ use super::revise::{
     without_effect,
 };
 use super::screen::region;
+use super::search::CLEAN;
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
@@ -48,8 +49,9 @@ const PLACES: usize = 2;
 const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
 
-/// The revision with a law that few short films speak for, if it follows trajectories that are lost without, and still are
-/// where it led. One of them will do where a film speaks clearly.
+/// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
+/// still are where it led. One of them will do where a film speaks clearly. Where none is lost but more than noise remains, the
+/// law must leave nothing.
 pub fn mended(
     lens: &Lens,
     base: &Revision,
@@ -58,11 +60,15 @@ pub fn mended(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    if !proof::loses(&base.fit) {
+    let loses = proof::loses(&base.fit);
+    if !loses && base.reduced_chi_square < super::MISFIT {
         return Ok(None);
     }
     let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
-    let mends = |found: &[SceneFit]| proof::mends(lost, found) || (law.strong() && proof::finds(lost, found));
+    let mends = |found: &[SceneFit]| match loses {
+        true => proof::mends(lost, found) || (law.strong() && proof::finds(lost, found)),
+        false => found.iter().all(|s| s.reduced_chi_square < 1.0 + CLEAN),
+    };
     let found = revise(lens, models, Some(name), options, stop)?;
     if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
         return Ok(None);

@@ -79,12 +79,12 @@ impl<T: Scalar> Run<'_, T> {
                 // Unevenness grows with the fourth power of the time.
                 let share = if smooth { EVEN * (ROUGH / unevenness).sqrt().sqrt() } else { f64::INFINITY };
                 self.stretch = (h.value() * share).clamp(SHORTEST_STRETCH, MAX_STEP);
-                let even = share >= EVEN;
-                if h.value() <= SHORTEST_STRETCH || (even && self.narrowest(&group, &end) > -CUT_IN) {
+                let rough = share < EVEN;
+                if h.value() <= SHORTEST_STRETCH || (!rough && self.narrowest(&group, &end) > -CUT_IN) {
                     break;
                 }
                 // Another corner cuts in, or the pull changes too much: look again before it does.
-                until = since + h * if even { 0.5 } else { share };
+                until = since + h * if rough { share } else { 0.5 };
                 change = Some((i, Change::Continue));
             }
         }
@@ -151,10 +151,24 @@ impl<T: Scalar> Run<'_, T> {
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::formula::Formula;
     use crate::num::vec2;
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
-    use crate::world::trace;
+    use crate::world::{ActiveEffect, Ending, State, trace};
+
+    #[test]
+    fn a_law_without_a_value_ends_the_simulation_of_bodies_that_pull_at_each_other() {
+        let disc = Shape::Disc { radius: 0.05 };
+        let bodies = vec![
+            body(0, disc, vec2(-1.0, 0.0), vec2(0.6, 0.0)),
+            body(1, disc, vec2(1.0, 0.25), vec2(0.0, 0.0)),
+        ];
+        let mut model = model(bodies, &[("pair_attraction", &[0.1, 0.05])]);
+        let formula = Formula::new("ax = sqrt(0.5 - t)", vec![]).expect("it is one");
+        model.effects.push(ActiveEffect::of_formula("root", formula, &model.bodies).expect("it is one"));
+        assert_eq!(trace(&model, &seconds(100)).ending, Ending::FormulaUndefined);
+    }
 
     /// Two discs swing past each other without friction: energy and momentum stay, however long the stretches are.
     #[test]
@@ -167,13 +181,13 @@ mod tests {
         ];
         let mass = bodies[0].mass;
         let run = trace(&model(bodies, &[("pair_attraction", &[strength, eps])]), &seconds(100));
-        let energy = |row: &[Option<crate::world::State>]| {
+        let energy = |row: &[Option<State>]| {
             let [a, b] = [0, 1].map(|k| row[k].expect("there"));
             let moving = 0.5 * mass * (a.velocity.norm_squared() + b.velocity.norm_squared());
             moving - strength / ((a.position - b.position).norm_squared() + eps * eps).sqrt()
         };
         let first = energy(&run.states[0]);
-        let nearest = |row: &Vec<Option<crate::world::State>>| {
+        let nearest = |row: &Vec<Option<State>>| {
             (row[0].expect("there").position - row[1].expect("there").position).norm()
         };
         let passed = run.states.iter().map(nearest).fold(f64::INFINITY, f64::min);
