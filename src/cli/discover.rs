@@ -4,7 +4,7 @@ use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::study::Said;
-use super::{input, ladder, output, study};
+use super::{input, ladder, output, revise, study};
 use crate::api::v1::{
     Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
     RankedEffect, Revision, SmallestEffect, Verdict, discover_effects_response::Event,
@@ -73,8 +73,13 @@ pub fn curve(found: &Discovery) -> String {
 pub fn text(found: &Discovery) -> String {
     let mut text = format!("{}: {}\n", verdict(found), found.reason);
     for effect in &found.effects {
-        let parameters: Vec<String> = effect.parameters.iter().map(parameter).collect();
-        text += &format!("\n  {}: {}\n", effect.kind, parameters.join(", "));
+        text += &match effect.parameters.iter().any(|p| p.owner.is_some()) {
+            true => format!("\n  {}:\n{}", effect.kind, revise::parameters(&effect.parameters, &[])),
+            false => {
+                let parameters: Vec<String> = effect.parameters.iter().map(parameter).collect();
+                format!("\n  {}: {}\n", effect.kind, parameters.join(", "))
+            }
+        };
     }
     if !found.effects.is_empty() {
         text += "  [in brackets: where they are with 95 % probability]\n";
@@ -140,7 +145,7 @@ fn verdict(found: &Discovery) -> &'static str {
 
 fn to_json(found: &Discovery, names: &[String]) -> Value {
     let effect = |e: &crate::api::v1::FoundEffect| json!({ "kind": e.kind, "parameters": parameters(e) });
-    let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
+    let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
     let revision = |r: &Revision| {
         let effect = if r.effect.is_empty() { Value::Null } else { json!(r.effect) };
         json!({
@@ -195,7 +200,7 @@ pub fn parameters(e: &crate::api::v1::FoundEffect) -> Value {
 fn quantity(p: &FoundParameter) -> Value {
     let sd: Vec<f64> = p.low.iter().zip(&p.high).map(|(l, h)| (h - l) / (2.0 * NINETY_FIVE)).collect();
     match (&p.value[..], &sd[..]) {
-        ([], _) => json!({ "value": p.word, "unit": p.unit, "identified": true }),
+        ([], _) => json!({ "value": p.word, "sd": 0.0, "unit": p.unit, "identified": true }),
         ([value], [sd]) => {
             json!({ "value": value, "sd": sd, "unit": p.unit, "identified": sd < &value.abs() })
         }

@@ -75,9 +75,10 @@ impl From<tonic::Status> for Failure {
             }
         }
         match status.code() {
-            tonic::Code::InvalidArgument | tonic::Code::NotFound | tonic::Code::OutOfRange => {
-                Failure::Input(message)
-            }
+            tonic::Code::InvalidArgument
+            | tonic::Code::NotFound
+            | tonic::Code::OutOfRange
+            | tonic::Code::FailedPrecondition => Failure::Input(message),
             code => Failure::Other(format!("{message} ({code:?})")),
         }
     }

@@ -245,7 +245,7 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], k
 }
 
 /// On one line, or on one for each object that has its own.
-fn parameters(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
+pub fn parameters(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
     let mut lines: Vec<(Option<&ParameterOwner>, Vec<String>)> = vec![];
     for p in all {
         let told = discover::parameter(p);

@@ -61,7 +61,7 @@ enum Column {
 /// A header names the columns: `id`, `t` or `frame`, `x`, `y`, and where they are known `yaw`, `visible` (0 or 1),
 /// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`, `color`. A unit stands behind a name, as in
 /// `x [mm]` or `x_mm`: m, cm, mm, px; s, ms; rad, deg; kg, g. Lines `# key: value` before it tell what holds for all:
-/// `fps`, `unit` (of lengths), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`, `world`,
+/// `fps`, `unit` (of lengths, `size` too), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`, `world`,
 /// `setup`. Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
 /// object has once, such as its mass, need stand in one of its rows only. Everything that is wrong is told at once, with
 /// line and column.

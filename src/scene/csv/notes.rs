@@ -1,6 +1,6 @@
 //! Reads the lines before the header of a CSV file, which hold for all of its rows.
 
-use super::{DISC, Kind, Report, SHAPES, kind, misspelt};
+use super::{DISC, Kind, LENGTHS, Report, SHAPES, kind, misspelt};
 use crate::scene::{DEFAULT_SIZE, WorldKind};
 
 /// Keys of the lines before the header.
@@ -20,6 +20,7 @@ pub(super) struct Notes {
 
 impl Notes {
     pub fn read(text: &str, r: &mut Report) -> Notes {
+        let mut size = None;
         let mut notes = Notes {
             fps: None,
             unit: None,
@@ -48,7 +49,7 @@ impl Notes {
             match key.as_str() {
                 "fps" => notes.fps = positive(),
                 "scale" => notes.scale = positive(),
-                "size" | "radius" => notes.size = positive().unwrap_or(DEFAULT_SIZE),
+                "size" | "radius" => size = positive(),
                 "unit" => notes.unit = Some(value.to_ascii_lowercase()),
                 "shape" => match kind(value) {
                     Some(kind) => notes.shape = kind,
@@ -73,6 +74,14 @@ impl Notes {
                     }
                 }
             }
+        }
+        if let Some(size) = size {
+            // A unit that no length has is told with the columns.
+            let factor = match notes.unit.as_deref() {
+                Some("px" | "pixel" | "pixels") => notes.scale,
+                unit => LENGTHS.iter().find(|(name, _)| Some(*name) == unit).map(|(_, factor)| *factor),
+            };
+            notes.size = size * factor.unwrap_or(1.0);
         }
         notes
     }

@@ -1,7 +1,7 @@
 //! CSV files as people write them, and broken ones.
 
 use super::*;
-use crate::scene::WorldKind;
+use crate::scene::{Shape, WorldKind};
 use proptest::prelude::*;
 
 #[test]
@@ -47,6 +47,8 @@ fn frames_count_at_the_rate_and_pixels_need_a_scale() {
     let scaled = parse_csv("s", &format!("# unit: px\n# scale: 0.001 m/px\n{rows}")).expect("it is right");
     assert_eq!(scaled.times, [0.0, 0.04, 0.08, 0.12]);
     assert_eq!(scaled.tracks[0].samples[1].position, vec2(0.12, 0.1));
+    let sized = parse_csv("s", &format!("# size: 20\n# unit: cm\n{rows}")).expect("it is right");
+    assert_eq!(sized.objects[0].shape, Shape::Disc { radius: 0.2 });
     let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
     assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
 }
