@@ -107,13 +107,17 @@ pub fn conclude(
         // What was refused beside the same forces would be again.
         let refused = asked_for.filter(|_| motion.found.len() == forces).map(|c| c.entry.spec.name);
         let open = |c: &&ContactCandidate| c.suggested() && refused != Some(c.entry.spec.name);
-        for c in of_contacts.iter().filter(open).take(SUGGESTIONS) {
-            let last = &revisions[motion.found.len()];
-            if let Some(mended) = mended(lens, last, c, &law(c), &options.fit, stop)? {
-                revisions.push(mended);
-                proven = Some(c);
-                break;
-            }
+        let last = &revisions[motion.found.len()];
+        let suggestions: Vec<_> = of_contacts.iter().filter(open).take(SUGGESTIONS).collect();
+        let tried = suggestions.into_par_iter().map(|c| {
+            let mended = mended(lens, last, c, &law(c), &options.fit, stop)?;
+            Ok(mended.map(|revision| (c, revision)))
+        });
+        let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+        let nearer = |a: &Revision, b: &Revision| proof::distance(&a.fit).total_cmp(&proof::distance(&b.fit));
+        if let Some((c, mended)) = tried.into_iter().flatten().min_by(|a, b| nearer(&a.1, &b.1)) {
+            revisions.push(mended);
+            proven = Some(c);
         }
     }
     let other = match proven {

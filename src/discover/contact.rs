@@ -33,7 +33,7 @@ const CHANCE: f64 = 6.0;
 pub const HEAVIER: &str = "mass_change";
 const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
 /// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
-const SCALE: &str = "wrong_scale";
+pub const SCALE: &str = "wrong_scale";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.

@@ -2,7 +2,7 @@
 
 use super::account::FOLLOWED;
 use super::alone::{films_stick, meet};
-use super::contact::{ContactCandidate, HEAVIER, estimates_of, pooled, with_contact};
+use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, pooled, with_contact};
 use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
@@ -35,6 +35,8 @@ const FADES: f64 = 0.15;
 /// The law that holds touching surfaces, and a coefficient with which most do not slip.
 const RUBBING: &str = "contact_friction";
 const GRIP: f64 = 0.3;
+/// Share by which a scale that is tried is wrong.
+const LENGTHENED: f64 = 0.1;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
 const PROMISING: f64 = 10.0;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
@@ -88,7 +90,7 @@ struct Trial {
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; friction between objects, the mass of one, or a thing that nobody saw, where
+/// rebound differently explain each film as well; friction between objects, a scale, the mass of one, or a thing that nobody saw, where
 /// others were near whenever it showed.
 pub fn asked(
     lens: &Lens,
@@ -110,6 +112,7 @@ pub fn asked(
     // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
     if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
         trials.extend(rubbing(models, &region));
+        trials.extend(scaled(models));
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
@@ -227,6 +230,12 @@ fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
         seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
     };
     absent(models, RUBBING).map(trials).unwrap_or_default()
+}
+
+/// Lengths that are all wrong: too long, and too short.
+fn scaled(models: &[Model]) -> Vec<Trial> {
+    let trial = |start: f64| Some(Trial { entry: absent(models, SCALE)?, start: vec![start], object: None });
+    [LENGTHENED, -LENGTHENED].into_iter().filter_map(trial).collect()
 }
 
 /// Whether a law brings the scenes nearer, begun from none or from much of it. Where no force acts it may take a search: what
