@@ -52,8 +52,8 @@ const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
 
 /// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
-/// still are where it led. One of them will do where a film speaks clearly. Where none is lost but more than noise remains, the
-/// law must leave nothing.
+/// still are where it led. One of them will do where a film speaks clearly. Where none is lost but half of them are off, the law
+/// must leave nothing.
 pub fn mended(
     lens: &Lens,
     base: &Revision,
@@ -63,7 +63,7 @@ pub fn mended(
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
     let loses = proof::loses(&base.fit);
-    if !loses && base.reduced_chi_square < super::MISFIT {
+    if !loses && !proof::astray(&base.fit) {
         return Ok(None);
     }
     let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
