@@ -4,10 +4,10 @@ use super::Target;
 use super::connect::Connection;
 use super::error::Failure;
 use super::study::Said;
-use super::{input, ladder, output, revise, study};
+use super::{input, ladder, output, study};
 use crate::api::v1::{
     Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
-    RankedEffect, Revision, SmallestEffect, Verdict, discover_effects_response::Event,
+    ParameterOwner, RankedEffect, Revision, SmallestEffect, Verdict, discover_effects_response::Event,
 };
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -74,7 +74,7 @@ pub fn text(found: &Discovery) -> String {
     let mut text = format!("{}: {}\n", verdict(found), found.reason);
     for effect in &found.effects {
         text += &match effect.parameters.iter().any(|p| p.owner.is_some()) {
-            true => format!("\n  {}:\n{}", effect.kind, revise::parameters(&effect.parameters, &[])),
+            true => format!("\n  {}:\n{}", effect.kind, parameter_lines(&effect.parameters, &[])),
             false => {
                 let parameters: Vec<String> = effect.parameters.iter().map(parameter).collect();
                 format!("\n  {}: {}\n", effect.kind, parameters.join(", "))
@@ -116,8 +116,30 @@ fn smallest(found: &Discovery) -> String {
     format!("\n{}", output::table(&["would have been seen", "from"], &rows))
 }
 
+/// Parameters as a person reads them, on one line, or on one for each object that has its own; `names` are those of videos by
+/// what the service calls them.
+pub fn parameter_lines(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
+    let mut lines: Vec<(Option<&ParameterOwner>, Vec<String>)> = vec![];
+    for p in all {
+        let told = parameter(p);
+        match lines.last_mut().filter(|(owner, _)| *owner == p.owner.as_ref()) {
+            Some((_, line)) => line.push(told),
+            None => lines.push((p.owner.as_ref(), vec![told])),
+        }
+    }
+    let line = |(owner, told): &(Option<&ParameterOwner>, Vec<String>)| {
+        let whose = owner.map_or(String::new(), |o| {
+            let video =
+                names.iter().find(|(video, _)| *video == o.video).map(|(_, name)| format!(" of {name}"));
+            format!("object {}{}: ", o.object_id, video.unwrap_or_default())
+        });
+        format!("  {whose}{}\n", told.join(", "))
+    };
+    lines.iter().map(line).collect()
+}
+
 /// A parameter with its interval as a person reads it.
-pub fn parameter(p: &FoundParameter) -> String {
+fn parameter(p: &FoundParameter) -> String {
     let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
     match p.value[..] {
         [] => format!("{} {}", p.name, p.word),

@@ -7,9 +7,8 @@ use super::study::Said;
 use super::{discover, input, ladder, output, study};
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
-    AddEffectRequest, AddEffectResponse, FoundParameter, ListModelsRequest, ParameterOwner,
-    RemoveEffectRequest, RemoveEffectResponse, RevisedModels, Revision, StudyRequest, Worth,
-    add_effect_response, remove_effect_response,
+    AddEffectRequest, AddEffectResponse, ListModelsRequest, RemoveEffectRequest, RemoveEffectResponse,
+    RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
 };
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -232,7 +231,7 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], k
     };
     let mut text = format!("{}: {}\n", ladder::change(after), verdict(after));
     if let Some(added) = &after.added {
-        text += &parameters(&added.parameters, names);
+        text += &discover::parameter_lines(&added.parameters, names);
     }
     text += &format!("\n{}\n{}", table(&way), ladder::text(&way, after.noise_sigma));
     if kept {
@@ -242,27 +241,6 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], k
         );
     }
     text
-}
-
-/// On one line, or on one for each object that has its own.
-pub fn parameters(all: &[FoundParameter], names: &[(&str, &str)]) -> String {
-    let mut lines: Vec<(Option<&ParameterOwner>, Vec<String>)> = vec![];
-    for p in all {
-        let told = discover::parameter(p);
-        match lines.last_mut().filter(|(owner, _)| *owner == p.owner.as_ref()) {
-            Some((_, line)) => line.push(told),
-            None => lines.push((p.owner.as_ref(), vec![told])),
-        }
-    }
-    let line = |(owner, told): &(Option<&ParameterOwner>, Vec<String>)| {
-        let whose = owner.map_or(String::new(), |o| {
-            let video =
-                names.iter().find(|(video, _)| *video == o.video).map(|(_, name)| format!(" of {name}"));
-            format!("object {}{}: ", o.object_id, video.unwrap_or_default())
-        });
-        format!("  {whose}{}\n", told.join(", "))
-    };
-    lines.iter().map(line).collect()
 }
 
 /// Evidence (nats) from which a model that is no better is nearer to what was fitted all the same.
@@ -327,6 +305,7 @@ fn to_json(r: &Revision) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::v1::{FoundParameter, ParameterOwner};
 
     #[test]
     fn objects_that_differ_are_named_and_what_is_not_determined_stands_in_brackets() {
@@ -340,7 +319,7 @@ mod tests {
             ..Default::default()
         };
         let all = [factor(3, "", true), factor(5, "videos/b", false)];
-        insta::assert_snapshot!(parameters(&all, &[("videos/a", "left"), ("videos/b", "right")]), @r"
+        insta::assert_snapshot!(discover::parameter_lines(&all, &[("videos/a", "left"), ("videos/b", "right")]), @r"
           object 3: factor 2.0000 [0.5000 to 3.5000]
           object 5 of right: (factor 2.0000 [0.5000 to 3.5000])
         ");

@@ -1,6 +1,6 @@
 //! A law about a centre that no library lists: what pulls, pushes or swirls by the distance from a place nobody told.
 
-use super::formula::{PROOF, ResidualLaw, Search, Term};
+use super::formula::{ResidualLaw, Search, Term};
 use super::screen::region;
 use crate::num::{Vec2, vec2};
 use crate::world::Kinematics;
@@ -54,9 +54,7 @@ pub fn central_law(search: &Search) -> Option<ResidualLaw> {
     let tried = places.flat_map(|centre| (0..TERMS.len()).map(move |term| (term, centre)));
     let all = tried.filter_map(|(term, centre)| about(search, term, centre));
     let best = nearer_centre(search, all.min_by(|a, b| a.cost.total_cmp(&b.cost))?, step);
-    let degrees = search.lens.degrees_of_freedom().max(1) as f64;
-    let remains = (best.cost / degrees).max(1.0);
-    if (none - best.cost) / remains < PROOF + NUMBERS as f64 * degrees.ln() {
+    if !search.proves(none - best.cost, best.cost, NUMBERS) {
         return None;
     }
     let elsewhere = search.elsewhere(&column(search, best.term, best.centre), &[best.amplitude]);

@@ -7,7 +7,7 @@ use super::film::contacts;
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::inquire::{nearest, readings, too_little};
-use super::jackknife::of_videos;
+use super::jackknife::{Numbers, of_videos};
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
 use super::proof::distance;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
@@ -427,14 +427,14 @@ fn found(
         Some(entry) => entry.spec.params.iter().map(|p| (p.name, p.default)).unzip(),
         None => own.iter().map(|p| (p.name.as_str(), p.default)).unzip(),
     };
-    let numbers = (name, names);
+    let numbers = Numbers { law: name, names };
     let videos = of_videos(lens, revision, &numbers, options, stop)?;
     let told = |(k, default): (usize, &f64)| {
         // Where it differs by label the largest is told, and where it was not fitted its value.
-        let of = estimates_of(fit, name, numbers.1[k]);
+        let of = estimates_of(fit, name, numbers.names[k]);
         let scatter = videos.as_ref().and_then(|v| v[k]).filter(|_| of.len() == 1).map_or(0.0, |s| s.scatter);
         let largest = of.into_iter().max_by(|a, b| a.value.abs().total_cmp(&b.value.abs()));
-        let fixed = || (value(fit, name, numbers.1[k]).unwrap_or(*default), 0.0);
+        let fixed = || (value(fit, name, numbers.names[k]).unwrap_or(*default), 0.0);
         largest.map_or_else(fixed, |e| (e.value, e.sd.max(scatter)))
     };
     let (values, sd): (Vec<f64>, Vec<f64>) = defaults.iter().enumerate().map(told).unzip();

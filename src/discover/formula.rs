@@ -16,7 +16,7 @@ pub const SIMPLE_TERMS: usize = 2;
 const TURNS: usize = 9;
 const HALVINGS: i32 = 6;
 /// Fall of chi-square, in units of what remains, that a term must bring beyond its price.
-pub(super) const PROOF: f64 = 20.0;
+const PROOF: f64 = 20.0;
 
 /// One generic term: its text along x and along y, and its value.
 pub(super) struct Term {
@@ -95,7 +95,7 @@ pub fn residual_law(
             let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
             let best = others.fold(upright.clone(), |a, b| if by_axes(&b) < by_axes(&a) { b } else { a });
             let best = search.thinned(search.turn(best, step));
-            (if by_axes(&best) < by_axes(&upright) { best } else { upright }).law()
+            search.law(if by_axes(&best) < by_axes(&upright) { best } else { upright })
         });
         [along_axes, central_law(&search)]
     });
@@ -113,7 +113,6 @@ struct Sparse {
     terms: Vec<usize>,
     amplitudes: Vec<f64>,
     cost: f64,
-    elsewhere: f64,
 }
 
 impl Sparse {
@@ -123,10 +122,6 @@ impl Sparse {
 
     fn numbers(&self) -> usize {
         self.terms.len() + usize::from(self.angle != 0.0 && self.directed())
-    }
-
-    fn law(&self) -> ResidualLaw {
-        ResidualLaw { text: self.text(), numbers: self.numbers(), cost: self.cost, elsewhere: self.elsewhere }
     }
 
     fn text(&self) -> String {
@@ -212,7 +207,6 @@ impl Search<'_> {
     /// Forward selection along axes turned by `angle`.
     fn select(&self, angle: f64, most: usize) -> Option<Sparse> {
         let all: Vec<_> = TERMS.iter().map(|t| self.column(t, angle)).collect();
-        let degrees = self.lens.degrees_of_freedom().max(1) as f64;
         let unexplained = self.unexplained()?;
         let joined =
             |with: &[usize]| DMatrix::from_columns(&with.iter().map(|&c| all[c].clone()).collect::<Vec<_>>());
@@ -224,8 +218,7 @@ impl Search<'_> {
                 Some((unexplained - self.lens.joint(self.projector, self.start, &joined(&with))?.0, k))
             });
             let Some((gain, k)) = tried.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-            let remains = ((unexplained - gain) / degrees).max(1.0);
-            if (gain - best) / remains < PROOF + degrees.ln() {
+            if !self.proves(gain - best, unexplained - gain, 1) {
                 break;
             }
             chosen.push(k);
@@ -234,14 +227,26 @@ impl Search<'_> {
         if chosen.is_empty() { None } else { self.fitted(chosen, angle) }
     }
 
+    /// Whether a fall of chi-square to `left` proves so many numbers.
+    pub fn proves(&self, fall: f64, left: f64, numbers: usize) -> bool {
+        let degrees = self.lens.degrees_of_freedom().max(1) as f64;
+        fall / (left / degrees).max(1.0) >= PROOF + numbers as f64 * degrees.ln()
+    }
+
+    fn columns(&self, terms: &[usize], angle: f64) -> DMatrix<f64> {
+        DMatrix::from_columns(&terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect::<Vec<_>>())
+    }
+
     /// Some terms along axes turned by `angle`.
     fn fitted(&self, terms: Vec<usize>, angle: f64) -> Option<Sparse> {
-        let columns: Vec<_> = terms.iter().map(|&k| self.column(&TERMS[k], angle)).collect();
-        let columns = DMatrix::from_columns(&columns);
-        let (cost, amplitudes) = self.lens.joint(self.projector, self.start, &columns)?;
+        let (cost, amplitudes) = self.lens.joint(self.projector, self.start, &self.columns(&terms, angle))?;
         let amplitudes = amplitudes.as_slice().to_vec();
-        let elsewhere = self.elsewhere(&columns, &amplitudes);
-        Some(Sparse { force: self.force, angle, terms, amplitudes, cost, elsewhere })
+        Some(Sparse { force: self.force, angle, terms, amplitudes, cost })
+    }
+
+    fn law(&self, law: Sparse) -> ResidualLaw {
+        let elsewhere = self.elsewhere(&self.columns(&law.terms, law.angle), &law.amplitudes);
+        ResidualLaw { text: law.text(), numbers: law.numbers(), cost: law.cost, elsewhere }
     }
 
     /// The same terms along axes that are turned further, by less and less, while the cost falls.
@@ -258,7 +263,6 @@ impl Search<'_> {
 
     /// Without the terms that prove nothing beside the others: the axes at which they were chosen were not the law's yet.
     fn thinned(&self, mut law: Sparse) -> Sparse {
-        let degrees = self.lens.degrees_of_freedom().max(1) as f64;
         while law.terms.len() > 1 {
             let without = |k: usize| {
                 let mut terms = law.terms.clone();
@@ -267,7 +271,7 @@ impl Search<'_> {
             };
             let fewer = (0..law.terms.len()).filter_map(without).min_by(|a, b| a.cost.total_cmp(&b.cost));
             let Some(fewer) = fewer else { break };
-            if (fewer.cost - law.cost) / (law.cost / degrees).max(1.0) >= PROOF + degrees.ln() {
+            if self.proves(fewer.cost - law.cost, law.cost, 1) {
                 break;
             }
             law = fewer;
@@ -318,7 +322,6 @@ pub(super) mod tests {
                 terms: terms.clone(),
                 amplitudes: amplitudes.clone(),
                 cost: 0.0,
-                elsewhere: 0.0,
             };
             agrees(&law.text(), position, velocity, sum);
         }

@@ -25,11 +25,14 @@ pub struct Shared {
     pub scatter: f64,
 }
 
-/// Names of a law and its parameters.
-pub type Numbers<'n> = (&'n str, Vec<&'n str>);
+/// A law's parameters by their names.
+pub struct Numbers<'n> {
+    pub law: &'n str,
+    pub names: Vec<&'n str>,
+}
 
 pub fn numbers_of(entry: &'static EffectEntry) -> Numbers<'static> {
-    (entry.spec.name, entry.spec.params.iter().map(|p| p.name).collect())
+    Numbers { law: entry.spec.name, names: entry.spec.params.iter().map(|p| p.name).collect() }
 }
 
 /// The numbers of a law, one for each of its parameters that is identified, as the videos have them that a revision follows;
@@ -37,7 +40,7 @@ pub fn numbers_of(entry: &'static EffectEntry) -> Numbers<'static> {
 pub fn of_videos(
     lens: &Lens,
     revision: &Revision,
-    law: &Numbers,
+    numbers: &Numbers,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Vec<Option<Shared>>>, FitError> {
@@ -52,10 +55,11 @@ pub fn of_videos(
     let models: Vec<Model> = followed.iter().map(|&k| all[k].model.clone()).collect();
     let as_one = followed.len() == all.len() && revision.apart.is_empty();
     let fit = if as_one { &revision.fit } else { &estimate(&scenes, &models, &near, stop)? };
-    let known: Vec<Option<(f64, f64)>> = law.1.iter().map(|p| number(fit, law.0, p)).collect();
+    let known: Vec<Option<(f64, f64)>> =
+        numbers.names.iter().map(|name| number(fit, numbers.law, name)).collect();
     let values: Vec<f64> = known.iter().map(|e| e.map_or(0.0, |e| e.0)).collect();
     let each: Vec<usize> = if scenes.len() > 1 { (0..scenes.len()).collect() } else { vec![] };
-    let scatter = scatter(&scenes, fit, law, &values, &each, &near, stop)?;
+    let scatter = scatter(&scenes, fit, numbers, &values, &each, &near, stop)?;
     let shared = |(e, scatter): (Option<(f64, f64)>, f64)| e.map(|(value, sd)| Shared { value, sd, scatter });
     Ok(Some(known.into_iter().zip(scatter).map(shared).collect()))
 }
@@ -71,7 +75,7 @@ fn number(fit: &Fit, effect: &str, parameter: &str) -> Option<(f64, f64)> {
 pub fn scatter(
     scenes: &[Scene],
     with: &Fit,
-    law: &Numbers,
+    numbers: &Numbers,
     values: &[f64],
     told: &[usize],
     options: &FitOptions,
@@ -83,8 +87,8 @@ pub fn scatter(
         let some: Vec<Scene> = kept.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = kept.iter().map(|&k| with.scenes[k].model.clone()).collect();
         let found = estimate(&some, &models, &near, stop)?;
-        let one = |(p, value): (&&str, &f64)| number(&found, law.0, p).map_or(*value, |e| e.0);
-        Ok(law.1.iter().zip(values).map(one).collect())
+        let one = |(name, value): (&&str, &f64)| number(&found, numbers.law, name).map_or(*value, |e| e.0);
+        Ok(numbers.names.iter().zip(values).map(one).collect())
     };
     let all: Result<Vec<Vec<f64>>, FitError> = told.par_iter().map(one).collect();
     let (all, n) = (all?, told.len().max(1) as f64);

@@ -5,6 +5,7 @@ use super::alone::{films_stick, meet};
 use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, pooled, with_contact};
 use super::film::contacts;
 use super::force::Lens;
+use super::jackknife::{Numbers, numbers_of};
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
 use super::revise::{
@@ -90,8 +91,8 @@ struct Trial {
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; friction between objects, a scale, the mass of one, or a thing that nobody saw, where
-/// others were near whenever it showed.
+/// rebound differently explain each film as well; friction between objects, a scale, the mass of one, or a thing that nobody
+/// saw, where others were near whenever it showed.
 pub fn asked(
     lens: &Lens,
     base: &Revision,
@@ -141,13 +142,8 @@ pub fn asked(
     let often = gained >= found.fit.scenes.len().min(2)
         || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes))
         || (best.entry.spec.name == FADING && shows_elsewhere(base, &found));
-    let added = best
-        .entry
-        .spec
-        .params
-        .iter()
-        .map(|p| estimates_of(&found.fit, best.entry.spec.name, p.name).len())
-        .sum();
+    let Numbers { law, names } = numbers_of(best.entry);
+    let added = names.iter().map(|name| estimates_of(&found.fit, law, name).len()).sum();
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain

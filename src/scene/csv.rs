@@ -36,9 +36,14 @@ const COLUMNS: [(Column, &[&str]); 12] = [
 ];
 /// Units by the size of what they measure in SI.
 const LENGTHS: [(&str, f64); 3] = [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)];
+const PIXELS: [&str; 3] = ["px", "pixel", "pixels"];
 const TIMES: [(&str, f64); 2] = [("s", 1.0), ("ms", 1e-3)];
 const ANGLES: [(&str, f64); 2] = [("rad", 1.0), ("deg", PI / 180.0)];
 const MASSES: [(&str, f64); 2] = [("kg", 1.0), ("g", 1e-3)];
+
+fn size_of(units: &[(&str, f64)], unit: &str) -> Option<f64> {
+    units.iter().find(|(name, _)| *name == unit).map(|(_, size)| *size)
+}
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Column {
@@ -61,8 +66,8 @@ enum Column {
 /// A header names the columns: `id`, `t` or `frame`, `x`, `y`, and where they are known `yaw`, `visible` (0 or 1),
 /// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`, `color`. A unit stands behind a name, as in
 /// `x [mm]` or `x_mm`: m, cm, mm, px; s, ms; rad, deg; kg, g. Lines `# key: value` before it tell what holds for all:
-/// `fps`, `unit` (of lengths, `size` too), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`, `world`,
-/// `setup`. Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
+/// `fps`, `unit` (of lengths, `size` too), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`,
+/// `world`, `setup`. Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
 /// object has once, such as its mass, need stand in one of its rows only. Everything that is wrong is told at once, with
 /// line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
@@ -228,21 +233,20 @@ fn places(names: &StringRecord, notes: &Notes, r: &mut Report) -> BTreeMap<Colum
         };
         let length = units == LENGTHS;
         let unit = unit.or_else(|| notes.unit.clone().filter(|_| length));
-        let factor = match (unit.as_deref(), notes.scale) {
-            (None, _) => 1.0,
-            (Some("px" | "pixel" | "pixels"), Some(scale)) if length => scale,
-            (Some("px" | "pixel" | "pixels"), None) if length => {
-                r.add(at.clone(), "is in pixels; give the scale in a line `# scale: 0.002` (m per pixel)");
+        let size = |unit: &str| if length { notes.metres(unit) } else { size_of(units, unit) };
+        let factor = match unit.as_deref() {
+            None => 1.0,
+            Some(unit) => size(unit).unwrap_or_else(|| {
+                let known = || units.iter().map(|u| u.0).collect::<Vec<_>>().join(", ");
+                let message = match length && PIXELS.contains(&unit) {
+                    true => {
+                        "is in pixels; give the scale in a line `# scale: 0.002` (m per pixel)".to_string()
+                    }
+                    false => format!("has the unit {unit:?}; known: {}", known()),
+                };
+                r.add(at.clone(), message);
                 1.0
-            }
-            (Some(unit), _) => match units.iter().find(|(name, _)| *name == unit) {
-                Some((_, factor)) => *factor,
-                None => {
-                    let known: Vec<&str> = units.iter().map(|u| u.0).collect();
-                    r.add(at.clone(), format!("has the unit {unit:?}; known: {}", known.join(", ")));
-                    1.0
-                }
-            },
+            }),
         };
         if places.insert(*column, (index, factor)).is_some() {
             r.add(at, "is there twice");

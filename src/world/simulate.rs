@@ -22,6 +22,7 @@ use std::collections::BTreeMap;
 pub(super) const MAX_STEP: f64 = 0.16;
 /// The same under forces that change with time: they may wake a body at rest.
 const UNSTEADY_STEP: f64 = 0.02;
+
 /// A limit on the work of one simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {

@@ -1,6 +1,6 @@
 //! Reads the lines before the header of a CSV file, which hold for all of its rows.
 
-use super::{DISC, Kind, LENGTHS, Report, SHAPES, kind, misspelt};
+use super::{DISC, Kind, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
 use crate::scene::{DEFAULT_SIZE, WorldKind};
 
 /// Keys of the lines before the header.
@@ -77,12 +77,13 @@ impl Notes {
         }
         if let Some(size) = size {
             // A unit that no length has is told with the columns.
-            let factor = match notes.unit.as_deref() {
-                Some("px" | "pixel" | "pixels") => notes.scale,
-                unit => LENGTHS.iter().find(|(name, _)| Some(*name) == unit).map(|(_, factor)| *factor),
-            };
-            notes.size = size * factor.unwrap_or(1.0);
+            notes.size = size * notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
         }
         notes
+    }
+
+    /// A unit of length (m); none of one that is not known, nor of pixels without a scale.
+    pub fn metres(&self, unit: &str) -> Option<f64> {
+        if PIXELS.contains(&unit) { self.scale } else { size_of(&LENGTHS, unit) }
     }
 }
