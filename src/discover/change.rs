@@ -4,8 +4,8 @@ use super::account::{by_object, of_objects};
 use super::alone::Alone;
 use super::contact::{estimates_of, screen_contacts, shows_at_contacts, with_contact};
 use super::film::contacts;
-use super::force::{Lens, Seen, fit_forces};
-use super::free::{Free, at_values};
+use super::force::{Lens, fit_forces};
+use super::free::at_values;
 use super::inquire::{nearest, readings, too_little};
 use super::jackknife::{Numbers, of_videos};
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
@@ -14,12 +14,13 @@ use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_fro
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::search::leaves_something;
 use super::whole::stuck;
+use super::written::fit_written;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, counted, part};
 use crate::scene::Scene;
-use crate::world::{ActiveEffect, Model, Prior};
+use crate::world::Model;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -265,8 +266,7 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
             Ok(Proposal { models, added: None })
         }
         Change::Write(name, formula) => {
-            let models = with_formula(&models, name, formula);
-            let (free, seen) = fit_forces(lens, &models);
+            let (models, free, seen) = fit_written(lens, &models, name, formula);
             Ok(Proposal { models: at_values(&models, &free, &seen.values), added: Some(name.clone()) })
         }
         Change::Add(name) => {
@@ -316,34 +316,17 @@ fn with_library(
     Ok((gain, with_contact(begun, entry, &values, object, &region)))
 }
 
-/// The models with a user's law, its parameters free within their bounds.
-fn with_formula(models: &[Model], name: &str, formula: &Formula) -> Vec<Model> {
-    let one = |model: &Model| {
-        let mut model = model.clone();
-        if let Ok(mut active) = ActiveEffect::of_formula(name, formula.clone(), &model.bodies) {
-            for (parameter, spec) in active.parameters.iter_mut().zip(&formula.parameters) {
-                parameter.prior = Prior { mean: spec.default, sd: spec.max - spec.min };
-            }
-            model.effects.push(active);
-        }
-        model
-    };
-    models.iter().map(one).collect()
-}
-
-/// Users' laws as candidates beside those of the library: `base` is what the lens sees of the models, `unit` what
-/// remains after the best of all.
+/// Users' laws as candidates beside those of the library; `unit` is what remains after the best of all.
 pub fn rank_formulas(
     lens: &Lens,
     models: &[Model],
-    base: &(Vec<Free>, Seen),
     formulas: &[(String, Formula)],
     unit: f64,
 ) -> Vec<Ranked> {
+    let base = fit_forces(lens, models);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
     let one = |(name, formula): &(String, Formula)| {
-        let with = with_formula(models, name, formula);
-        let (free, seen) = fit_forces(lens, &with);
+        let (with, free, seen) = fit_written(lens, models, name, formula);
         let left_out = lens.left_out(&with, &free, &seen.values);
         // A law without a number of its own has a price too.
         let added = (free.len() - base.0.len().min(free.len())).max(1);
@@ -409,7 +392,7 @@ impl Revision {
 }
 
 /// The effect of a revision with its parameters as the fit has them; the intervals hold how far the videos disagree, too.
-fn found(
+pub fn found(
     lens: &Lens,
     revision: &Revision,
     name: &str,

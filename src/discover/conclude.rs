@@ -2,24 +2,23 @@
 
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
-use super::change::{Change, FORMULA, propose};
+use super::change::{self, FORMULA, rank_formulas};
 use super::contact::{ContactCandidate, estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
-use super::force::{Lens, fit_forces};
-use super::formula::{MOST_TERMS, ResidualLaw, SIMPLE_TERMS, residual_law};
+use super::force::Lens;
+use super::formula::{MOST_TERMS, ResidualLaw};
 use super::jackknife::{numbers_of, of_videos};
 use super::outcome::{Discovery, Found, NINETY_FIVE, Verdict};
+use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
-use super::revise::{
-    Revision, fits_of_revision, held_out, pooled_noise, pooled_rmse, revise, without_effect,
-};
-use super::screen::{CERTAIN, Candidate, region};
+use super::revise::{Revision, fits_of_revision, pooled_noise, revise};
+use super::screen::{CERTAIN, region};
 use super::search::{CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking};
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
-use crate::fit::{Begin, FitError, FitOptions, estimate};
+use crate::fit::{FitError, FitOptions};
 use crate::num::{Stop, counted, part};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -29,20 +28,14 @@ use serde::{Deserialize, Serialize};
 const NEARLY: f64 = 2.0;
 /// What nobody saw explains the trajectories when it takes this share of their misfit: it struck where no lens looked.
 const MOSTLY: f64 = 0.9;
+/// A formula that foretells is added in place of what the library has, where its error is at most this many times as large.
+const AS_NEAR: f64 = 1.05;
 /// Share of the work that the revisions take.
 const REVISIONS: f64 = 0.7;
 /// Laws that few short films speak for and trajectories are asked about.
 const SUGGESTIONS: usize = 2;
 /// Trajectories beyond this reduced chi-square are not what chaos makes of a right model.
 const LOST: f64 = 100.0;
-
-/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
-const FORMULA_PROOF: f64 = 40.0;
-/// The same of one that has fewer numbers than the two laws of the library that it stands against.
-const SIMPLER_PROOF: f64 = 10.0;
-/// The same of one that trajectories are asked about: what the best of 21 terms, as forces and as accelerations, has by chance
-/// (2 ln 42).
-const WORTH_ASKING: f64 = 7.5;
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DiscoverOptions {
@@ -176,7 +169,7 @@ pub fn conclude(
         }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
-    let ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
+    let mut ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
     let ambiguous: Vec<Vec<String>> =
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
@@ -193,44 +186,40 @@ pub fn conclude(
     let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
     let followed = ended <= 1.0 + CLEAN;
     let misfit = motion.typical > super::MISFIT && !explained && !followed;
-    let law_beside = |models: &[Model], most: usize| {
-        let (free, seen) = fit_forces(lens, models);
-        residual_law(lens, models, &free, &seen, most)
-    };
-    // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
-    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
-    // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
-    // that more than one object shows.
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
-    let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    let compromise = match law_beside(&base, terms) {
-        Some(law) if beats(&law, &motion, proof_against(&law, &motion)) => Some(law),
-        Some(law) if added > 0 && beats(&law, &motion, WORTH_ASKING) => {
-            followed_better(lens, &law, &base, &revisions, added, options, stop)?.then_some(law)
-        }
-        _ => None,
-    };
+    let compromise = compromise(lens, &base, &motion, &revisions, options, stop)?;
     // The lens takes its blows for a force.
     let compromise = compromise.filter(|_| !(unseen && explained));
-    let compromise = compromise.filter(|law| added > 0 || shared(law, &motion));
     // A rhythm that nobody saw repeat is none.
     let once = motion.found.iter().any(|c| once(c, region.duration));
     // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
     let still = followed && motion.found.is_empty();
     let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
-    let alone = |law: ResidualLaw| (law.text, &base, revisions[0].held_out_rmse);
-    let beside = |law: ResidualLaw| (law.text, &motion.models, revisions[motion.found.len()].held_out_rmse);
+    // Beside which of the library's laws: none, or all of force.
+    let alone = |law: ResidualLaw| (law.text, 0);
+    let beside = |law: ResidualLaw| (law.text, motion.found.len());
     let law = compromise
         .filter(|_| outside)
         .map(alone)
-        .or_else(|| (outside && misfit).then(|| law_beside(&motion.models, MOST_TERMS)).flatten().map(beside))
-        .or_else(|| (outside && once).then(|| law_beside(&base, MOST_TERMS)).flatten().map(alone));
-    let formula = match law {
-        Some((text, models, before)) => foretells(lens, &text, models, options, stop)?
-            .is_some_and(|after| halves(before, after, noise_sigma))
-            .then_some(text),
-        None => None,
-    };
+        .or_else(|| {
+            (outside && misfit).then(|| law_beside(lens, &motion.models, MOST_TERMS)).flatten().map(beside)
+        })
+        .or_else(|| (outside && once).then(|| law_beside(lens, &base, MOST_TERMS)).flatten().map(alone));
+    let mut formula = None;
+    if let Some((text, kept)) = law
+        && let models = if kept == 0 { &base } else { &motion.models }
+        && let Some(with) = written(lens, &text, models, options, stop)?
+        && foretells(&revisions[kept], &with, noise_sigma)
+    {
+        let law = Formula::new(&text, vec![]).map(|law| (FORMULA.to_string(), law)).into_iter();
+        ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
+        formula = Some(text);
+        if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
+            effects.truncate(kept);
+            effects.push(change::found(lens, &with, FORMULA, &options.fit, stop)?);
+            revisions.truncate(kept + 1);
+            revisions.push(with);
+        }
+    }
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,
         () if !ambiguous.is_empty() => Verdict::Ambiguous,
@@ -347,131 +336,14 @@ fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
     told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
 }
 
-/// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be
-/// better by as much.
-fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
-    if motion.found.len() > 1 && law.numbers < added { SIMPLER_PROOF } else { FORMULA_PROOF }
-}
-
-/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's, by a `proof`.
-fn beats(law: &ResidualLaw, motion: &FreeMotion, proof: f64) -> bool {
-    (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
-}
-
-/// Whether trajectories, which see more of a law than free motion does, are much nearer with a sparse law than with what the
-/// library has, the last of the revisions, and foretell more. A search that escaped a bad minimum proves nothing.
-fn followed_better(
-    lens: &Lens,
-    law: &ResidualLaw,
-    base: &[Model],
-    revisions: &[Revision],
-    added: usize,
-    options: &DiscoverOptions,
-    stop: Stop,
-) -> Result<bool, FitError> {
-    let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
-    let Ok(formula) = Formula::new(&law.text, vec![]) else { return Ok(false) };
-    let with = propose(lens, base, &Change::Write(FORMULA.into(), formula), stop)?.models;
-    let written = match revise(lens, &with, Some(FORMULA), &options.fit, stop) {
-        Err(FitError::Undefined { .. }) => return Ok(false),
-        other => other?,
-    };
-    if !proof::nearer(&library.fit, &written.fit)
-        || !proof::borne_out(library, &written, law.numbers.saturating_sub(added))
-        || written.held_out_rmse >= library.held_out_rmse
-        || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
-    {
-        return Ok(false);
-    }
-    let mut there = without_effect(&written.fit, FORMULA);
-    for (model, known) in there.iter_mut().zip(&library.fit.scenes) {
-        let laws = known.model.effects.iter().filter(|e| model.effect(&e.name).is_none()).cloned();
-        model.effects.extend(laws.collect::<Vec<_>>());
-    }
-    let near = FitOptions { begin: Begin::Near, ..options.fit };
-    Ok(proof::nearer(&estimate(lens.scenes, &there, &near, stop)?, &written.fit))
-}
-
-/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
-/// of the library that lack theirs too.
-fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
-    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
-    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
-    let proof = FORMULA_PROOF * unit(law, motion);
-    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
-}
-
-fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
-}
-
-fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    (law.cost / motion.degrees_of_freedom).max(1.0)
-}
-
-/// Whether an error falls to half of what it was beyond the noise: a law that does less is shown to nobody.
-fn halves(before: f64, after: f64, noise: f64) -> bool {
-    let beyond = |error: f64| error * error - noise * noise;
-    4.0 * beyond(after) < beyond(before)
-}
-
-/// Error (m), on frames that they have not seen, of the models with a law that is written so; `None` where it has no value.
-fn foretells(
-    lens: &Lens,
-    text: &str,
-    models: &[Model],
-    options: &DiscoverOptions,
-    stop: Stop,
-) -> Result<Option<f64>, FitError> {
-    let Ok(formula) = Formula::new(text, vec![]) else { return Ok(None) };
-    let with = propose(lens, models, &Change::Write(FORMULA.into(), formula), stop)?.models;
-    match held_out(lens.scenes, &with, Some(FORMULA), &options.fit, stop) {
-        Ok(parts) => Ok(Some(pooled_rmse(&parts))),
-        Err(FitError::Undefined { .. }) => Ok(None),
-        Err(other) => Err(other),
-    }
-}
-
-/// Whether a law found is a rhythm whose period the films are too short for.
-pub(super) fn once(c: &Candidate, duration: f64) -> bool {
-    let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
-    frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::inquire::discover;
     use super::super::revise::chi_squares;
     use super::super::screen::with_nuisance;
-    use super::super::tests::{CUBE, DISC, film, film_under, heavier_than_believed, models};
+    use super::super::tests::{DISC, film, heavier_than_believed, models};
     use super::*;
     use crate::effects::effect;
     use crate::num::never;
-    use crate::world::ActiveEffect;
-
-    /// Between contacts a drag looks almost like the library's that is next to it; whole trajectories tell.
-    #[test]
-    fn a_law_close_to_one_of_the_library_is_told_from_it() {
-        let launches = [
-            vec![(DISC, 0.6, [-2.0, 0.0], [1.5, 0.0]), (CUBE, 1.2, [0.4, 0.1], [-0.2, 0.05])],
-            vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4]), (DISC, 0.6, [0.4, 0.2], [0.0, 0.3])],
-            vec![(DISC, 1.5, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [-0.2, -0.4], [-0.3, 0.2])],
-        ];
-        for (power, verdict) in [("speed^2", Verdict::OutsideLibrary), ("speed", Verdict::EffectFound)] {
-            let drag = format!("fx = -0.25*vx*{power}; fy = -0.25*vy*{power}");
-            let scenes = film_under(&launches, |model| {
-                let formula = Formula::new(&drag, vec![]).expect("it is one");
-                let active = ActiveEffect::of_formula("drag", formula, &model.bodies);
-                model.effects.push(active.expect("it is one"));
-            });
-            let options = DiscoverOptions::default();
-            let found = discover(&scenes, &models(&scenes), &options, &never).expect("it runs");
-            assert_eq!(found.verdict, verdict, "{power}: {}", found.reason);
-            let outside = verdict == Verdict::OutsideLibrary;
-            assert_eq!(found.formula.is_some_and(|text| text.contains("speed^2")), outside, "{power}");
-        }
-    }
 
     #[test]
     fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
@@ -497,13 +369,5 @@ mod tests {
             };
             assert_eq!(keeps(&law, &found), is_wrong);
         }
-    }
-
-    #[test]
-    fn a_law_is_shown_that_halves_what_is_beyond_the_noise() {
-        assert!(halves(0.0466, 0.0052, 0.005));
-        assert!(halves(0.0075, 0.0055, 0.005), "no error falls below the noise");
-        assert!(!halves(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
-        assert!(!halves(0.005, 0.005, 0.005));
     }
 }

@@ -1,11 +1,13 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
-use super::central::central_law;
+use super::central::{central_laws, other_shapes};
 use super::force::{Lens, Projector, Seen};
 use super::free::Free;
+use super::written::refitted;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use std::f64::consts::FRAC_PI_2;
 
 /// Most terms of a formula.
@@ -31,6 +33,9 @@ impl Term {
         self.x.is_empty() || self.y.is_empty()
     }
 }
+
+/// Indices of the terms that are laws of the library by themselves: wind, drag, lateral force, friction, Magnus.
+const KNOWN: [usize; 7] = [0, 1, 6, 7, 8, 10, 12];
 
 /// Terms of position, velocity and spin up to second order, by axis where the law may have no symmetry.
 const TERMS: [Term; 21] = [
@@ -72,6 +77,8 @@ pub struct ResidualLaw {
     pub cost: f64,
     /// Fall of chi-square on all tracks but the one that gains most.
     pub elsewhere: f64,
+    /// Whether the library has none of its terms.
+    pub foreign: bool,
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
@@ -88,8 +95,9 @@ pub fn residual_law(
     let priced = |cost: f64, numbers: usize| cost + numbers as f64 * degrees.ln();
     let by_axes = |l: &Sparse| priced(l.cost, l.numbers());
     // The same law for all masses, or a force, along any axes or about any centre: the data say which.
-    let laws = [false, true].map(|force| {
-        let search = Search { lens, models, projector: &projector, start: seen.cost, force };
+    let [of_mass, of_force] =
+        [false, true].map(|force| Search { lens, models, projector: &projector, start: seen.cost, force });
+    let laws = [&of_mass, &of_force].map(|search| {
         let along_axes = search.select(0.0, most).map(|upright| {
             let step = FRAC_PI_2 / TURNS as f64;
             let others = (1..TURNS).filter_map(|k| search.select(k as f64 * step, most));
@@ -97,10 +105,24 @@ pub fn residual_law(
             let best = search.thinned(search.turn(best, step));
             search.law(if by_axes(&best) < by_axes(&upright) { best } else { upright })
         });
-        [along_axes, central_law(&search)]
+        central_laws(search).into_iter().chain(along_axes)
     });
-    let laws = laws.into_iter().flatten().flatten();
-    laws.min_by(|a, b| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers)))
+    let cheaper =
+        |a: &ResidualLaw, b: &ResidualLaw| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers));
+    let refitted = |laws: Vec<ResidualLaw>| -> Vec<ResidualLaw> {
+        laws.par_iter().filter_map(|l| refitted(lens, models, l)).collect()
+    };
+    // Each by itself, so that both have their best shape.
+    let laws = laws.map(|laws| {
+        let mut laws = refitted(laws.collect());
+        laws.sort_by(cheaper);
+        let shaped = laws.iter().map(other_shapes).find(|shaped| !shaped.is_empty());
+        (laws.into_iter().next(), shaped.unwrap_or_default())
+    });
+    let (plain, shaped): (Vec<_>, Vec<_>) = laws.into_iter().unzip();
+    let plain = plain.into_iter().flatten().min_by(cheaper)?;
+    let shaped = refitted(shaped.concat()).into_iter().min_by(cheaper);
+    Some(shaped.filter(|s| of_force.proves(plain.cost - s.cost, s.cost, 1)).unwrap_or(plain))
 }
 
 /// A sum of terms along axes of its own.
@@ -246,7 +268,8 @@ impl Search<'_> {
 
     fn law(&self, law: Sparse) -> ResidualLaw {
         let elsewhere = self.elsewhere(&self.columns(&law.terms, law.angle), &law.amplitudes);
-        ResidualLaw { text: law.text(), numbers: law.numbers(), cost: law.cost, elsewhere }
+        let foreign = law.terms.iter().all(|k| !KNOWN.contains(k));
+        ResidualLaw { text: law.text(), numbers: law.numbers(), cost: law.cost, elsewhere, foreign }
     }
 
     /// The same terms along axes that are turned further, by less and less, while the cost falls.

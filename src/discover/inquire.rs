@@ -7,8 +7,9 @@ use super::compare::{Comparison, compare};
 use super::conclude::{DiscoverOptions, Reading, conclude};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::film::contacts;
-use super::force::{Lens, fit_forces};
+use super::force::Lens;
 use super::outcome::{Discovery, Ranked, Verdict};
+use super::outside;
 use super::path::Jump;
 use super::proof;
 use super::revise::{Revision, pooled_noise, trajectories};
@@ -60,6 +61,9 @@ pub fn discover(
         let first = search(&lens, &models, &part(stop, SEARCH))?;
         known.push(Known { models, first, further: None });
     }
+    if let Some(found) = plainly_outside(&lens, &known, options, &part(stop, TRAJECTORIES))? {
+        return Ok(found);
+    }
     let mut looked: Vec<(usize, f64, bool)> = vec![];
     for reading in nearest(known.iter().map(|k| k.first.priced())) {
         let (motion, films) = known[reading].look(&lens, options, &part(stop, FILMS))?;
@@ -82,6 +86,22 @@ pub fn discover(
         }
         None => Ok(not_identifiable(&lens)),
     }
+}
+
+/// What is found where a law that the library lacks is plain from the free motion in one of the readings: neither contacts nor
+/// trajectories with a second law of the library would change that.
+fn plainly_outside(
+    lens: &Lens,
+    known: &[Known],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Discovery>, FitError> {
+    let plain = known.iter().filter_map(|k| Some((outside::plainly(lens, &k.models, &k.first)?, k)));
+    let Some((_, reading)) = plain.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(None) };
+    let (models, motion) = (reading.models.clone(), reading.first.clone());
+    let options = DiscoverOptions { max_effects: motion.found.len(), ..*options };
+    let reading = Reading { models, motion, contacts: vec![], films: 0.0 };
+    conclude(lens, reading, &options, stop).map(Some)
 }
 
 /// One reading of the base, with what was seen of it so far.
@@ -248,9 +268,7 @@ pub fn diagnose(
     let (of_contacts, _) = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
     let mut ranked = ranked(&motion, &of_contacts, &[], pooled_noise(&lens));
     if !formulas.is_empty() {
-        let least = motion.ranked.iter().map(|(_, c)| c.chi_square).fold(f64::INFINITY, f64::min);
-        let unit = (least / motion.degrees_of_freedom).clamp(1.0, f64::MAX);
-        ranked.extend(rank_formulas(&lens, &begun, &fit_forces(&lens, &begun), formulas, unit));
+        ranked.extend(rank_formulas(&lens, &begun, formulas, motion.unit()));
         ranked.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     }
     let too_little = too_little(&lens);

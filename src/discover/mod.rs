@@ -16,6 +16,7 @@ mod free;
 mod inquire;
 mod jackknife;
 mod outcome;
+mod outside;
 mod path;
 mod proof;
 mod revise;
@@ -27,6 +28,7 @@ mod tests;
 mod unexplained;
 mod unseen;
 mod whole;
+mod written;
 
 pub use alone::Alone;
 pub use change::{

@@ -65,6 +65,12 @@ impl FreeMotion {
         self.seen.chi_square / self.degrees_of_freedom
     }
 
+    /// What remains after the best of all candidates (reduced chi-square): their evidence is told in units of that.
+    pub fn unit(&self) -> f64 {
+        let least = self.ranked.iter().map(|(_, c)| c.chi_square).fold(f64::INFINITY, f64::min);
+        (least / self.degrees_of_freedom).clamp(1.0, f64::MAX)
+    }
+
     /// Cost with the price of all added parameters.
     pub fn priced(&self) -> f64 {
         let added: usize = self.found.iter().map(|c| c.added).sum();

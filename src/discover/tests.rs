@@ -533,5 +533,5 @@ fn a_rhythm_must_be_seen_to_repeat() {
         chi_square: 1000.0,
         models: vec![],
     };
-    assert!(conclude::once(&rhythm(0.18), 5.12) && !conclude::once(&rhythm(0.3), 5.12));
+    assert!(outside::once(&rhythm(0.18), 5.12) && !outside::once(&rhythm(0.3), 5.12));
 }

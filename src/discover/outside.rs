@@ -1,0 +1,224 @@
+//! A law that the library lacks: a sparse sum of generic terms explains the motion, and no law of the library does as well.
+
+use super::change::{Change, FORMULA, propose};
+use super::conclude::DiscoverOptions;
+use super::force::{Lens, fit_forces};
+use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
+use super::proof;
+use super::revise::{Revision, pooled_noise, revise, without_effect};
+use super::screen::{Candidate, region};
+use super::search::{CLEAN, FreeMotion};
+use crate::effects::formula::Formula;
+use crate::fit::{Begin, FitError, FitOptions, estimate};
+use crate::num::Stop;
+use crate::world::Model;
+
+/// A law outside the library must beat what the library found by this (chi-square in units of what remains).
+const FORMULA_PROOF: f64 = 40.0;
+/// The same where the library need not be asked further.
+const PLAIN_PROOF: f64 = 200.0;
+/// The same of one that has fewer numbers than the two laws of the library that it stands against.
+const SIMPLER_PROOF: f64 = 10.0;
+/// The same of one that trajectories are asked about: what the best of 21 terms, as forces and as accelerations, has by chance
+/// (2 ln 42).
+const WORTH_ASKING: f64 = 7.5;
+
+/// The sparse law beside what the models have, of at most so many terms.
+pub fn law_beside(lens: &Lens, models: &[Model], most: usize) -> Option<ResidualLaw> {
+    let (free, seen) = fit_forces(lens, models);
+    residual_law(lens, models, &free, &seen, most)
+}
+
+/// The sparse law that the library's must stand against.
+fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<ResidualLaw> {
+    // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
+    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
+    // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
+    // that more than one object shows.
+    let added = added(motion);
+    let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
+    law_beside(lens, base, terms)
+}
+
+/// A sparse law of which what the library has is a compromise, the last of the revisions.
+pub fn compromise(
+    lens: &Lens,
+    base: &[Model],
+    motion: &FreeMotion,
+    revisions: &[Revision],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<ResidualLaw>, FitError> {
+    let Some(law) = simple_law(lens, base, motion) else { return Ok(None) };
+    let added = added(motion);
+    let better = beats(&law, motion, proof_against(&law, motion))
+        || (added > 0
+            && beats(&law, motion, WORTH_ASKING)
+            && followed_better(lens, &law, base, revisions, added, options, stop)?);
+    Ok((better && (added > 0 || shared(&law, motion))).then_some(law))
+}
+
+/// What remains, the law's price paid, where a single look at the library leaves no doubt: a law of which no part is in it
+/// leaves noise, and the best that the library has is far from that, or a rhythm that nobody saw repeat.
+pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> {
+    let duration = region(lens.scenes).duration;
+    let proof = if motion.found.iter().any(|c| once(c, duration)) { 0.0 } else { PLAIN_PROOF };
+    let far = |law: &ResidualLaw| {
+        law.foreign
+            && law.cost < (1.0 + CLEAN) * motion.degrees_of_freedom
+            && beats(law, motion, proof)
+            && (added(motion) > 0 || shared(law, motion))
+    };
+    simple_law(lens, base, motion).filter(far).map(|law| priced(&law, motion))
+}
+
+/// How many numbers the laws of the library have that were found.
+fn added(motion: &FreeMotion) -> usize {
+    motion.found.iter().map(|c| c.added).sum()
+}
+
+/// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be
+/// better by as much.
+fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    if motion.found.len() > 1 && law.numbers < added(motion) { SIMPLER_PROOF } else { FORMULA_PROOF }
+}
+
+/// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's, by a `proof`.
+fn beats(law: &ResidualLaw, motion: &FreeMotion, proof: f64) -> bool {
+    (motion.priced() - priced(law, motion)) / unit(law, motion) > proof
+}
+
+/// Whether trajectories, which see more of a law than free motion does, are much nearer with a sparse law than with what the
+/// library has, the last of the revisions, and foretell more. A search that escaped a bad minimum proves nothing.
+fn followed_better(
+    lens: &Lens,
+    law: &ResidualLaw,
+    base: &[Model],
+    revisions: &[Revision],
+    added: usize,
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<bool, FitError> {
+    let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
+    let Some(written) = written(lens, &law.text, base, options, stop)? else { return Ok(false) };
+    if !proof::nearer(&library.fit, &written.fit)
+        || !proof::borne_out(library, &written, law.numbers.saturating_sub(added))
+        || written.held_out_rmse >= library.held_out_rmse
+        || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
+    {
+        return Ok(false);
+    }
+    let mut there = without_effect(&written.fit, FORMULA);
+    for (model, known) in there.iter_mut().zip(&library.fit.scenes) {
+        let laws = known.model.effects.iter().filter(|e| model.effect(&e.name).is_none()).cloned();
+        model.effects.extend(laws.collect::<Vec<_>>());
+    }
+    let near = FitOptions { begin: Begin::Near, ..options.fit };
+    Ok(proof::nearer(&estimate(lens.scenes, &there, &near, stop)?, &written.fit))
+}
+
+/// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
+/// of the library that lack theirs too.
+fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
+    let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
+    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
+    let proof = FORMULA_PROOF * unit(law, motion);
+    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
+}
+
+fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
+}
+
+fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    (law.cost / motion.degrees_of_freedom).max(1.0)
+}
+
+/// Whether an error falls to half of what it was beyond the noise: a law that does less is shown to nobody.
+fn halves(before: f64, after: f64, noise: f64) -> bool {
+    let beyond = |error: f64| error * error - noise * noise;
+    4.0 * beyond(after) < beyond(before)
+}
+
+/// Whether a law halves the error on frames that it has not seen: on later ones, or, where chaos leaves these little to say, on
+/// those of videos left out.
+pub fn foretells(before: &Revision, after: &Revision, noise: f64) -> bool {
+    halves(before.held_out_rmse, after.held_out_rmse, noise)
+        || (halves(before.left_out_rmse, after.left_out_rmse, noise)
+            && after.held_out_rmse < before.held_out_rmse)
+}
+
+/// The models with a law that is written so, as a revision; `None` where it has no value.
+pub fn written(
+    lens: &Lens,
+    text: &str,
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let Ok(formula) = Formula::new(text, vec![]) else { return Ok(None) };
+    let with = propose(lens, models, &Change::Write(FORMULA.into(), formula), stop)?.models;
+    match revise(lens, &with, Some(FORMULA), &options.fit, stop) {
+        Ok(revision) => Ok(Some(revision)),
+        Err(FitError::Undefined { .. }) => Ok(None),
+        Err(other) => Err(other),
+    }
+}
+
+/// Whether a law found is a rhythm whose period the films are too short for.
+pub fn once(c: &Candidate, duration: f64) -> bool {
+    let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
+    frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::inquire::discover;
+    use super::super::outcome::{Value, Verdict};
+    use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::*;
+    use crate::num::never;
+    use crate::world::ActiveEffect;
+
+    /// Between contacts a drag looks almost like the library's that is next to it; whole trajectories tell.
+    #[test]
+    fn a_law_close_to_one_of_the_library_is_told_from_it() {
+        let launches = [
+            vec![(DISC, 0.6, [-2.0, 0.0], [1.5, 0.0]), (CUBE, 1.2, [0.4, 0.1], [-0.2, 0.05])],
+            vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4]), (DISC, 0.6, [0.4, 0.2], [0.0, 0.3])],
+            vec![(DISC, 1.5, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [-0.2, -0.4], [-0.3, 0.2])],
+        ];
+        for (power, verdict) in [("speed^2", Verdict::OutsideLibrary), ("speed", Verdict::EffectFound)] {
+            let drag = format!("fx = -0.25*vx*{power}; fy = -0.25*vy*{power}");
+            let scenes = film_under(&launches, |model| {
+                let formula = Formula::new(&drag, vec![]).expect("it is one");
+                let active = ActiveEffect::of_formula("drag", formula, &model.bodies);
+                model.effects.push(active.expect("it is one"));
+            });
+            let options = DiscoverOptions::default();
+            let found = discover(&scenes, &models(&scenes), &options, &never).expect("it runs");
+            assert_eq!(found.verdict, verdict, "{power}: {}", found.reason);
+            let outside = verdict == Verdict::OutsideLibrary;
+            assert_eq!(found.formula.is_some_and(|text| text.contains("speed^2")), outside, "{power}");
+            let last = found.revisions.last().expect("there is the first");
+            assert!(last.reduced_chi_square < 1.2, "{power}: {}", last.reduced_chi_square);
+            if outside {
+                assert_eq!(
+                    (&found.effects[..1], found.ranked[0].kind.as_str()),
+                    (&found.effects[..], FORMULA)
+                );
+                let c1 = &found.effects[0].parameters[0];
+                let (Value::Number(low), Value::Number(high)) = (&c1.low, &c1.high) else { panic!("{c1:?}") };
+                assert!((*low..*high).contains(&-0.25), "{c1:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_law_is_shown_that_halves_what_is_beyond_the_noise() {
+        assert!(halves(0.0466, 0.0052, 0.005));
+        assert!(halves(0.0075, 0.0055, 0.005), "no error falls below the noise");
+        assert!(!halves(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
+        assert!(!halves(0.005, 0.005, 0.005));
+    }
+}
