@@ -110,7 +110,10 @@ fn smallest(found: &Discovery) -> String {
     }
     let row = |s: &SmallestEffect| {
         let unit = if s.unit == "1" { "" } else { &s.unit };
-        vec![s.kind.clone(), format!("{} {:.4} {unit}", s.parameter, s.value).trim_end().to_string()]
+        vec![
+            s.kind.clone(),
+            format!("{} {} {unit}", s.parameter, output::number(s.value)).trim_end().to_string(),
+        ]
     };
     let rows: Vec<Vec<String>> = found.smallest.iter().map(row).collect();
     format!("\n{}", output::table(&["would have been seen", "from"], &rows))
@@ -140,7 +143,7 @@ pub fn parameter_lines(all: &[FoundParameter], names: &[(&str, &str)]) -> String
 
 /// A parameter with its interval as a person reads it.
 fn parameter(p: &FoundParameter) -> String {
-    let list = |v: &[f64]| v.iter().map(|v| format!("{v:.4}")).collect::<Vec<_>>().join(", ");
+    let list = |v: &[f64]| v.iter().map(|v| output::number(*v)).collect::<Vec<_>>().join(", ");
     match p.value[..] {
         [] => format!("{} {}", p.name, p.word),
         [object] if p.name == "object_id" => format!("object {object:.0}"),

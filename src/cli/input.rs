@@ -40,9 +40,8 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure>
         let scene = scene(path)?;
         match names.insert(scene.name.clone()) {
             true => Ok(scene),
-            false => {
-                Err(Failure::input("another scene has this name too; fit them one at a time").at(&scene.name))
-            }
+            false => Err(Failure::input("another scene has this name too; rename the file or folder of one")
+                .at(&scene.name)),
         }
     };
     Ok(files.iter().map(read).collect())

@@ -57,6 +57,12 @@ pub fn tell(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
+/// A number as a person reads it: four decimals, and of small ones four digits.
+pub fn number(v: f64) -> String {
+    let digits = if v == 0.0 { 4 } else { (3 - v.abs().log10().floor() as i32).clamp(4, 12) as usize };
+    format!("{v:.digits$}")
+}
+
 /// Columns as wide as their widest cell: the first to the left, the others to the right.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let count = |s: &str| s.chars().count();

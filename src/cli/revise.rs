@@ -75,6 +75,15 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         let message = "nothing is kept without a --data-dir or a --server; name where the revisions are";
         return Err(Failure::input(message));
     }
+    if let Some(missing) =
+        target.data_dir.as_ref().filter(|d| args.list && target.server.is_none() && !d.is_dir())
+    {
+        let message = format!(
+            "--data-dir {}: no such folder; name the one that the revisions are in",
+            missing.display()
+        );
+        return Err(Failure::input(message));
+    }
     let formula = args.add_formula.as_deref().map(|given| input::formula(given, args.name.as_deref()));
     let formula = formula.transpose()?;
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;

@@ -9,7 +9,7 @@ use super::free::at_values;
 use super::inquire::{nearest, readings, too_little};
 use super::jackknife::{Numbers, of_videos};
 use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
-use super::proof::distance;
+use super::proof::{distance, lost};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
 use super::search::leaves_something;
@@ -341,7 +341,7 @@ pub fn rank_formulas(
     formulas.iter().map(one).collect()
 }
 
-/// Chi-square and degrees of freedom of all scenes.
+/// Chi-square and degrees of freedom of scenes.
 fn chi_square(fits: &[&SceneFit]) -> (f64, f64) {
     fits.iter().fold((0.0, 0.0), |(c, n), f| {
         let degrees = f.degrees_of_freedom as f64;
@@ -349,10 +349,15 @@ fn chi_square(fits: &[&SceneFit]) -> (f64, f64) {
     })
 }
 
-/// Evidence of a revision against the fits that it came from, and whether it is better.
+/// Evidence of a revision against the fits that it came from, and whether it is better. A scene that both lose says nothing, if
+/// there are others: by how much is a matter of chaos.
 pub fn weigh(before: &[&SceneFit], unseen: Unseen, after: &Revision) -> Weight {
-    let (chi_before, degrees) = chi_square(before);
-    let (chi_after, degrees_after) = chi_square(&after.fit.scenes.iter().collect::<Vec<_>>());
+    let pairs: Vec<(&SceneFit, &SceneFit)> = before.iter().copied().zip(&after.fit.scenes).collect();
+    let told: Vec<_> = pairs.iter().copied().filter(|(b, a)| !(lost(b) && lost(a))).collect();
+    let (judged, judged_after): (Vec<_>, Vec<_>) =
+        if told.is_empty() { pairs } else { told }.into_iter().unzip();
+    let (chi_before, degrees) = chi_square(&judged);
+    let (chi_after, degrees_after) = chi_square(&judged_after);
     let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
     let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
     let more = count(&mut after.fit.scenes.iter()) - count(&mut before.iter().copied());

@@ -235,7 +235,15 @@ pub fn conclude(
         false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
     };
     let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
-    let aside = revisions.last().map(unfollowed).unwrap_or_default();
+    let mut aside = revisions.last().map(unfollowed).unwrap_or_default();
+    if verdict == Verdict::Adequate
+        && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())
+    {
+        aside += &format!(
+            "; short films speak for {}, whole trajectories do not: film more contacts",
+            c.entry.kind
+        );
+    }
     Ok(Discovery {
         reason: reason + &aside,
         verdict,

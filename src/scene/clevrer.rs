@@ -86,7 +86,7 @@ impl Reader {
             setup: self.text(root, "setup", ""),
             world,
             fps,
-            times: self.times(root, frames, fps),
+            times: self.times(root, frames, if fps > 0.0 { fps } else { FPS }),
             camera,
             table: self.table(root),
             noise_sigma: self.number(root, "noise_sigma", ""),

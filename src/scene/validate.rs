@@ -14,7 +14,9 @@ pub const MAX_NAME: usize = 200;
 /// Farthest coordinate (m); beyond it the resolution of positions suffers.
 pub const MAX_POSITION: f64 = 1e6;
 /// Frame rates that cameras have (1/s).
-pub const FPS_RANGE: [f64; 2] = [0.01, 1e5];
+pub const FPS_RANGE: [f64; 2] = [0.1, 1e5];
+/// Longest time from frame to frame (s), on the average.
+const SLOWEST: f64 = 1.0 / FPS_RANGE[0];
 /// Radii and half sides (m).
 pub const SIZE_RANGE: [f64; 2] = [1e-6, 1e3];
 /// kg.
@@ -195,6 +197,14 @@ impl Scene {
             }
             before = t;
         }
+        if let [first, .., last] = self.times[..]
+            && let apart = (last - first) / (self.times.len() - 1) as f64
+            && apart > SLOWEST
+        {
+            let message =
+                format!("are {apart:.0} s apart; give seconds (milliseconds are to be divided by 1000)");
+            r.add("times", message);
+        }
     }
 
     fn check_place(&self, r: &mut Report) {
@@ -363,6 +373,7 @@ mod tests {
         |s| (s.fps = 0.0, "fps").1,
         |s| (s.noise_sigma = Some(f64::NAN), "noise_sigma").1,
         |s| (s.times[3] = s.times[2], "times[3]").1,
+        |s| (s.times.iter_mut().for_each(|t| *t *= 1000.0), "times").1,
         |s| (s.table.as_mut().unwrap().x = [2.0, 1.0], "table.x").1,
         |s| (s.camera.as_mut().unwrap().matrix[1][2] = f64::INFINITY, "camera.matrix[1][2]").1,
         |s| (s.camera.as_mut().unwrap().image_size[1] = 0.0, "camera.image_size[1]").1,
