@@ -14,7 +14,7 @@ use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise};
 use super::screen::{CERTAIN, region};
-use super::search::{CLEAN, FreeMotion, fewer};
+use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking};
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
@@ -95,6 +95,14 @@ pub fn conclude(
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
     let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
+    if let Some(c) = proven
+        && let Some((other, nearer)) =
+            as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?
+    {
+        revisions.pop();
+        revisions.push(nearer);
+        proven = Some(other);
+    }
     if proven.is_none() && room {
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         // What was refused beside the same forces would be again.
@@ -256,6 +264,26 @@ pub fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that.
+fn as_good<'c>(
+    lens: &Lens,
+    law: &ContactCandidate,
+    all: &'c [ContactCandidate],
+    motion: &FreeMotion,
+    revisions: &[Revision],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(&'c ContactCandidate, Revision)>, FitError> {
+    let near = |c: &&ContactCandidate| c.entry.kind != law.entry.kind && law.score - c.score < ALIKE;
+    let other = all.iter().find(|c| c.proven() && near(c));
+    let Some((c, [.., without, known])) = other.zip(Some(revisions)) else { return Ok(None) };
+    let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region(lens.scenes));
+    let revision = revise(lens, &models, Some(c.entry.spec.name), options, stop)?;
+    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit)
+        && proof::borne_out(without, &revision, c.added);
+    Ok(nearer.then_some((c, revision)))
 }
 
 /// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.

@@ -1,10 +1,13 @@
 //! Whether trajectories bear out what the lenses found: a law that is there lowers their error too.
 
+use super::account::FOLLOWED;
 use super::cost::Cost;
 use super::revise::Revision;
 use crate::fit::{Fit, SceneFit};
 use crate::world::ActiveEffect;
 
+/// What a law leaves that explains trajectories, as a share of what there was without it.
+const LITTLE: f64 = 0.4;
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
 
@@ -126,6 +129,13 @@ pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
     before.iter().zip(after).filter(mended).count() > 1
 }
 
+/// Whether a fit leaves little of what another leaves beyond the noise, and nothing in half of the scenes.
+pub fn explains(before: &[SceneFit], after: &[SceneFit]) -> bool {
+    let beyond = |fits: &[SceneFit]| fits.iter().map(|s| (s.reduced_chi_square - 1.0).max(0.0)).sum::<f64>();
+    let clean = after.iter().filter(|s| s.reduced_chi_square < FOLLOWED).count();
+    2 * clean >= after.len() && beyond(after) < LITTLE * beyond(before)
+}
+
 /// Whether a fit follows a scene to its noise that another loses.
 pub fn finds(before: &[SceneFit], after: &[SceneFit]) -> bool {
     before.iter().zip(after).any(|(b, a)| lost(b) && a.reduced_chi_square < WELL)
@@ -224,6 +234,14 @@ mod tests {
         let (one, two) = (fit([1.0, 90.0, 1.2]), fit([1.0, 90.0, 1.7]));
         assert_eq!((losses(&one), astray(&one)), (1, false));
         assert_eq!((losses(&two), astray(&two)), (1, true));
+    }
+
+    #[test]
+    fn a_law_that_explains_leaves_little_and_half_of_the_videos_clean() {
+        let explained = |before, after| explains(&fits(before), &fits(after));
+        assert!(explained([1.9, 2.0, 3.2], [1.1, 1.2, 1.9]));
+        assert!(!explained([1.9, 2.0, 3.2], [1.1, 1.4, 1.4]), "only one is clean");
+        assert!(!explained([1.9, 2.0, 3.2], [1.1, 1.2, 2.9]), "too much is left");
     }
 
     #[test]

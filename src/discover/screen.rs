@@ -1,5 +1,6 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
+use super::account::of_objects;
 use super::force::{Lens, PROOFS, Projector, Seen};
 use super::free::{Free, at_values, flats, free_parameters, shows, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
@@ -259,7 +260,13 @@ pub fn screen(
     let others_own: Vec<Free> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
     let (mut held_out, mut left_out) = (0.0, 0.0);
     for (fold, alone) in lens.folds.iter().zip(alone) {
-        let elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        let mut elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        // What the others do not tell of an object is not there.
+        for &k in added.iter().filter(|_| of_objects(entry)) {
+            if elsewhere.values[k].abs() < CERTAIN * elsewhere.sd[k] {
+                elsewhere.values[k] = free_with[k].mean;
+            }
+        }
         let law = at_values(&with, &free_with, &elsewhere.values);
         let here = lens.solve(&law, &others_own, &values_of(&law, &others_own), PROOFS, &lens.rest(fold));
         held_out += alone.cost - here.cost;

@@ -19,7 +19,7 @@ const REALISED: f64 = 0.05 * 0.05;
 /// A simpler law that explains this share is asked for first.
 const NEARLY: f64 = 0.9;
 /// Laws within this of each other cannot be told apart.
-const ALIKE: f64 = 6.0;
+pub const ALIKE: f64 = 6.0;
 /// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
 const ELSEWHERE: f64 = 10.0;
 /// An amplitude differs from zero by this many deviations of what objects say of it.

@@ -54,7 +54,7 @@ const SPINNING_PROOF: f64 = 2.0;
 
 /// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
 /// still are where it led. One of them will do where a film speaks clearly. Where none is lost but half of them are off, the law
-/// must leave nothing.
+/// must explain most of that, and all of it in half of them.
 pub fn mended(
     lens: &Lens,
     base: &Revision,
@@ -70,7 +70,7 @@ pub fn mended(
     let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
     let mends = |found: &[SceneFit]| match loses {
         true => proof::mends(lost, found) || (law.strong() && proof::finds(lost, found)),
-        false => found.iter().all(|s| s.reduced_chi_square < 1.0 + CLEAN),
+        false => proof::explains(lost, found),
     };
     let found = revise(lens, models, Some(name), options, stop)?;
     if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
