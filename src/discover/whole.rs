@@ -13,7 +13,6 @@ use super::revise::{
     without_effect,
 };
 use super::screen::region;
-use super::search::CLEAN;
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
