@@ -245,6 +245,7 @@ pub fn conclude(
     let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
     let mut aside = revisions.last().map(unfollowed).unwrap_or_default();
     if verdict == Verdict::Adequate
+        && ended > FOLLOWED
         && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())
     {
         aside += &format!(

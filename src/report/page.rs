@@ -49,7 +49,10 @@ fn words(report: &Report) -> [String; 2] {
         ],
         Verdict::OutsideLibrary => [
             "Something is missing that no known law explains".into(),
-            "What remains has structure; it is given below as a formula.".into(),
+            match found.formula {
+                Some(_) => "A formula that foretells what it has not seen is given below.".into(),
+                None => "What remains has structure, and no formula that was tried foretells it.".into(),
+            },
         ],
         Verdict::NotIdentifiable => [
             "These videos do not tell".into(),
@@ -118,7 +121,7 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                     (number(e.position.y)) ") m at (" (number(e.velocity.x)) ", " (number(e.velocity.y)) ") m/s; after "
                     (number(e.time)) " s the laws differ by " (number(e.sigmas)) " sigmas." }
             }
-            @if let Some(formula) = &found.formula { p { "What remains: " code { (formula) } } }
+            @if let Some(formula) = &found.formula { p { "The formula: " code { (formula) } } }
             div class="figures wide" { @if let Some(p) = picture(pictures, "ladder") { (p.figure()) } (rungs(report)) }
         }
     }

@@ -107,6 +107,33 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     assert_eq!(verified(&service).await.len(), videos.len() + asked + 1);
 }
 
+/// A drag along one axis, of another engine: the formula is a revision like any other.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_law_that_no_library_has_is_added_as_a_formula() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut videos = vec![];
+    for k in 1..=2 {
+        let file = format!("tests/data/outside/video_{k}.csv");
+        let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap();
+        let scene = vrdp::scene::parse_csv(&format!("outside {k}"), &text).unwrap();
+        videos.push(service.create(vrdp::api::video::video("", &scene, true)).await.unwrap());
+    }
+    let found = discover(&service, &videos).await;
+    assert_eq!(found.verdict(), v1::Verdict::OutsideLibrary, "{}", found.reason);
+    let [law] = &found.effects[..] else { panic!("{:?}", found.effects) };
+    assert_eq!((law.kind.as_str(), found.ranked[0].kind.as_str()), ("formula", "formula"));
+    // What the simulator was given: the head of the file names the generator.
+    let c1 = law.parameters.iter().find(|p| p.name == "c1").unwrap();
+    assert!(c1.low[0] < -0.2793 && -0.2793 < c1.high[0], "{c1:?}");
+    let [before, after] = &found.revisions[..] else { panic!("{:?}", found.revisions) };
+    assert!(before.rmse > 3.0 * found.noise_sigma && after.rmse < 1.2 * found.noise_sigma);
+    assert!(after.held_out_rmse < 0.5 * before.held_out_rmse);
+    let name = after.models[0].clone();
+    let model = service.models().get_model(v1::GetModelRequest { name }).await.unwrap().into_inner();
+    assert_eq!((model.revision, model.shared.iter().any(|p| p.parameter == "c1")), (1, true));
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_found_where_nothing_hides() {
     let folder = tempfile::tempdir().unwrap();
