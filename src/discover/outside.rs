@@ -7,7 +7,7 @@ use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::proof;
 use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{Candidate, region};
-use super::search::{CLEAN, FreeMotion};
+use super::search::{CLEAN, FreeMotion, leaves_something};
 use crate::effects::formula::Formula;
 use crate::fit::{Begin, FitError, FitOptions, estimate};
 use crate::num::Stop;
@@ -62,7 +62,12 @@ pub fn compromise(
 /// leaves noise, and the best that the library has is far from that, or a rhythm that nobody saw repeat.
 pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> {
     let duration = region(lens.scenes).duration;
-    let proof = if motion.found.iter().any(|c| once(c, duration)) { 0.0 } else { PLAIN_PROOF };
+    let once = motion.found.iter().any(|c| once(c, duration));
+    // What leaves noise alone, no law beats by that much.
+    if !once && !leaves_something(motion.priced(), motion.degrees_of_freedom) {
+        return None;
+    }
+    let proof = if once { 0.0 } else { PLAIN_PROOF };
     let far = |law: &ResidualLaw| {
         law.foreign
             && law.cost < (1.0 + CLEAN) * motion.degrees_of_freedom
