@@ -12,6 +12,7 @@ use super::screen::Candidate;
 use super::search::{FreeMotion, PROOF};
 use crate::effects::{EffectEntry, ParamSpec, Scope};
 use crate::fit::{Estimate, Fit, SceneFit};
+use std::collections::BTreeSet;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -45,6 +46,9 @@ pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str]
     }));
     let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
     ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
+    // Of a law that both lenses see, what the one says that sees more of it.
+    let mut seen = BTreeSet::new();
+    ranked.retain(|r| seen.insert(r.effect.clone()));
     ranked
 }
 
@@ -227,8 +231,8 @@ pub fn unfollowed(last: &Revision) -> String {
         n => format!(" and {} more", n - 1),
     };
     format!(
-        "; past contacts the simulation does not follow {}{others} (reduced chi-square {:.0}): those are chaotic or \
-         unlike the model's; compare shows where",
+        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): its contacts are chaotic or unlike the \
+         model's, or its law is another; compare shows where",
         worst.name, worst.reduced_chi_square
     )
 }

@@ -53,7 +53,9 @@ struct Central {
 }
 
 /// Each term about its best centre within the region of the data, if it proves itself.
-pub fn central_laws(search: &Search) -> Vec<ResidualLaw> {
+/// What pulls or pushes strongly bends the models' numbers far: the search, which is linear, may miss its centre, and a `place` that is
+/// known is tried beside.
+pub fn central_laws(search: &Search, place: Option<Vec2>) -> Vec<ResidualLaw> {
     let Some(none) = search.unexplained() else { return vec![] };
     let area = region(search.lens.scenes);
     let step = (area.high - area.low).scaled(1.0 / (PLACES - 1) as f64);
@@ -65,18 +67,18 @@ pub fn central_laws(search: &Search) -> Vec<ResidualLaw> {
     let of_term = |term: usize| {
         let tried = places.iter().filter_map(|&centre| about(search, term, centre));
         let best = nearer_centre(search, tried.min_by(|a, b| a.cost.total_cmp(&b.cost))?, step);
-        search.proves(none - best.cost, best.cost, NUMBERS).then(|| {
-            let elsewhere = search.elsewhere(&column(search, best.term, best.centre), &[best.amplitude]);
-            ResidualLaw {
-                text: best.text(search.force),
-                numbers: NUMBERS,
-                cost: best.cost,
-                elsewhere,
-                foreign: true,
-            }
-        })
+        search.proves(none - best.cost, best.cost, NUMBERS).then_some(best)
     };
-    (0..TERMS.len()).filter_map(of_term).collect()
+    let here = |term: usize| about(search, term, place?);
+    let law = |best: Central| {
+        let elsewhere = search.elsewhere(&column(search, best.term, best.centre), &[best.amplitude]);
+        let text = best.text(search.force);
+        ResidualLaw { text, numbers: NUMBERS, cost: best.cost, elsewhere, foreign: true }
+    };
+    let found: Vec<Central> = (0..TERMS.len()).filter_map(of_term).collect();
+    // Where no centre explains anything, none does there.
+    let beside = (0..if found.is_empty() { 0 } else { RADIAL }).filter_map(here);
+    found.iter().cloned().chain(beside).map(law).collect()
 }
 
 /// A law that pulls or pushes, with other shapes over the distance, each of one number more; none of another law.
@@ -170,7 +172,8 @@ mod tests {
             });
             let (lens, models) = (Lens::new(&scenes), models(&scenes));
             let (free, seen) = fit_forces(&lens, &models);
-            let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS).expect("it proves itself");
+            let law =
+                residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS, None).expect("it proves itself");
             let found = Formula::new(&law.text, vec![]).expect("it is one").parameters;
             let number = |name: &str| found.iter().find(|p| p.name == name).expect(&law.text).default;
             for (name, truth) in [("c1", -0.2), ("cx", 0.4), ("cy", -0.3)] {

@@ -439,7 +439,8 @@ pub fn found(
     Ok(Found { kind: FORMULA.into(), effect: name.into(), parameters })
 }
 
-fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
+/// A number of a law as the first of a fit's scenes has it.
+pub fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
     let active = fit.scenes.first()?.model.effect(effect)?;
     active.parameters.iter().find(|p| p.name == parameter)?.values.first().copied()
 }

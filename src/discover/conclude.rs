@@ -16,6 +16,7 @@ use super::revise::{Revision, fits_of_revision, pooled_noise, revise};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking};
+use super::written::with_numbers;
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
 use crate::fit::{FitError, FitOptions};
@@ -209,9 +210,14 @@ pub fn conclude(
         .filter(|_| outside)
         .map(alone)
         .or_else(|| {
-            (outside && misfit).then(|| law_beside(lens, &motion.models, MOST_TERMS)).flatten().map(beside)
+            (outside && misfit)
+                .then(|| law_beside(lens, &motion.models, &motion, MOST_TERMS))
+                .flatten()
+                .map(beside)
         })
-        .or_else(|| (outside && once).then(|| law_beside(lens, &base, MOST_TERMS)).flatten().map(alone));
+        .or_else(|| {
+            (outside && once).then(|| law_beside(lens, &base, &motion, MOST_TERMS)).flatten().map(alone)
+        });
     let mut formula = None;
     if let Some((text, kept)) = law
         && let models = if kept == 0 { &base } else { &motion.models }
@@ -220,13 +226,15 @@ pub fn conclude(
     {
         let law = Formula::new(&text, vec![]).map(|law| (FORMULA.to_string(), law)).into_iter();
         ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
-        formula = Some(text);
+        let mut text = text;
         if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
+            text = with_numbers(&text, |name| change::value(&with.fit, FORMULA, name));
             effects.truncate(kept);
             effects.push(change::found(lens, &with, FORMULA, &options.fit, stop)?);
             revisions.truncate(kept + 1);
             revisions.push(with);
         }
+        formula = Some(text);
     }
     let verdict = match () {
         () if outside => Verdict::OutsideLibrary,

@@ -82,13 +82,15 @@ pub struct ResidualLaw {
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
-/// does not roll) of at most `most` terms; `None` where no term proves itself.
+/// does not roll) of at most `most` terms, or about a centre, which `place` may be; `None` where no term proves
+/// itself.
 pub fn residual_law(
     lens: &Lens,
     models: &[Model],
     free: &[Free],
     seen: &Seen,
     most: usize,
+    place: Option<Vec2>,
 ) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, &seen.values)?;
     let degrees = lens.degrees_of_freedom().max(1) as f64;
@@ -105,7 +107,7 @@ pub fn residual_law(
             let best = search.thinned(search.turn(best, step));
             search.law(if by_axes(&best) < by_axes(&upright) { best } else { upright })
         });
-        central_laws(search).into_iter().chain(along_axes)
+        central_laws(search, place).into_iter().chain(along_axes)
     });
     let cheaper =
         |a: &ResidualLaw, b: &ResidualLaw| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers));

@@ -23,10 +23,12 @@ const SIMPLER_PROOF: f64 = 10.0;
 /// (2 ln 42).
 const WORTH_ASKING: f64 = 7.5;
 
-/// The sparse law beside what the models have, of at most so many terms.
-pub fn law_beside(lens: &Lens, models: &[Model], most: usize) -> Option<ResidualLaw> {
+/// The sparse law beside what the models have, of at most so many terms. What the library has about a place tells where a law may
+/// have its centre.
+pub fn law_beside(lens: &Lens, models: &[Model], motion: &FreeMotion, most: usize) -> Option<ResidualLaw> {
     let (free, seen) = fit_forces(lens, models);
-    residual_law(lens, models, &free, &seen, most)
+    let place = motion.ranked.iter().find_map(|(_, c)| c.place());
+    residual_law(lens, models, &free, &seen, most, place)
 }
 
 /// The sparse law that the library's must stand against.
@@ -37,7 +39,7 @@ fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<Residu
     // that more than one object shows.
     let added = added(motion);
     let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    law_beside(lens, base, terms)
+    law_beside(lens, base, motion, terms)
 }
 
 /// A sparse law of which what the library has is a compromise, the last of the revisions.

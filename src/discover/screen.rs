@@ -4,7 +4,7 @@ use super::account::of_objects;
 use super::force::{Lens, PROOFS, Projector, Seen};
 use super::free::{Free, at_values, flats, free_parameters, shows, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
-use crate::num::vec2;
+use crate::num::{Vec2, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
@@ -81,6 +81,16 @@ impl Candidate {
     /// Whether an amplitude differs from zero beyond doubt.
     pub fn certain(&self) -> bool {
         certain(&self.values, &self.sd, self.amplitudes)
+    }
+
+    /// The place that it has, if it has one (m).
+    pub fn place(&self) -> Option<Vec2> {
+        let coordinate = |seed: Seed| -> Option<f64> {
+            let (name, _) = self.entry.seeds.iter().find(|(_, s)| *s == seed)?;
+            let at = self.entry.spec.params.iter().position(|p| p.name == *name)?;
+            self.values.get(at).copied()
+        };
+        Some(vec2(coordinate(Seed::PlaceX)?, coordinate(Seed::PlaceY)?))
     }
 }
 

@@ -48,7 +48,7 @@ pub fn refitted(lens: &Lens, models: &[Model], law: &ResidualLaw) -> Option<Resi
 }
 
 /// A law's text with other numbers for the parameters that it declares.
-fn with_numbers(text: &str, number: impl Fn(&str) -> Option<f64>) -> String {
+pub fn with_numbers(text: &str, number: impl Fn(&str) -> Option<f64>) -> String {
     let renewed = |part: &str| -> Option<String> {
         let (declared, value) = part.strip_prefix("let ")?.split_once(" = ")?;
         let number = number(declared.split(' ').next()?)?;
