@@ -8,7 +8,7 @@ use super::outcome::{
 };
 use super::proof;
 use super::revise::Revision;
-use super::screen::Candidate;
+use super::screen::{Candidate, Stand, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use crate::effects::{EffectEntry, ParamSpec, Scope};
 use crate::fit::{Estimate, Fit, SceneFit};
@@ -147,15 +147,16 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
     Found { kind: c.entry.kind.to_string(), effect: c.entry.spec.name.to_string(), parameters }
 }
 
-/// The smallest amplitude of each kind of force that the lens would have proven; not of one that shows at no size that it may
-/// have.
-pub fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
-    let price = |c: &Candidate| PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
+/// The smallest amplitude of each kind of force that the lens would have proven, at a place or frequency of medium sensitivity; not of
+/// one that shows at no size that it may have, nor of what each object has for itself.
+pub fn smallest(lens: &Lens, motion: &FreeMotion) -> Vec<Smallest> {
+    let stand = Stand::new(lens, &motion.models, &motion.free, &motion.seen, true);
+    let region = region(lens.scenes);
     let unit = motion.reduced_chi_square().max(1.0);
     let one = |c: &Candidate| -> Option<Smallest> {
         let (entry, amplitude): (&'static EffectEntry, _) = (c.entry, c.entry.spec.params.first()?);
-        let sd = c.sd[..entry.amplitudes.min(c.sd.len())].iter().fold(0.0, |a: f64, b| a.max(*b));
-        let value = (price(c) * unit).sqrt() * sd;
+        let price = PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
+        let value = (price * unit).sqrt() * typical_sd(lens, &stand, entry, &region)?;
         (value <= amplitude.max).then(|| Smallest {
             kind: entry.kind.to_string(),
             effect: entry.spec.name.to_string(),
@@ -164,7 +165,7 @@ pub fn smallest(motion: &FreeMotion) -> Vec<Smallest> {
             unit: amplitude.unit.to_string(),
         })
     };
-    motion.ranked.iter().filter_map(|(_, c)| one(c)).collect()
+    motion.ranked.iter().filter(|(_, c)| !of_objects(c.entry)).filter_map(|(_, c)| one(c)).collect()
 }
 
 /// Why the verdict is what it is.

@@ -52,20 +52,18 @@ struct Central {
     cost: f64,
 }
 
-/// Each term about its best centre within the region of the data, if it proves itself.
-/// What pulls or pushes strongly bends the models' numbers far: the search, which is linear, may miss its centre, and a `place` that is
-/// known is tried beside.
+/// Each term about its best centre within the region of the data, if it proves itself. What pulls or pushes strongly bends the models'
+/// numbers far: the search, which is linear, may miss its centre, and a `place` that is known is tried beside.
 pub fn central_laws(search: &Search, place: Option<Vec2>) -> Vec<ResidualLaw> {
     let Some(none) = search.unexplained() else { return vec![] };
     let area = region(search.lens.scenes);
     let step = (area.high - area.low).scaled(1.0 / (PLACES - 1) as f64);
-    let places = (0..PLACES * PLACES).map(|k| {
+    let place_of = |k: usize| {
         let (i, j) = ((k % PLACES) as f64, (k / PLACES) as f64);
         vec2(area.low.x + i * step.x, area.low.y + j * step.y)
-    });
-    let places: Vec<Vec2> = places.collect();
+    };
     let of_term = |term: usize| {
-        let tried = places.iter().filter_map(|&centre| about(search, term, centre));
+        let tried = (0..PLACES * PLACES).filter_map(|k| about(search, term, place_of(k)));
         let best = nearer_centre(search, tried.min_by(|a, b| a.cost.total_cmp(&b.cost))?, step);
         search.proves(none - best.cost, best.cost, NUMBERS).then_some(best)
     };
@@ -77,8 +75,8 @@ pub fn central_laws(search: &Search, place: Option<Vec2>) -> Vec<ResidualLaw> {
     };
     let found: Vec<Central> = (0..TERMS.len()).filter_map(of_term).collect();
     // Where no centre explains anything, none does there.
-    let beside = (0..if found.is_empty() { 0 } else { RADIAL }).filter_map(here);
-    found.iter().cloned().chain(beside).map(law).collect()
+    let radial = if found.is_empty() { 0 } else { RADIAL };
+    found.into_iter().chain((0..radial).filter_map(here)).map(law).collect()
 }
 
 /// A law that pulls or pushes, with other shapes over the distance, each of one number more; none of another law.

@@ -269,7 +269,7 @@ pub fn conclude(
         ambiguous,
         experiment,
         formula,
-        smallest: smallest(&motion),
+        smallest: if verdict == Verdict::Adequate { smallest(lens, &motion) } else { vec![] },
         noise_sigma,
         revisions,
     })

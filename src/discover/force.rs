@@ -358,11 +358,16 @@ impl<'a> Lens<'a> {
         (h, g)
     }
 
+    /// What the data say of the columns' amplitudes (their inverse covariance) beside the parameters of the base.
+    pub fn information(&self, projector: &Projector, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let across = projector.jacobian.tr_mul(columns);
+        columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across))
+    }
+
     /// How much chi-square would fall if the columns entered linearly beside the parameters of `base`, and their
     /// amplitudes. `factor` and `base` are of [`Lens::projector`].
     pub fn gain(&self, projector: &Projector, columns: &DMatrix<f64>) -> Option<(f64, DVector<f64>)> {
-        let across = projector.jacobian.tr_mul(columns);
-        let mut s = columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across));
+        let mut s = self.information(projector, columns);
         let g = columns.tr_mul(&projector.residual);
         for k in 0..s.nrows() {
             // A column that the base explains has no amplitude.
@@ -383,8 +388,8 @@ impl<'a> Lens<'a> {
         cost: f64,
         columns: &DMatrix<f64>,
     ) -> Option<(f64, DVector<f64>)> {
+        let s = self.information(projector, columns);
         let across = projector.jacobian.tr_mul(columns);
-        let s = columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across));
         let base = projector.factor.solve(&projector.gradient);
         let g = columns.tr_mul(&projector.residual) - across.tr_mul(&base);
         let amplitudes = -s.cholesky()?.solve(&g);

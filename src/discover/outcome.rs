@@ -39,7 +39,7 @@ pub struct Discovery {
     pub experiment: Option<Experiment>,
     /// The law that remains, where no effect of the library is it and it halves the error on frames that it has not seen.
     pub formula: Option<String>,
-    /// The smallest effect of each kind that would have been seen.
+    /// The smallest effect of each kind that would have been seen, where nothing is missing.
     pub smallest: Vec<Smallest>,
     /// Measurement noise of a position, all scenes pooled (m).
     pub noise_sigma: f64,

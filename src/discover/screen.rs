@@ -8,6 +8,7 @@ use crate::num::{Vec2, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Effects that are never sought: what an engine does beside physics, and other readings of friction.
 const NEVER_SOUGHT: [&str; 4] = ["friction_offset", "gliding_friction", "damping", "contact_distance"];
@@ -188,7 +189,7 @@ pub struct Stand {
 }
 
 impl Stand {
-    fn new(lens: &Lens, models: &[Model], free: &[Free], seen: &Seen, best: bool) -> Self {
+    pub fn new(lens: &Lens, models: &[Model], free: &[Free], seen: &Seen, best: bool) -> Self {
         let models = at_values(models, free, &seen.values);
         let projector = lens.projector(&models, free, &seen.values);
         Stand { models, cost: seen.cost, projector, best }
@@ -214,15 +215,7 @@ pub fn beginnings(
     let projector = stand.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
     let at = |seed: &[f64]| -> Option<Beginning> {
-        let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
-        for k in 0..entry.amplitudes {
-            let mut probe = seed.to_vec();
-            probe[..entry.amplitudes].fill(0.0);
-            probe[k] = PROBE;
-            let probed = with_effect(&stand.models, entry, &probe, region);
-            let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
-            columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
-        }
+        let columns = columns(lens, stand, projector, entry, seed, region);
         let inside = |(_, amplitudes): &(f64, DVector<f64>)| {
             amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a))
         };
@@ -248,6 +241,41 @@ pub fn beginnings(
         tried.dedup_by(|a, b| (a.gain - b.gain).abs() < SAME_PEAK * b.gain);
     }
     (!tried.is_empty()).then_some(tried)
+}
+
+/// What a small amplitude of each kind that the law has changes in the residual, its other numbers at `seed`.
+fn columns(
+    lens: &Lens,
+    stand: &Stand,
+    projector: &Projector,
+    entry: &'static EffectEntry,
+    seed: &[f64],
+    region: &Region,
+) -> DMatrix<f64> {
+    let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
+    for k in 0..entry.amplitudes {
+        let mut probe = seed.to_vec();
+        probe[..entry.amplitudes].fill(0.0);
+        probe[k] = PROBE;
+        let probed = with_effect(&stand.models, entry, &probe, region);
+        let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
+        columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
+    }
+    columns
+}
+
+/// Deviation of a law's amplitude, the less certain where it has two, at a place, a frequency and the like of medium
+/// sensitivity; `None` where the lens is blind to most of them.
+pub fn typical_sd(lens: &Lens, stand: &Stand, entry: &'static EffectEntry, region: &Region) -> Option<f64> {
+    let projector = stand.projector.as_ref()?;
+    let sd = |seed: &Vec<f64>| -> f64 {
+        let columns = columns(lens, stand, projector, entry, seed, region);
+        let covariance = lens.information(projector, &columns).cholesky().map(|c| c.inverse());
+        covariance.map_or(f64::INFINITY, |c| c.diagonal().max().sqrt())
+    };
+    let mut all: Vec<f64> = entry.seeds(region).par_iter().map(sd).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied().filter(|sd| sd.is_finite())
 }
 
 /// The best that the effect can do from these beginnings, beside numbers that stand as there.
