@@ -262,7 +262,7 @@ mod tests {
         };
         let mut found = Discovery { smallest: vec![tilt], ..Default::default() };
         found.set_verdict(Verdict::Adequate);
-        assert!(text(&found).contains("a 0.0120 m/s^2"), "{}", text(&found));
+        assert!(text(&found).contains("a 0.01200 m/s^2"), "{}", text(&found));
         found.set_verdict(Verdict::EffectFound);
         assert!(!text(&found).contains("would have been seen"));
     }
