@@ -10,7 +10,7 @@ use super::proof;
 use super::revise::Revision;
 use super::screen::{Candidate, Stand, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
-use crate::effects::{EffectEntry, ParamSpec, Scope};
+use crate::effects::{EffectEntry, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
 use std::collections::BTreeSet;
 
@@ -57,7 +57,7 @@ pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str]
 /// own deviation: the interval holds both.
 pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
     let (kind, effect) = (c.entry.kind.to_string(), c.entry.spec.name.to_string());
-    if of_objects(c.entry) {
+    if c.entry.of_objects() {
         return Found { kind, effect, parameters: by_object(&revision.fit, c.entry) };
     }
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
@@ -79,11 +79,6 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
         }
     }
     Found { kind, effect, parameters: reported(c.entry, &values, &sd) }
-}
-
-/// Whether each object has its own numbers of a law.
-pub fn of_objects(entry: &EffectEntry) -> bool {
-    entry.spec.params.iter().all(|p| p.scope == Scope::Object)
 }
 
 /// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
@@ -165,7 +160,7 @@ pub fn smallest(lens: &Lens, motion: &FreeMotion) -> Vec<Smallest> {
             unit: amplitude.unit.to_string(),
         })
     };
-    motion.ranked.iter().filter(|(_, c)| !of_objects(c.entry)).filter_map(|(_, c)| one(c)).collect()
+    motion.ranked.iter().filter(|(_, c)| !c.entry.of_objects()).filter_map(|(_, c)| one(c)).collect()
 }
 
 /// Why the verdict is what it is.

@@ -1,6 +1,6 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
-use super::account::{by_object, of_objects};
+use super::account::by_object;
 use super::alone::Alone;
 use super::contact::{estimates_of, screen_contacts, shows_at_contacts, with_contact};
 use super::film::contacts;
@@ -406,7 +406,7 @@ pub fn found(
 ) -> Result<Found, FitError> {
     let fit = &revision.fit;
     let entry = named(name).find(|e| e.spec.name == name);
-    if let Some(entry) = entry.filter(|entry| of_objects(entry)) {
+    if let Some(entry) = entry.filter(|entry| entry.of_objects()) {
         return Ok(Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) });
     }
     let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());

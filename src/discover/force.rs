@@ -358,16 +358,17 @@ impl<'a> Lens<'a> {
         (h, g)
     }
 
-    /// What the data say of the columns' amplitudes (their inverse covariance) beside the parameters of the base.
-    pub fn information(&self, projector: &Projector, columns: &DMatrix<f64>) -> DMatrix<f64> {
+    /// What the data say of the columns' amplitudes (their inverse covariance) beside the parameters of the base; and the columns
+    /// against those parameters'.
+    pub fn information(&self, projector: &Projector, columns: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let across = projector.jacobian.tr_mul(columns);
-        columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across))
+        (columns.tr_mul(columns) - across.tr_mul(&projector.factor.solve(&across)), across)
     }
 
     /// How much chi-square would fall if the columns entered linearly beside the parameters of `base`, and their
     /// amplitudes. `factor` and `base` are of [`Lens::projector`].
     pub fn gain(&self, projector: &Projector, columns: &DMatrix<f64>) -> Option<(f64, DVector<f64>)> {
-        let mut s = self.information(projector, columns);
+        let (mut s, _) = self.information(projector, columns);
         let g = columns.tr_mul(&projector.residual);
         for k in 0..s.nrows() {
             // A column that the base explains has no amplitude.
@@ -388,8 +389,7 @@ impl<'a> Lens<'a> {
         cost: f64,
         columns: &DMatrix<f64>,
     ) -> Option<(f64, DVector<f64>)> {
-        let s = self.information(projector, columns);
-        let across = projector.jacobian.tr_mul(columns);
+        let (s, across) = self.information(projector, columns);
         let base = projector.factor.solve(&projector.gradient);
         let g = columns.tr_mul(&projector.residual) - across.tr_mul(&base);
         let amplitudes = -s.cholesky()?.solve(&g);

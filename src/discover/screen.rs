@@ -1,6 +1,5 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::account::of_objects;
 use super::force::{Lens, PROOFS, Projector, Seen};
 use super::free::{Free, at_values, flats, free_parameters, shows, stride, values_of};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
@@ -270,7 +269,7 @@ pub fn typical_sd(lens: &Lens, stand: &Stand, entry: &'static EffectEntry, regio
     let projector = stand.projector.as_ref()?;
     let sd = |seed: &Vec<f64>| -> f64 {
         let columns = columns(lens, stand, projector, entry, seed, region);
-        let covariance = lens.information(projector, &columns).cholesky().map(|c| c.inverse());
+        let covariance = lens.information(projector, &columns).0.cholesky().map(|c| c.inverse());
         covariance.map_or(f64::INFINITY, |c| c.diagonal().max().sqrt())
     };
     let mut all: Vec<f64> = entry.seeds(region).par_iter().map(sd).collect();
@@ -300,7 +299,7 @@ pub fn screen(
     for (fold, alone) in lens.folds.iter().zip(alone) {
         let mut elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
         // What the others do not tell of an object is not there.
-        for &k in added.iter().filter(|_| of_objects(entry)) {
+        for &k in added.iter().filter(|_| entry.of_objects()) {
             if elsewhere.values[k].abs() < CERTAIN * elsewhere.sd[k] {
                 elsewhere.values[k] = free_with[k].mean;
             }

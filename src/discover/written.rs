@@ -7,7 +7,7 @@ use crate::effects::formula::Formula;
 use crate::world::{ActiveEffect, Model, Prior};
 
 /// The models with a user's law, its parameters free within their bounds.
-pub fn with_formula(models: &[Model], name: &str, formula: &Formula) -> Vec<Model> {
+fn with_formula(models: &[Model], name: &str, formula: &Formula) -> Vec<Model> {
     let one = |model: &Model| {
         let mut model = model.clone();
         if let Ok(mut active) = ActiveEffect::of_formula(name, formula.clone(), &model.bodies) {

@@ -299,6 +299,11 @@ impl EffectEntry {
         }
     }
 
+    /// Whether each object has its own numbers of the law.
+    pub fn of_objects(&self) -> bool {
+        self.spec.params.iter().all(|p| p.scope == Scope::Object)
+    }
+
     pub fn uses(&self, hook: Hook) -> bool {
         self.spec.hooks.contains(&hook)
     }
