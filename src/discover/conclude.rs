@@ -15,7 +15,7 @@ use super::proof;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
-use super::whole::{STICKING, asked, balls_roll, mended, sticking};
+use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
 use super::written::with_numbers;
 use crate::effects::Hook;
 use crate::effects::formula::Formula;
@@ -52,6 +52,7 @@ impl Default for DiscoverOptions {
 }
 
 /// One reading of the base with what the lenses see of it.
+#[derive(Clone)]
 pub struct Reading {
     pub models: Vec<Model>,
     pub motion: FreeMotion,
@@ -104,7 +105,17 @@ pub fn conclude(
         revisions.push(nearer);
         proven = Some(other);
     }
-    if proven.is_none() && room {
+    // What sticks is followed by nothing else: where that explains what is lost, no other law is tried whole.
+    let at_large = &revisions[motion.found.len()];
+    let early = match proven {
+        None if room && proof::loses_most(&at_large.fit) => {
+            Some(sticking(lens, &motion.models, &options.fit, stop)?)
+        }
+        _ => None,
+    };
+    let explains = |r: &Revision| sticks(at_large, r) && !proof::astray(&r.fit);
+    let stick = early.iter().flatten().any(explains);
+    if proven.is_none() && room && !stick {
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         // What was refused beside the same forces would be again.
         let refused = asked_for.filter(|_| motion.found.len() == forces).map(|c| c.entry.spec.name);
@@ -133,7 +144,7 @@ pub fn conclude(
     });
     proven = other.as_ref().or(proven);
     let whole = match proven {
-        None if room && motion.typical < super::MISFIT => {
+        None if room && !stick && motion.typical < super::MISFIT => {
             asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
         }
         _ => None,
@@ -156,7 +167,12 @@ pub fn conclude(
         None => room && told.reduced_chi_square > FOLLOWED && proof::astray(&told.fit),
         Some(_) => proof::loses(&told.fit),
     };
-    if open && let Some(stuck) = sticking(lens, &motion.models, told, &options.fit, stop)? {
+    let stuck = match early {
+        Some(known) => known.filter(|_| open),
+        None if open => sticking(lens, &motion.models, &options.fit, stop)?,
+        None => None,
+    };
+    if let Some(stuck) = stuck.filter(|r| sticks(told, r)) {
         proven = None;
         effects.push(Found { kind: STICKING.into(), effect: STICKING.into(), parameters: vec![] });
         revisions.truncate(motion.found.len() + 1);

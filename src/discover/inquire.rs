@@ -59,7 +59,7 @@ pub fn discover(
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
         let first = search(&lens, &models, &part(stop, SEARCH))?;
-        known.push(Known { models, first, further: None });
+        known.push(Known { models, first, further: None, screened: None });
     }
     if let Some(found) = plainly_outside(&lens, &known, options, &part(stop, TRAJECTORIES))? {
         return Ok(found);
@@ -111,6 +111,7 @@ struct Known {
     first: FreeMotion,
     /// With all laws of force, and the short films of contacts beside these.
     further: Option<(FreeMotion, Alone)>,
+    screened: Option<Reading>,
 }
 
 impl Known {
@@ -133,12 +134,16 @@ impl Known {
 
     /// With the laws of contact.
     fn screened(&mut self, lens: &Lens, options: &DiscoverOptions, stop: Stop) -> Result<Reading, FitError> {
+        if let Some(known) = &self.screened {
+            return Ok(known.clone());
+        }
         let models = self.models.clone();
         let (motion, films) = self.look(lens, options, stop)?;
         let sought = sought(&motion.models, lens.scenes);
         let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &sought, stop)?;
         let films = lost + contacts.iter().find(|c| c.proven()).map_or(films_cost(&contacts), |c| c.after);
-        Ok(Reading { models, motion: motion.clone(), contacts, films })
+        let reading = Reading { models, motion: motion.clone(), contacts, films };
+        Ok(self.screened.insert(reading).clone())
     }
 }
 

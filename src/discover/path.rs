@@ -35,6 +35,8 @@ const WING: usize = 8;
 const WIDE_WING: usize = 12;
 const NARROW_WING: usize = 5;
 const FEWEST_WING: usize = 4;
+/// Frames by which noise may shift a jump.
+const BESIDE: usize = 2;
 
 /// One object's observed motion.
 #[derive(Debug, Clone, Default)]
@@ -261,7 +263,8 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
     Some((solved[0], solved[1]))
 }
 
-/// Frames after which the velocity jumps: the largest of each neighbourhood.
+/// Frames after which the velocity jumps: the largest of each neighbourhood. Beside a jump the same wings see one the other
+/// way, so that those which are the largest in their own wings come first; the others are looked at again without these.
 fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
     let within = |f: usize, wing: usize| {
         let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
@@ -270,12 +273,20 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
         if before < FEWEST_WING || after < FEWEST_WING {
             return None;
         }
-        let (change, sigmas) = jump(scene, noise, own, f, window.clone(), Wings::Bent)?;
-        let sure = sigmas > JUMP && jump(scene, noise, own, f, window, Wings::BentApart)?.1 > SURE_JUMP;
-        sure.then_some(Jump { frame: f, position: own[f]?, change, sigmas })
+        let at = |g: usize| {
+            let bent = jump(scene, noise, own, g, window.clone(), Wings::Bent)?;
+            let apart = jump(scene, noise, own, g, window.clone(), Wings::BentApart)?;
+            (bent.1 > JUMP && apart.1 > SURE_JUMP).then_some(bent)
+        };
+        let (change, sigmas) = at(f)?;
+        let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
+        let mut others = window.start + FEWEST_WING - 1..window.end - FEWEST_WING;
+        Some((Jump { frame: f, position: own[f]?, change, sigmas }, !others.any(larger)))
     };
-    let candidates = segment.clone().filter_map(|f| within(f, WING).or_else(|| within(f, WIDE_WING)));
-    largest(candidates, WING)
+    let all: Vec<(Jump, bool)> =
+        segment.clone().filter_map(|f| within(f, WING).or_else(|| within(f, WIDE_WING))).collect();
+    let peaks = all.iter().any(|c| c.1);
+    largest(all.into_iter().filter(|c| c.1 || !peaks).map(|c| c.0), WING)
 }
 
 /// The largest jump of each neighbourhood of so many frames.
@@ -333,4 +344,24 @@ fn jump(
     let change = vec2(solve(|p| p.x), solve(|p| p.y));
     let deviation = noise.position * inverse[(2, 2)].sqrt();
     Some((change, change.norm() / deviation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::force::Lens;
+    use super::super::tests::{CUBE, film};
+    use crate::num::vec2;
+
+    #[test]
+    fn a_jump_is_seen_where_it_is_and_not_beside() {
+        let wall = [("presence", 1.0), ("offset", 0.2), ("angle", -1.0), ("restitution", 0.8)];
+        // The sooner it strikes, the fewer frames are before that.
+        let launch = |k: usize| vec![(CUBE, 2.0, [0.2, -1.05 + 0.05 * k as f64], [0.1, 1.4])];
+        let scenes = film(&[0, 1, 2, 3, 4, 5, 6, 7].map(launch), Some(("hidden_wall", &wall)));
+        let normal = vec2(f64::cos(-1.0), f64::sin(-1.0));
+        for paths in &Lens::new(&scenes).paths {
+            let [jump] = &paths[0].jumps[..] else { panic!("{:?}", paths[0].jumps) };
+            assert!(jump.change.unit().dot(normal) > 0.9, "{jump:?}");
+        }
+    }
 }

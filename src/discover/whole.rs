@@ -103,11 +103,19 @@ pub fn asked(
     let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
     let most = options.max_iterations.min(TRIED_ITERATIONS);
     let few = FitOptions { max_iterations: most, effort: TRIED_EFFORT, ..*options };
-    let mut trials = vec![];
-    if let Some(starts) = fading(lens, base, models)
-        && promises(lens, base, &starts.clone().map(|t| with(&t)), &few, stop)?
-    {
-        trials.extend(starts);
+    let (mut trials, mut near) = (vec![], vec![]);
+    if let Some(starts) = fading(lens, base, models) {
+        let with_law = starts.clone().map(|t| with(&t));
+        if base.effect.is_some() && !proof::loses(&base.fit) {
+            // A search of each video by itself would find nothing else.
+            let of = |(start, models): (Trial, &Vec<Model>)| {
+                Ok(from_there(lens, base, models, &few, stop)?.map(|fit| (start, fit)))
+            };
+            let tried: Result<Vec<_>, FitError> = starts.into_par_iter().zip(&with_law).map(of).collect();
+            near.extend(tried?.into_iter().flatten());
+        } else if promises(lens, base, &with_law, &few, stop)? {
+            trials.extend(starts);
+        }
     }
     // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
     if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
@@ -116,22 +124,23 @@ pub fn asked(
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
-    let tried: Result<Vec<Fit>, FitError> = trials
-        .par_iter()
+    let tried: Result<Vec<(Trial, Fit)>, FitError> = trials
+        .into_par_iter()
         .map(|t| {
-            Ok(trajectories_from(lens, &with(t), &begun(&base.fit), Some(t.entry.spec.name), &few, stop)?.0)
+            let begun = begun(&base.fit);
+            let (fit, _) = trajectories_from(lens, &with(&t), &begun, Some(t.entry.spec.name), &few, stop)?;
+            Ok((t, fit))
         })
         .collect();
-    let tried = tried?;
-    let nearest =
-        trials.iter().zip(&tried).min_by(|a, b| proof::distance(a.1).total_cmp(&proof::distance(b.1)));
+    near.extend(tried?);
+    let nearest = near.iter().min_by(|a, b| proof::distance(&a.1).total_cmp(&proof::distance(&b.1)));
     // Less of a fading restitution than contacts differ by anyway is none.
     let fades = |t: &Trial, fit: &Fit| {
         let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
         t.entry.spec.name != FADING || usual_speed(base).is_some_and(faded)
     };
-    let near = |(t, fit): &(&Trial, &Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
-    let Some((best, fit)) = nearest.filter(near) else { return Ok(None) };
+    let mends = |(t, fit): &&(Trial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
+    let Some((best, fit)) = nearest.filter(mends) else { return Ok(None) };
     let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
     let (with_law, name) = (with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name));
     let found = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
@@ -242,7 +251,7 @@ fn promises(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<bool, FitError> {
-    if from_there(lens, base, none, options, stop)? {
+    if from_there(lens, base, none, options, stop)?.is_some() {
         return Ok(true);
     }
     if base.effect.is_some() {
@@ -252,19 +261,19 @@ fn promises(
     Ok(proof::distance(&found) < proof::distance(&base.fit) - PROMISING)
 }
 
-/// Whether a law brings the scenes nearer from where they are, those that are followed with common numbers: if these are
-/// fewer than two, there is nothing to bring nearer.
+/// The fit with a law from where the scenes are that are followed with common numbers, if these are nearer: if they are fewer
+/// than two, there is nothing to bring nearer.
 fn from_there(
     lens: &Lens,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
-) -> Result<bool, FitError> {
+) -> Result<Option<Fit>, FitError> {
     let common = |k: &usize| !base.apart.contains(&base.fit.scenes[*k].name);
     let kept: Vec<usize> = (0..models.len()).filter(common).collect();
     if kept.len() < 2 {
-        return Ok(false);
+        return Ok(None);
     }
     let scenes: Vec<Scene> = kept.iter().map(|&k| lens.scenes[k].clone()).collect();
     let known: Vec<Model> = kept.iter().map(|&k| base.fit.scenes[k].model.clone()).collect();
@@ -276,7 +285,12 @@ fn from_there(
     let options = FitOptions { begin: Begin::Near, ..*options };
     let found = estimate(&scenes, &near, &options, stop)?;
     let known = estimate(&scenes, &known, &FitOptions { max_iterations: 0, ..options }, stop)?;
-    Ok(proof::distance(&found) < proof::distance(&known) - PROMISING)
+    if proof::distance(&found) >= proof::distance(&known) - PROMISING {
+        return Ok(None);
+    }
+    let mut all = Fit { scenes: base.fit.scenes.clone(), ..found };
+    kept.into_iter().zip(found.scenes).for_each(|(k, scene)| all.scenes[k] = scene);
+    Ok(Some(all))
 }
 
 /// The median speed with which objects begin (m/s).
@@ -324,12 +338,11 @@ fn unseen(lens: &Lens, models: &[Model]) -> Vec<Trial> {
     all
 }
 
-/// The revision in which objects stick on contact, if that is what the trajectories need. Sticking leaves no small
-/// trace that a score could follow, so it is tried whole.
+/// The revision in which objects stick on contact, if short films are nearer to that. Sticking leaves no small trace that a
+/// score could follow, so it is tried whole.
 pub fn sticking(
     lens: &Lens,
     models: &[Model],
-    base: &Revision,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
@@ -339,11 +352,13 @@ pub fn sticking(
     if !films_stick(&films, &stuck(&films.models, entry, &region), stop)? {
         return Ok(None);
     }
-    let models = stuck(models, entry, &region);
-    let revision = revise(lens, &models, Some(STICKING), options, stop)?;
-    let proven = revision.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
-        && revision.held_out_rmse < base.held_out_rmse;
-    Ok(proven.then_some(revision))
+    revise(lens, &stuck(models, entry, &region), Some(STICKING), options, stop).map(Some)
+}
+
+/// Whether that is what the trajectories need.
+pub fn sticks(base: &Revision, stuck: &Revision) -> bool {
+    stuck.reduced_chi_square * STICKING_PROOF < base.reduced_chi_square
+        && stuck.held_out_rmse < base.held_out_rmse
 }
 
 /// What is found where balls between cushions turn about axes of their own: a ball's spin is of its state, which the
