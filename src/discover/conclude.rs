@@ -185,8 +185,9 @@ pub fn conclude(
             false => of_videos(lens, last, &numbers_of(c.entry), &options.fit, stop)?,
         };
         let amplitude = videos.as_ref().and_then(|v| *v.first()?);
-        if whole.is_some() && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter) {
-            // No short film speaks for it, and the videos disagree on whether it acts at all.
+        let doubtful = whole.is_some() || !c.strong();
+        if doubtful && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter) {
+            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all.
             proven = None;
             revisions.pop();
         } else {
