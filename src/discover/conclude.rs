@@ -113,8 +113,7 @@ pub fn conclude(
         }
         _ => None,
     };
-    let explains = |r: &Revision| sticks(at_large, r) && !proof::astray(&r.fit);
-    let stick = early.iter().flatten().any(explains);
+    let stick = early.iter().flatten().any(|r| sticks(at_large, r) && !proof::astray(&r.fit));
     if proven.is_none() && room && !stick {
         let law = |c: &ContactCandidate| with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         // What was refused beside the same forces would be again.

@@ -111,6 +111,7 @@ struct Known {
     first: FreeMotion,
     /// With all laws of force, and the short films of contacts beside these.
     further: Option<(FreeMotion, Alone)>,
+    /// With the laws of contact.
     screened: Option<Reading>,
 }
 
@@ -132,7 +133,6 @@ impl Known {
         Ok(self.further.insert(further))
     }
 
-    /// With the laws of contact.
     fn screened(&mut self, lens: &Lens, options: &DiscoverOptions, stop: Stop) -> Result<Reading, FitError> {
         if let Some(known) = &self.screened {
             return Ok(known.clone());
