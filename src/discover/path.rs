@@ -274,9 +274,9 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
             return None;
         }
         let at = |g: usize| {
-            let bent = jump(scene, noise, own, g, window.clone(), Wings::Bent)?;
+            let bent = jump(scene, noise, own, g, window.clone(), Wings::Bent).filter(|j| j.1 > JUMP)?;
             let apart = jump(scene, noise, own, g, window.clone(), Wings::BentApart)?;
-            (bent.1 > JUMP && apart.1 > SURE_JUMP).then_some(bent)
+            (apart.1 > SURE_JUMP).then_some(bent)
         };
         let (change, sigmas) = at(f)?;
         let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
