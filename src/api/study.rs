@@ -300,7 +300,8 @@ pub fn revision(step: &Step) -> v1::Revision {
 
 fn found_effect(f: &Found, videos: &[String]) -> v1::FoundEffect {
     let parameters = f.parameters.iter().map(|p| parameter(p, videos)).collect();
-    v1::FoundEffect { kind: f.kind.clone(), effect: f.effect.clone(), parameters }
+    let formula = f.text.clone().unwrap_or_default();
+    v1::FoundEffect { kind: f.kind.clone(), effect: f.effect.clone(), parameters, formula }
 }
 
 fn parameter(p: &Reported, videos: &[String]) -> v1::FoundParameter {

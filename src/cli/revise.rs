@@ -7,8 +7,9 @@ use super::study::Said;
 use super::{discover, input, ladder, output, study};
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
-    AddEffectRequest, AddEffectResponse, ListModelsRequest, RemoveEffectRequest, RemoveEffectResponse,
-    RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
+    AddEffectRequest, AddEffectResponse, FoundEffect, ListModelsRequest, RemoveEffectRequest,
+    RemoveEffectResponse, RevisedModels, Revision, StudyRequest, Worth, add_effect_response,
+    remove_effect_response,
 };
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -278,9 +279,19 @@ fn table(revisions: &[&Revision]) -> String {
 fn listing(known: &[Revision]) -> String {
     let all: Vec<&Revision> = known.iter().collect();
     match all.first() {
-        Some(first) => format!("{}\n{}", table(&all), ladder::text(&all, first.noise_sigma)),
+        Some(first) => {
+            let law = |r: &&Revision| r.added.as_ref().filter(|a| !a.formula.is_empty()).map(|a| law(r, a));
+            let laws: Vec<String> = all.iter().filter_map(law).collect();
+            format!("{}\n{}\n{}", table(&all), laws.concat(), ladder::text(&all, first.noise_sigma))
+        }
         None => "no revisions of these scenes yet; --add makes one\n".into(),
     }
+}
+
+/// The text of a law that was written, by the id of the revision that adds it.
+fn law(r: &Revision, added: &FoundEffect) -> String {
+    let text: Vec<&str> = added.formula.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    format!("  {}  {}\n", id(r), text.join(&format!("\n  {:DIGITS$}  ", "")))
 }
 
 fn to_json(r: &Revision) -> Value {
@@ -296,6 +307,7 @@ fn to_json(r: &Revision) -> Value {
         "revision": r.revision,
         "id": id(r),
         "effect": word(&r.effect),
+        "formula": word(r.added.as_ref().map_or("", |a| &a.formula)),
         "removed": word(&r.removed),
         "parameters": r.added.as_ref().map(discover::parameters),
         "rmse_m": r.rmse,
@@ -336,6 +348,10 @@ mod tests {
         let listed = discover::parameters(&added);
         assert_eq!(listed["factor"][1]["object_id"], 5, "{listed}");
         assert_eq!(listed["factor"][1]["identified"], false, "{listed}");
+        let written = crate::api::v1::FoundEffect { formula: "ax = -k*vx\nay = 0".into(), ..added };
+        let written =
+            Revision { added: Some(written), models: vec!["m/012345678".into()], ..Default::default() };
+        assert!(listing(&[written]).contains("  01234567  ax = -k*vx\n            ay = 0\n"));
         let mut unknown = Revision { too_little: "film more".into(), ..Default::default() };
         unknown.set_worth(Worth::NotIdentifiable);
         assert_eq!(verdict(&unknown), "NOT_IDENTIFIABLE: film more");

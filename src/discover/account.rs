@@ -56,9 +56,8 @@ pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str]
 /// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
 /// own deviation: the interval holds both.
 pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
-    let (kind, effect) = (c.entry.kind.to_string(), c.entry.spec.name.to_string());
     if c.entry.of_objects() {
-        return Found { kind, effect, parameters: by_object(&revision.fit, c.entry) };
+        return Found::of(c.entry, by_object(&revision.fit, c.entry));
     }
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
     let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
@@ -78,7 +77,7 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
             sd[k] = sd[k].hypot(apart);
         }
     }
-    Found { kind, effect, parameters: reported(c.entry, &values, &sd) }
+    Found::of(c.entry, reported(c.entry, &values, &sd))
 }
 
 /// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
@@ -139,7 +138,7 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
     }
     let mut parameters = reported(c.entry, &values, &sd);
     parameters.extend(object);
-    Found { kind: c.entry.kind.to_string(), effect: c.entry.spec.name.to_string(), parameters }
+    Found::of(c.entry, parameters)
 }
 
 /// The smallest amplitude of each kind of force that the lens would have proven, at a place or frequency of medium sensitivity; not of

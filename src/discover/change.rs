@@ -407,7 +407,7 @@ pub fn found(
     let fit = &revision.fit;
     let entry = named(name).find(|e| e.spec.name == name);
     if let Some(entry) = entry.filter(|entry| entry.of_objects()) {
-        return Ok(Found { kind: entry.kind.into(), effect: name.into(), parameters: by_object(fit, entry) });
+        return Ok(Found::of(entry, by_object(fit, entry)));
     }
     let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
     let own = formula.map_or(&[][..], |f| &f.parameters);
@@ -427,8 +427,7 @@ pub fn found(
     };
     let (values, sd): (Vec<f64>, Vec<f64>) = defaults.iter().enumerate().map(told).unzip();
     if let Some(entry) = entry {
-        let parameters = reported(entry, &values, &sd);
-        return Ok(Found { kind: entry.kind.into(), effect: name.into(), parameters });
+        return Ok(Found::of(entry, reported(entry, &values, &sd)));
     }
     let one = |((p, at), sd): ((&FormulaParameter, &f64), &f64)| {
         let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
@@ -436,7 +435,8 @@ pub fn found(
         Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
     };
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
-    Ok(Found { kind: FORMULA.into(), effect: name.into(), parameters })
+    let text = formula.map(|f| f.text.clone());
+    Ok(Found { kind: FORMULA.into(), effect: name.into(), parameters, text })
 }
 
 /// A number of a law as the first of a fit's scenes has it.

@@ -17,8 +17,8 @@ use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
 use super::written::with_numbers;
-use crate::effects::Hook;
 use crate::effects::formula::Formula;
+use crate::effects::{Hook, effect};
 use crate::fit::{FitError, FitOptions};
 use crate::num::{Stop, counted, part};
 use crate::world::Model;
@@ -173,7 +173,7 @@ pub fn conclude(
     };
     if let Some(stuck) = stuck.filter(|r| sticks(told, r)) {
         proven = None;
-        effects.push(Found { kind: STICKING.into(), effect: STICKING.into(), parameters: vec![] });
+        effects.extend(effect(STICKING).map(|entry| Found::of(entry, vec![])));
         revisions.truncate(motion.found.len() + 1);
         revisions.push(stuck);
     }

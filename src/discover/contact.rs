@@ -34,6 +34,10 @@ pub const HEAVIER: &str = "mass_change";
 const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
 /// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
 pub const SCALE: &str = "wrong_scale";
+/// What engines and cameras do at contacts anyway, as shares of a length or a mass and as a coefficient of friction: a law that says
+/// less is none, however little noise there is.
+const SLIGHT: [(&str, f64); 4] =
+    [(SCALE, 0.015), ("wrong_size", 0.02), (HEAVIER, 0.05), ("contact_friction", 0.02)];
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
@@ -383,6 +387,7 @@ fn judged(
         })
         .collect();
     let mut all = all?;
+    all.retain(|c| !is_slight(c.entry, &c.values));
     all.retain(|c| c.entry.spec.name != "soft_contact" || !brief(films, c.values[0]));
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<ContactCandidate> = vec![];
@@ -459,6 +464,12 @@ pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
         weight += 1.0 / (e.sd * e.sd);
     }
     if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
+}
+
+/// Whether a law says no more than what engines and cameras do at contacts anyway.
+pub fn is_slight(entry: &EffectEntry, values: &[f64]) -> bool {
+    let least = SLIGHT.iter().find(|(name, _)| *name == entry.spec.name);
+    least.zip(values.first()).is_some_and(|((_, least), amplitude)| amplitude.abs() < *least)
 }
 
 /// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the

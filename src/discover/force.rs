@@ -86,7 +86,8 @@ impl<'a> Lens<'a> {
         for (scene, paths) in paths.iter().enumerate() {
             for (body, path) in paths.iter().enumerate() {
                 for range in &path.stretches {
-                    let frames: Vec<usize> = range.clone().collect();
+                    let seen = |f: &usize| scenes[scene].tracks[body].at(*f).is_some();
+                    let frames: Vec<usize> = range.clone().filter(seen).collect();
                     let basis = line_basis(&scenes[scene], &frames);
                     let count = frames.len();
                     let braked = unseen_turn(&scenes[scene], body)

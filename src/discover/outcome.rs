@@ -56,6 +56,16 @@ pub struct Found {
     pub kind: String,
     pub effect: String,
     pub parameters: Vec<Reported>,
+    /// Of a formula: its text.
+    #[serde(default)]
+    pub text: Option<String>,
+}
+
+impl Found {
+    /// A law of the library.
+    pub fn of(entry: &EffectEntry, parameters: Vec<Reported>) -> Found {
+        Found { kind: entry.kind.into(), effect: entry.spec.name.into(), parameters, text: None }
+    }
 }
 
 /// One parameter with its 95 % interval.

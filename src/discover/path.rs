@@ -14,6 +14,8 @@ const SPAN: usize = 15;
 const SHORTEST: usize = 8;
 /// Samples that a velocity can be had from.
 const SHORTEST_SMOOTH: usize = 5;
+/// Frames in which a tracker may lose an object without cutting its motion in two: how it went on is known well enough.
+const BRIDGED: usize = 6;
 /// Bodies nearer than this may have touched within a frame (m).
 const NEAR: f64 = 0.03;
 /// Frames around a contact that are left out: the exact time of the impact is not known.
@@ -43,7 +45,7 @@ const BESIDE: usize = 2;
 pub struct Path {
     /// By frame; `None` where the object was not seen.
     pub motion: Vec<Option<Kinematics<f64>>>,
-    /// Frames of free motion: no contact, no jump, not at rest.
+    /// Frames of free motion: no contact, no jump, not at rest. The object may have been lost in a few of them.
     pub stretches: Vec<Range<usize>>,
     /// Frames over which `motion` is smoothed, rest included.
     pub smooth: Vec<Range<usize>>,
@@ -87,7 +89,24 @@ pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
 /// The motion of each object of the scene. Deterministic.
 pub fn paths(scene: &Scene, noise: &Noise) -> Vec<Path> {
     let raw: Vec<Vec<Option<Vec2>>> = scene.tracks.iter().map(|t| positions(scene, t)).collect();
-    (0..scene.tracks.len()).map(|i| path(scene, noise, &raw, i)).collect()
+    let whole: Vec<Vec<Option<Vec2>>> = raw.iter().map(|own| bridged(own)).collect();
+    (0..scene.tracks.len()).map(|i| path(scene, noise, &raw[i], &whole, i)).collect()
+}
+
+/// Positions by frame, on a straight line where the object was lost for a few.
+fn bridged(own: &[Option<Vec2>]) -> Vec<Option<Vec2>> {
+    let mut whole = own.to_vec();
+    let mut last: Option<(usize, Vec2)> = None;
+    for (f, here) in own.iter().enumerate().filter_map(|(f, p)| Some((f, (*p)?))) {
+        if let Some((from, before)) = last.filter(|(from, _)| f - from <= BRIDGED + 1) {
+            for g in from + 1..f {
+                let share = (g - from) as f64 / (f - from) as f64;
+                whole[g] = Some(before + (here - before).scaled(share));
+            }
+        }
+        last = Some((f, here));
+    }
+    whole
 }
 
 pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
@@ -100,24 +119,24 @@ pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
     by_frame
 }
 
-fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Path {
+fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<Vec2>>], i: usize) -> Path {
     let noise = &noise.of_track(&scene.tracks[i]);
     let frames = scene.times.len();
-    let own = &raw[i];
+    let seen = |range: &Range<usize>| own[range.clone()].iter().flatten().count();
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();
     let mut near = vec![];
-    for (j, other) in raw.iter().enumerate().filter(|(j, _)| *j != i) {
+    for (j, other) in whole.iter().enumerate().filter(|(j, _)| *j != i) {
         for f in 0..frames {
-            let (Some(a), Some(b)) = (own[f], other[f]) else { continue };
+            let (Some(a), Some(b)) = (whole[i][f], other[f]) else { continue };
             let reach = radius(i) + radius(j) + NEAR + 2.0 * noise.position;
-            let step = if f > 0 { own[f - 1].map_or(0.0, |p| (a - p).norm()) } else { 0.0 };
+            let step = if f > 0 { whole[i][f - 1].map_or(0.0, |p| (a - p).norm()) } else { 0.0 };
             if (a - b).norm() < reach + step {
                 near.push((f, j));
             }
         }
     }
     let settles = if scene.objects[i].shape.is_ball() { (SETTLING * scene.fps).ceil() as usize } else { 0 };
-    let mut usable: Vec<bool> = own.iter().map(Option::is_some).collect();
+    let mut usable: Vec<bool> = whole[i].iter().map(Option::is_some).collect();
     for &(f, _) in &near {
         let end = (f + MARGIN + settles + 1).min(frames);
         usable[f.saturating_sub(MARGIN)..end].iter_mut().for_each(|u| *u = false);
@@ -141,14 +160,14 @@ fn path(scene: &Scene, noise: &Noise, raw: &[Vec<Option<Vec2>>], i: usize) -> Pa
     let yaws = turns.then(|| unwrapped_yaws(scene, i));
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
     let smoothed: Vec<Range<usize>> =
-        runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST_SMOOTH).collect();
+        runs(&usable).into_iter().filter(|r| seen(r) >= SHORTEST_SMOOTH).collect();
     for segment in &smoothed {
         smooth(scene, own, yaws.as_deref(), segment.clone(), &mut motion);
     }
     for f in 0..frames {
         usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
     }
-    let stretches = runs(&usable).into_iter().filter(|r| r.len() >= SHORTEST).collect();
+    let stretches = runs(&usable).into_iter().filter(|r| seen(r) >= SHORTEST).collect();
     Path { motion, stretches, smooth: smoothed, jumps, near }
 }
 
@@ -268,9 +287,8 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
 fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
     let within = |f: usize, wing: usize| {
         let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
-        let before = f + 1 - window.start;
-        let after = window.end - f - 1;
-        if before < FEWEST_WING || after < FEWEST_WING {
+        let seen = |wing: Range<usize>| own[wing].iter().flatten().count();
+        if seen(window.start..f + 1) < FEWEST_WING || seen(f + 1..window.end) < FEWEST_WING {
             return None;
         }
         let at = |g: usize| {

@@ -2,7 +2,7 @@
 
 use super::account::FOLLOWED;
 use super::alone::{films_stick, meet};
-use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, pooled, with_contact};
+use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, is_slight, pooled, with_contact};
 use super::film::contacts;
 use super::force::Lens;
 use super::jackknife::{Numbers, numbers_of};
@@ -155,6 +155,7 @@ pub fn asked(
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
+        || is_slight(best.entry, &values)
         || !fades(best, &found.fit)
         || proof::loses_most(&found.fit)
         || !often
@@ -396,22 +397,18 @@ pub fn spinning(
         known.map_or((0.0, 0.0), |e| (e.value, e.sd))
     };
     let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
-    let kind = entry.kind.to_string();
+    let found = Found::of(entry, reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]));
     let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
     let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
     Ok(Some(Discovery {
         verdict: Verdict::EffectFound,
-        effects: vec![Found {
-            kind: kind.clone(),
-            effect: entry.spec.name.into(),
-            parameters: reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]),
-        }],
         ranked: vec![Ranked {
-            kind,
-            effect: entry.spec.name.into(),
+            kind: found.kind.clone(),
+            effect: found.effect.clone(),
             log_evidence: gain,
             held_out_rmse: revision.held_out_rmse,
         }],
+        effects: vec![found],
         ambiguous: vec![],
         experiment: None,
         formula: None,

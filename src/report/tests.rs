@@ -63,7 +63,8 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         high: number(1.0),
         owner: None,
     };
-    let effect = Found { kind: "vortex".into(), effect: "vortex".into(), parameters: vec![parameter] };
+    let parameters = vec![parameter];
+    let effect = Found { kind: "vortex".into(), effect: "vortex".into(), parameters, text: None };
     let ranked =
         Ranked { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
     let discovery = Discovery {

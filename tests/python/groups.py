@@ -75,8 +75,8 @@ def laws(rng, s):
         # No physics, but what is seen or believed is wrong; of an object: of the first, a marker's is no ball.
         "wrong_scale": {"scale": 1 + 0.06 * u},
         "tilted_camera": {"h": [*tilt]},
-        "off_centre_marker": {"arm": [*arm]},
-        "wrong_size": {"factor": 1 + 0.25 * u},
+        "off_centre_marker": {"object_id": 0, "arm": [*arm]},
+        "wrong_size": {"object_id": 0, "factor": 1 + 0.25 * u},
         "none": {},
     }
     return forces | {k: (p, None) for k, p in others.items()}

@@ -72,7 +72,9 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     assert_eq!(written.worth(), v1::Worth::Better, "{written:?}");
     assert!(first.rmse > 2.0 * first.noise_sigma && written.rmse < 1.2 * written.noise_sigma);
     assert!(written.held_out_rmse < first.held_out_rmse && written.left_out_rmse < first.left_out_rmse);
-    let omega = &written.added.as_ref().unwrap().parameters[0];
+    let added = written.added.as_ref().unwrap();
+    let omega = &added.parameters[0];
+    assert_eq!(added.formula, text);
     assert_eq!((omega.name.as_str(), omega.unit.as_str()), ("w", "rad/s"));
     // What the simulator was given: group.json.
     assert!(omega.low[0] < 0.0827 && 0.0827 < omega.high[0], "{omega:?}");
