@@ -191,8 +191,12 @@ fn reread(
                 break;
             }
             let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
-            let (fit, _) = trajectories(lens, &models, law.map(|l| l.spec.name), &tried, stop)?;
-            nearer |= proof::follows_better(&last.fit, &fit);
+            nearer |= match trajectories(lens, &models, law.map(|l| l.spec.name), &tried, stop) {
+                Ok((fit, _)) => proof::follows_better(&last.fit, &fit),
+                // A law that was written may have no value in this reading.
+                Err(FitError::Undefined { .. }) => false,
+                Err(other) => return Err(other),
+            };
         }
         if !nearer {
             continue;

@@ -368,7 +368,24 @@ fn jump(
 mod tests {
     use super::super::force::Lens;
     use super::super::tests::{CUBE, film};
-    use crate::num::vec2;
+    use super::*;
+
+    #[test]
+    fn a_few_lost_frames_leave_a_motion_whole_and_many_cut_it_in_two() {
+        let mut scenes = film(&[vec![(CUBE, 2.0, [-1.5, 0.0], [0.9, 0.1])]], None);
+        let whole = Lens::new(&scenes).degrees_of_freedom();
+        let long = 30..30 + BRIDGED + 1;
+        scenes[0].tracks[0].samples.retain(|s| s.frame % 5 != 1 && !long.contains(&s.frame));
+        let lens = Lens::new(&scenes);
+        let [before, after] = &lens.paths[0][0].stretches[..] else {
+            panic!("{:?}", lens.paths[0][0].stretches)
+        };
+        assert!(before.end <= long.start && long.end <= after.start, "{before:?} {after:?}");
+        assert!(lens.paths[0][0].jumps.is_empty());
+        // Rows are of frames that were seen: a fifth of them was not.
+        let left = lens.degrees_of_freedom() as f64 / whole as f64;
+        assert!((0.6..0.8).contains(&left), "{left}");
+    }
 
     #[test]
     fn a_jump_is_seen_where_it_is_and_not_beside() {

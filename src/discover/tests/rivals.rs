@@ -1,5 +1,6 @@
 //! What is no physics, but looks like some: a mass, a scale, a camera, a marker, a size.
 
+use super::super::contact::is_slight;
 use super::*;
 
 /// Objects of which the first meets others in each video, and turns.
@@ -76,4 +77,11 @@ fn a_marker_off_the_centre_is_told_with_its_object() {
     let told = found_in(&scenes, "off_centre_marker");
     assert_eq!(number(told("object_id")), 0.0);
     assert!((vector(told("arm")) - arm).norm() < 0.01);
+}
+
+#[test]
+fn what_engines_do_at_contacts_anyway_is_no_wrong_scale() {
+    let slight = |name: &str, amplitude: f64| is_slight(effect(name).expect("it is there"), &[amplitude]);
+    assert!(slight("wrong_scale", -0.005) && !slight("wrong_scale", -0.03));
+    assert!(!slight("sticky_contact", 0.001));
 }
