@@ -99,9 +99,9 @@ fn bridged(own: &[Option<Vec2>]) -> Vec<Option<Vec2>> {
     let mut last: Option<(usize, Vec2)> = None;
     for (f, here) in own.iter().enumerate().filter_map(|(f, p)| Some((f, (*p)?))) {
         if let Some((from, before)) = last.filter(|(from, _)| f - from <= BRIDGED + 1) {
-            for g in from + 1..f {
-                let share = (g - from) as f64 / (f - from) as f64;
-                whole[g] = Some(before + (here - before).scaled(share));
+            let step = (here - before).scaled(1.0 / (f - from) as f64);
+            for (k, place) in (1..).zip(&mut whole[from + 1..f]) {
+                *place = Some(before + step.scaled(f64::from(k)));
             }
         }
         last = Some((f, here));
