@@ -1,6 +1,7 @@
 """Writes groups of videos with one hidden effect, simulated by MuJoCo, pymunk and Bullet: `pip install mujoco pymunk pybullet numpy`.
 
     groups.py DIR [--engine mujoco,pymunk,bullet] [--kinds a,b|library|outside|rivals|control] [--strength 1.0] [--seeds 1,2]
+        [--noise 0.005] [--lost 0.1]        noise of a position (m), and the share of its frames in which each object is lost
     groups.py --check        what the simulations do at contacts and on the table, without any hidden effect
 
 A group is four videos of 128 frames of 4 to 6 discs, balls and cubes, 5 mm noise; the layout is that of the benchmark's
@@ -11,7 +12,7 @@ foot, balls that slide until they roll, or an air table; nothing else is hidden.
 import argparse, itertools, json, math, pathlib
 import numpy as np
 
-FPS, FRAMES, NOISE, NOISE_YAW, G, SIZE = 25, 128, 0.005, 0.01, 9.81, 0.2
+FPS, FRAMES, G, SIZE = 25, 128, 9.81, 0.2
 DENSITY = {"sphere": (0.42, 1.05), "cylinder": (0.6, 1.5), "cube": (0.78, 1.95)}  # kg of rubber, metal
 MOMENT = {"sphere": 0.4, "cylinder": 0.5, "cube": 2 / 3}  # over m SIZE^2
 SLIDE_MU = 0.15  # of a ball that does not roll
@@ -348,7 +349,7 @@ def write(path, content):
     path.write_text(json.dumps(content))
 
 
-def group(folder, engine, kind, strength, seed):
+def group(folder, engine, kind, strength, seed, noise, lost):
     number = [seed, list(ENGINES).index(engine), sum(map(ord, kind))]
     rng = np.random.default_rng(number)
     law = laws(rng, strength)[kind]
@@ -370,19 +371,20 @@ def group(folder, engine, kind, strength, seed):
         if kind == "off_centre_marker":
             bodies.sort(key=lambda b: b["shape"] == "sphere")
         true = simulate(engine, bodies, world, kind, law)
-        noisy = seen_as(kind, params, true) + rng.normal(size=true[..., :3].shape) * [NOISE, NOISE, NOISE_YAW]
+        noisy = seen_as(kind, params, true) + rng.normal(size=true[..., :3].shape) * [noise, noise, 2 * noise]
+        seen = np.random.default_rng([*number, index]).random(true.shape[:2]) >= lost
         noisy[..., 2] = (noisy[..., 2] + math.pi) % (2 * math.pi) - math.pi
         looks = ("material", "shape", "mass")
         objects = [{"object_id": k, "color": "gray", "size": SIZE, **{w: b[w] for w in looks}} for k, b in enumerate(bodies)]
         if kind == "wrong_size":
             objects[0]["size"] = SIZE / params["factor"]
         see = lambda k, p: {"object_id": k, "location": [*p[:2].round(5), SIZE], "orientation": [0, 0, round(p[2], 5)], "inside_camera_view": True}
-        film = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row)]} for f, row in enumerate(noisy)]
+        film = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row) if seen[f, k]]} for f, row in enumerate(noisy)]
         name = f"scene_{index:02}"
         write(folder / name / "observed.json", {"scene_index": index, "video_filename": f"{name}.mp4", "fps": FPS, "world": "table",
-                                                "object_property": objects, "motion_trajectory": film, "noise_sigma": NOISE})
+                                                "object_property": objects, "motion_trajectory": film, "noise_sigma": noise})
         write(folder / name / "truth.json", {"seed": number, "engine": engine, "fps": FPS, "hidden_effects": hidden, "n_observed": FRAMES,
-                                             "noise_sigma": NOISE, "objects": objects, "trajectory": true.round(6).tolist()})
+                                             "noise_sigma": noise, "objects": objects, "trajectory": true.round(6).tolist()})
     write(folder / "group.json", {"group": folder.name, "engine": engine, "effect": kind, "strength": strength, "outside": kind in OUTSIDE,
                                   "hidden_effects": hidden, "environment": world})
 
@@ -416,7 +418,7 @@ def check():
 def main():
     words = argparse.ArgumentParser()
     words.add_argument("folder", nargs="?", type=pathlib.Path)
-    for name, default in {"engine": "mujoco,pymunk", "kinds": "library", "strength": "1.0", "seeds": "1"}.items():
+    for name, default in {"engine": "mujoco,pymunk", "kinds": "library", "strength": "1.0", "seeds": "1", "noise": "0.005", "lost": "0"}.items():
         words.add_argument(f"--{name}", default=default)
     words.add_argument("--check", action="store_true")
     asked = words.parse_args()
@@ -431,7 +433,7 @@ def main():
     for engine, seed in itertools.product(asked.engine.split(","), map(int, asked.seeds.split(","))):
         for kind in (k for k in kinds if engine in ONLY.get(k, [engine])):
             name = f"{engine}_{kind}_{asked.strength}_{seed}"
-            group(asked.folder / name, engine, kind, float(asked.strength), seed)
+            group(asked.folder / name, engine, kind, float(asked.strength), seed, float(asked.noise), float(asked.lost))
             print(name, flush=True)
 
 
