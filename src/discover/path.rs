@@ -122,7 +122,6 @@ pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
 fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<Vec2>>], i: usize) -> Path {
     let noise = &noise.of_track(&scene.tracks[i]);
     let frames = scene.times.len();
-    let seen = |range: &Range<usize>| own[range.clone()].iter().flatten().count();
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();
     let mut near = vec![];
     for (j, other) in whole.iter().enumerate().filter(|(j, _)| *j != i) {
@@ -160,19 +159,24 @@ fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<
     let yaws = turns.then(|| unwrapped_yaws(scene, i));
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
     let smoothed: Vec<Range<usize>> =
-        runs(&usable).into_iter().filter(|r| seen(r) >= SHORTEST_SMOOTH).collect();
+        runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST_SMOOTH).collect();
     for segment in &smoothed {
         smooth(scene, own, yaws.as_deref(), segment.clone(), &mut motion);
     }
     for f in 0..frames {
         usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
     }
-    let stretches = runs(&usable).into_iter().filter(|r| seen(r) >= SHORTEST).collect();
+    let stretches = runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST).collect();
     Path { motion, stretches, smooth: smoothed, jumps, near }
 }
 
 fn still(position: Vec2) -> Kinematics<f64> {
     Kinematics { position, yaw: 0.0, velocity: vec2(0.0, 0.0), spin: 0.0, roll: vec2(0.0, 0.0) }
+}
+
+/// In how many of the frames it was seen.
+fn seen(own: &[Option<Vec2>], frames: &Range<usize>) -> usize {
+    own.iter().take(frames.end).skip(frames.start).flatten().count()
 }
 
 /// Runs of true.
@@ -260,8 +264,8 @@ pub fn change_near(
 ) -> Option<(Vec2, f64)> {
     let at = |g: usize| {
         let window = (g + 1).saturating_sub(NARROW_WING)..(g + NARROW_WING + 1).min(own.len());
-        let seen = |frames: Range<usize>| frames.filter(|&h| own.get(h).is_some_and(Option::is_some)).count();
-        let enough = seen(window.start..g + 1) >= FEWEST_WING && seen(g + 1..window.end) >= FEWEST_WING;
+        let enough = |wing: Range<usize>| seen(own, &wing) >= FEWEST_WING;
+        let enough = enough(window.start..g + 1) && enough(g + 1..window.end);
         enough.then(|| jump(scene, noise, own, g, window, Wings::Straight))?
     };
     let all = (f.saturating_sub(beside)..=f + beside).filter_map(at);
@@ -287,8 +291,7 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
 fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
     let within = |f: usize, wing: usize| {
         let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
-        let seen = |wing: Range<usize>| own[wing].iter().flatten().count();
-        if seen(window.start..f + 1) < FEWEST_WING || seen(f + 1..window.end) < FEWEST_WING {
+        if seen(own, &(window.start..f + 1)) < FEWEST_WING || seen(own, &(f + 1..window.end)) < FEWEST_WING {
             return None;
         }
         let at = |g: usize| {
