@@ -1,6 +1,6 @@
-"""Writes groups of videos with one hidden effect, simulated by MuJoCo, pymunk and Bullet: `pip install mujoco pymunk pybullet numpy`.
+"""Writes groups of videos with one hidden effect, simulated by four engines: `pip install mujoco pymunk pybullet Box2D numpy`.
 
-    groups.py DIR [--engine mujoco,pymunk,bullet] [--kinds a,b|library|outside|rivals|control] [--strength 1.0] [--seeds 1,2]
+    groups.py DIR [--engine mujoco,pymunk,bullet,box2d] [--kinds a,b|library|outside|rivals|control] [--strength 1.0] [--seeds 1,2]
         [--noise 0.005] [--lost 0.1]        noise of a position (m), and the share of its frames in which each object is lost
     groups.py --check        what the simulations do at contacts and on the table, without any hidden effect
 
@@ -85,7 +85,7 @@ def laws(rng, s):
 
 OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "inverse_distance", "anisotropic_drag"]
 RIVALS = ["wrong_scale", "tilted_camera", "off_centre_marker", "wrong_size"]
-ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk"], "sticky_contact": ["pymunk"]}
+ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk", "box2d"], "sticky_contact": ["pymunk"]}
 
 
 class MuJoCo:
@@ -254,7 +254,55 @@ class Bullet:
         self.call("stepSimulation")
 
 
-ENGINES = {"mujoco": MuJoCo, "pymunk": Pymunk, "bullet": Bullet}
+class Box2D:
+    """Bodies in the plane; contacts are impulses. Lengths are the engine's divided by SCALE: below 1 m/s it lets nothing bounce."""
+    SCALE = 25.0
+
+    def __init__(self, bodies, world, kind, params):
+        import Box2D
+        self.b2, self.dt, self.bodies, s = Box2D, 0.002, [], self.SCALE
+
+        class Contacts(Box2D.b2ContactListener):
+            def PreSolve(self, contact, old):
+                if kind == "speed_dependent_restitution" and not old.pointCount:
+                    a, b, found = contact.fixtureA.body, contact.fixtureB.body, contact.manifold
+                    # Round things along the line of centres, others along a face; the binding's own normal is not to be used.
+                    flat = {Box2D.b2Manifold.e_faceA: a, Box2D.b2Manifold.e_faceB: b}.get(found.type_)
+                    normal = flat.GetWorldVector(found.localNormal) if flat else b.worldCenter - a.worldCenter
+                    at = contact.worldManifold.points[0]
+                    slip = b.GetLinearVelocityFromWorldPoint(at) - a.GetLinearVelocityFromWorldPoint(at)
+                    approach = abs(slip.dot(normal)) / normal.length / s
+                    contact.restitution = world["restitution"] * math.exp(-approach / params["v0"])
+
+        self.contacts = Contacts()
+        self.world = Box2D.b2World(gravity=(0, 0), doSleep=False, contactListener=self.contacts)
+        for b in bodies:
+            shape = Box2D.b2PolygonShape(box=(SIZE * s, SIZE * s)) if b["shape"] == "cube" else Box2D.b2CircleShape(radius=SIZE * s)
+            body = self.world.CreateDynamicBody(position=[*(s * b["x"])], angle=b["yaw"], linearVelocity=[*(s * b["v"])], angularVelocity=b["w"])
+            body.CreateFixture(shape=shape, density=1, restitution=world["restitution"], friction=params.get("mu", 0))
+            body.massData = Box2D.b2MassData(mass=b["mass"], center=(0, 0), I=b["inertia"] * s * s)
+            self.bodies.append(body)
+        # Of two restitutions the larger is taken: what is hidden has at least the bodies'.
+        if kind == "hidden_wall":
+            p, n = np.array(params["point"]), np.array(params["normal"])
+            wall = self.world.CreateStaticBody(position=[*(s * (p - 0.5 * n))], angle=math.atan2(n[1], n[0]))
+            wall.CreateFixture(shape=Box2D.b2PolygonShape(box=(0.5 * s, 9 * s)), restitution=params["restitution"], friction=0)
+        if kind == "hidden_object":
+            still = self.world.CreateStaticBody(position=[*(s * np.array(params["center"]))])
+            still.CreateFixture(shape=Box2D.b2CircleShape(radius=params["radius"] * s), restitution=params["restitution"], friction=0)
+
+    def state(self):
+        rows = np.array([(*b.worldCenter, b.angle, *b.linearVelocity, b.angularVelocity) for b in self.bodies])
+        return rows[:, :2] / self.SCALE, rows[:, 2], rows[:, 3:5] / self.SCALE, rows[:, 5]
+
+    def step(self, force, torque):
+        for body, f, t in zip(self.bodies, force * self.SCALE, torque * self.SCALE ** 2):
+            body.ApplyForceToCenter([*f], True)
+            body.ApplyTorque(t, True)
+        self.world.Step(self.dt, 30, 20)
+
+
+ENGINES = {"mujoco": MuJoCo, "pymunk": Pymunk, "bullet": Bullet, "box2d": Box2D}
 CORNERS = SIZE * np.array(list(itertools.product([1, -1], [1, -1])))
 RIM = SIZE * np.array([(r * math.cos(a), r * math.sin(a)) for r in (0.35, 0.65, 0.92) for a in np.arange(8) * math.pi / 4])
 RIM_SHARE = np.repeat(np.array([0.25, 0.42, 0.84]), 8) / (8 * 1.51)
