@@ -3,11 +3,13 @@
 
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::cost::Cost;
+use super::fading::{FADING, as_met};
 use super::film::Contacts;
 use super::jackknife::{numbers_of, scatter};
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::{certain, with_effect};
+use super::slight::{brief, is_slight};
 use super::unseen::{discs_behind, walls};
 use crate::effects::{EffectEntry, Hook, Region, Scope};
 use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
@@ -34,10 +36,6 @@ pub const HEAVIER: &str = "mass_change";
 const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
 /// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
 pub const SCALE: &str = "wrong_scale";
-/// What engines and cameras do at contacts anyway, as shares of a length or a mass and as a coefficient of friction: a law that says
-/// less is none, however little noise there is.
-const SLIGHT: [(&str, f64); 4] =
-    [(SCALE, 0.015), ("wrong_size", 0.02), (HEAVIER, 0.05), ("contact_friction", 0.02)];
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
@@ -148,6 +146,13 @@ pub fn screen_contacts(
             _ => {}
         }
     }
+    let (plain, mut met) = (trials.len(), vec![]);
+    if let Some(entry) = candidates.iter().find(|entry| entry.spec.name == FADING)
+        && let Some((inverse_v0, models)) = as_met(&films, &ended)
+    {
+        trials.push((entry, vec![inverse_v0], None));
+        met = models;
+    }
     let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
     let unfollowed =
         |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
@@ -156,8 +161,10 @@ pub fn screen_contacts(
     // it, and is not searched again with all of them.
     let begun: Result<Vec<Begun>, FitError> = trials
         .into_par_iter()
-        .map(|(entry, values, object)| {
-            let mut models = with_contact(&ended, entry, &values, object, region);
+        .enumerate()
+        .map(|(k, (entry, values, object))| {
+            let stand = if k < plain { &ended } else { &met };
+            let mut models = with_contact(stand, entry, &values, object, region);
             let (mut fall, mut tried) = (0.0, vec![]);
             let mut least: Vec<f64> = fits.iter().map(|fit| off(fit, 0)).collect();
             for film in 0..models.len() {
@@ -216,7 +223,13 @@ pub fn screen_contacts(
         })
         .collect();
     let first = first?;
-    let cost = |t: &Tried| sum(&chi_squares(&t.fit));
+    let known = Cost::of(&base, None);
+    // A film that has gone astray counts as it was: it begins anew.
+    let cost = |t: &Tried| {
+        let after = Cost::of(&t.fit, Some(t.entry.spec.name));
+        let beyond = |k: usize| f64::max(after.of_scene(k) - known.of_scene(k), 0.0);
+        after.total() - (0..films.scenes.len()).map(beyond).sum::<f64>()
+    };
     let costs: Vec<f64> = first.iter().map(cost).collect();
     let fitted: Result<Vec<_>, FitError> = first
         .into_par_iter()
@@ -228,10 +241,14 @@ pub fn screen_contacts(
             let Tried { entry, start: values, object, fit: begun } = tried;
             let models: Vec<Model> = begun.scenes.iter().map(|s| s.model.clone()).collect();
             let mut found = lower(begun, estimate(&films.scenes, &models, &near, stop)?);
-            // What is still lost begins anew with what the others agree on.
-            let lost: Vec<usize> =
-                unfollowed.iter().copied().filter(|&k| off(&found, k) > AT_NOISE).collect();
-            let gains = sum(&chi_squares(&found)) < sum(&before) - CHANCE;
+            // What is still lost begins anew with what the others agree on, and what has gone astray since.
+            let after = Cost::of(&found, Some(entry.spec.name));
+            let astray = |k: &usize| after.of_scene(*k) > known.of_scene(*k) + CHANCE;
+            let lost: Vec<usize> = (0..before.len())
+                .filter(|k| off(&found, *k) > AT_NOISE && (unfollowed.contains(k) || astray(k)))
+                .collect();
+            let others = |cost: &Cost| cost.total() - lost.iter().map(|&k| cost.of_scene(k)).sum::<f64>();
+            let gains = others(&after) < others(&known) - CHANCE;
             if (gains || entry.uses(Hook::Bodies)) && !lost.is_empty() && lost.len() < before.len() {
                 let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
                 for film in lost {
@@ -464,26 +481,6 @@ pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
         weight += 1.0 / (e.sd * e.sd);
     }
     if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
-}
-
-/// Whether a law says no more than what engines and cameras do at contacts anyway.
-pub fn is_slight(entry: &EffectEntry, values: &[f64]) -> bool {
-    let least = SLIGHT.iter().find(|(name, _)| *name == entry.spec.name);
-    least.zip(values.first()).is_some_and(|((_, least), amplitude)| amplitude.abs() < *least)
-}
-
-/// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the
-/// spring): every engine's and every real contact takes some time, and that is no law to find.
-fn brief(films: &Contacts, softness: f64) -> bool {
-    let frame = films.scenes.iter().map(|s| 1.0 / s.fps).fold(0.0, f64::max);
-    let heaviest = |m: &Model| {
-        let mut masses: Vec<f64> = m.bodies.iter().map(|b| b.mass).collect();
-        masses.sort_by(|a, b| b.total_cmp(a));
-        let [a, b, ..] = masses[..] else { return 0.0 };
-        a * b / (a + b)
-    };
-    let reduced = films.models.iter().map(heaviest).fold(0.0, f64::max);
-    std::f64::consts::PI * softness * reduced.sqrt() < frame
 }
 
 /// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter. What befalls

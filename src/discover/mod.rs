@@ -9,6 +9,7 @@ mod conclude;
 mod contact;
 mod cost;
 mod experiment;
+mod fading;
 mod film;
 mod force;
 mod formula;
@@ -22,6 +23,7 @@ mod proof;
 mod revise;
 mod screen;
 mod search;
+mod slight;
 mod struck;
 #[cfg(test)]
 mod tests;

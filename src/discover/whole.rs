@@ -2,7 +2,8 @@
 
 use super::account::FOLLOWED;
 use super::alone::{films_stick, meet};
-use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, is_slight, pooled, with_contact};
+use super::contact::{ContactCandidate, HEAVIER, SCALE, estimates_of, pooled, with_contact};
+use super::fading::FADING;
 use super::film::contacts;
 use super::force::Lens;
 use super::jackknife::{Numbers, numbers_of};
@@ -13,6 +14,7 @@ use super::revise::{
     without_effect,
 };
 use super::screen::region;
+use super::slight::is_slight;
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
@@ -26,9 +28,8 @@ use std::f64::consts::LN_2;
 /// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
 pub const STICKING: &str = "sticky_contact";
 const STICKING_PROOF: f64 = 9.0;
-/// The law of contact that pairs of objects hide which rebound differently, and the reduced chi-square of a scene from which it
-/// is asked for beside a law of force: a force that is not quite the right one looks like it.
-const FADING: &str = "speed_dependent_restitution";
+/// Reduced chi-square of a scene from which fading restitution is asked for beside a law of force: a force that is not quite the
+/// right one looks like it.
 const MISSED: f64 = 1.15;
 /// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
 const FADES: f64 = 0.15;

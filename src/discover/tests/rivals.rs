@@ -1,6 +1,6 @@
 //! What is no physics, but looks like some: a mass, a scale, a camera, a marker, a size.
 
-use super::super::contact::is_slight;
+use super::super::slight::is_slight;
 use super::*;
 
 /// Objects of which the first meets others in each video, and turns.

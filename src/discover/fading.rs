@@ -1,0 +1,139 @@
+//! Restitution that falls with speed, for which numbers of pairs stand in: each pair is seen at a few speeds only.
+
+use super::film::Contacts;
+use crate::world::{EventKind, Model, trace};
+use std::collections::BTreeMap;
+
+pub const FADING: &str = "speed_dependent_restitution";
+/// What it takes from, and what pairs have of their own there: a factor of the coefficient, within such bounds.
+const BOUNCE: &str = "restitution";
+const COMMON: &str = "coefficient";
+const OF_PAIR: &str = "deviation";
+const BOUNDS: [f64; 2] = [0.25, 4.0];
+/// Contacts from which a fall with speed is told, and the least that one is taken to rebound.
+const FEWEST: usize = 3;
+const LEAST: f64 = 0.02;
+
+/// A first contact of two objects in a film: its speed of approach (m/s) and its coefficient of restitution.
+struct Meeting {
+    film: usize,
+    label: usize,
+    speed: f64,
+    restitution: f64,
+}
+
+/// Models of the films in which restitution falls with speed as the first contacts of all pairs say (1/v0, s/m, beside them),
+/// while each of these rebounds as before: what comes after hangs on that, and a search that begins with other rebounds loses
+/// it. `None` where slow contacts do not rebound more.
+pub fn as_met(films: &Contacts, models: &[Model]) -> Option<(f64, Vec<Model>)> {
+    let meetings: Vec<Meeting> = (0..models.len()).flat_map(|film| met(films, models, film)).collect();
+    let n = meetings.len() as f64;
+    let mean = |of: &dyn Fn(&Meeting) -> f64| meetings.iter().map(of).sum::<f64>() / n;
+    let (speed, level) = (mean(&|m| m.speed), mean(&|m| m.restitution.ln()));
+    let spread = mean(&|m| (m.speed - speed).powi(2));
+    let inverse_v0 = -mean(&|m| (m.speed - speed) * m.restitution.ln()) / spread;
+    if !(meetings.len() >= FEWEST && inverse_v0 > 0.0 && inverse_v0.is_finite()) {
+        return None;
+    }
+    let common = (level + speed * inverse_v0).exp().min(1.0);
+    let at_rest = |m: &Meeting| m.restitution * (m.speed * inverse_v0).exp();
+    let mut models = models.to_vec();
+    for (film, model) in models.iter_mut().enumerate() {
+        for p in model.effects.iter_mut().filter(|e| e.name == BOUNCE).flat_map(|e| &mut e.parameters) {
+            match p.name.as_str() {
+                COMMON => p.values.fill(common),
+                OF_PAIR => {
+                    p.values.clone_from(&p.means);
+                    for m in meetings.iter().filter(|m| m.film == film) {
+                        p.values[m.label] = (at_rest(m) / common).clamp(BOUNDS[0], BOUNDS[1]);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+    Some((inverse_v0, models))
+}
+
+/// The first contact of each pair in a film, as its model has it.
+fn met(films: &Contacts, models: &[Model], film: usize) -> Vec<Meeting> {
+    let model = &models[film];
+    let parameter = |name: &str| model.effect(BOUNCE)?.parameters.iter().find(|p| p.name == name);
+    let (Some(common), Some(of_pair)) = (parameter(COMMON), parameter(OF_PAIR)) else { return vec![] };
+    let mut first = BTreeMap::new();
+    for event in trace(model, &films.scenes[film].times).events {
+        let ([a, b], EventKind::Collision, Some(impulse)) = (&event.objects[..], event.kind, event.impulse)
+        else {
+            continue;
+        };
+        let body = |id: &u32| model.bodies.iter().find(|body| body.id == *id);
+        let (Some(a), Some(b)) = (body(a), body(b)) else { continue };
+        let (Some(at), Some(label)) = (common.index(a, b), of_pair.index(a, b)) else { continue };
+        let restitution = f64::max(common.values[at] * of_pair.values[label], LEAST);
+        // Newton's law: the impulse takes the approach and gives the rebound.
+        let speed = impulse.abs() * (1.0 / a.mass + 1.0 / b.mass) / (1.0 + restitution);
+        first.entry(label).or_insert(Meeting { film, label, speed, restitution });
+    }
+    first.into_values().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::contact::with_contact;
+    use super::super::screen::region;
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+    use crate::effects::effect;
+
+    fn set(models: &mut [Model], name: &str, values: &[f64]) {
+        for (model, value) in models.iter_mut().zip(values) {
+            let of = model.effects.iter_mut().filter(|e| e.name == BOUNCE).flat_map(|e| &mut e.parameters);
+            of.filter(|p| p.name == name).for_each(|p| p.values.fill(*value));
+        }
+    }
+
+    /// Discs that meet head on at these speeds, each pair with a restitution of its own.
+    fn meeting(speeds: &[f64], restitution: impl Fn(f64) -> f64) -> (Contacts, Vec<Model>) {
+        let launch = |v: &f64| vec![(DISC, 0.6, [-0.6, 0.0], [*v, 0.0]), (DISC, 0.9, [0.0, 0.0], [0.0, 0.0])];
+        let scenes = film(&speeds.iter().map(launch).collect::<Vec<_>>(), None);
+        let mut models = models(&scenes);
+        for model in &mut models {
+            model.effects.retain(|e| e.name == BOUNCE);
+        }
+        for (model, v) in models.iter_mut().zip(speeds) {
+            for (body, (_, _, [x, y], [vx, vy])) in model.bodies.iter_mut().zip(launch(v)) {
+                body.start.state.position = crate::num::vec2(x, y);
+                body.start.state.velocity = crate::num::vec2(vx, vy);
+            }
+        }
+        set(&mut models, COMMON, &vec![0.5; speeds.len()]);
+        set(&mut models, OF_PAIR, &speeds.iter().map(|v| restitution(*v) / 0.5).collect::<Vec<_>>());
+        let meetings = vec![vec![]; speeds.len()];
+        (Contacts { scenes, models: models.clone(), meetings, jumps: vec![] }, models)
+    }
+
+    #[test]
+    fn a_law_for_which_pairs_stand_in_begins_where_they_rebound_as_they_did() {
+        let (films, models) = meeting(&[0.4, 0.9, 1.4, 2.0], |v| 0.8 * (-v / 1.3).exp());
+        let (inverse_v0, begun) = as_met(&films, &models).expect("slow ones rebound more");
+        assert!((inverse_v0 - 1.0 / 1.3).abs() < 0.01, "{inverse_v0}");
+        let fading = effect(FADING).expect("it is there");
+        let begun = with_contact(&begun, fading, &[inverse_v0], None, &region(&films.scenes));
+        for (film, (model, known)) in begun.iter().zip(&models).enumerate() {
+            let last = |model: &Model| {
+                let states = trace(model, &films.scenes[film].times).states;
+                states.into_iter().next_back().expect("it has frames")
+            };
+            for (a, b) in last(model).into_iter().zip(last(known)) {
+                let (a, b) = (a.expect("it is there"), b.expect("it is there"));
+                assert!((a.position - b.position).norm() < 1e-3, "{film}: {a:?} {b:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn slow_contacts_that_rebound_no_more_begin_nothing() {
+        let (films, models) = meeting(&[0.4, 0.9, 1.4, 2.0], |v| 0.3 + 0.1 * v);
+        assert!(as_met(&films, &models).is_none());
+    }
+}
