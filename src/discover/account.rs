@@ -1,6 +1,7 @@
 //! The account of a search: what was found with its intervals, the ranking, what would have been seen, and why.
 
-use super::contact::{ContactCandidate, estimates_of};
+use super::contact::ContactCandidate;
+use super::contact_law::estimates_of;
 use super::force::Lens;
 use super::jackknife::Shared;
 use super::outcome::{

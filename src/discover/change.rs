@@ -2,7 +2,8 @@
 
 use super::account::by_object;
 use super::alone::Alone;
-use super::contact::{estimates_of, screen_contacts, shows_at_contacts, with_contact};
+use super::contact::screen_contacts;
+use super::contact_law::{estimates_of, shows_at_contacts, with_contact};
 use super::film::contacts;
 use super::force::{Lens, fit_forces};
 use super::free::at_values;

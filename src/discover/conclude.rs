@@ -3,7 +3,8 @@
 use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
 use super::change::{self, FORMULA, rank_formulas};
-use super::contact::{ContactCandidate, estimates_of, pooled, with_contact};
+use super::contact::ContactCandidate;
+use super::contact_law::{estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::Lens;

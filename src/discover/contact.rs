@@ -2,19 +2,20 @@
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
 use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
+use super::contact_law::{HEAVIER, SCALE, estimates_of, pooled, with_contact};
 use super::cost::Cost;
 use super::fading::{FADING, as_met};
 use super::film::Contacts;
 use super::jackknife::{numbers_of, scatter};
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
-use super::screen::{certain, with_effect};
+use super::screen::certain;
 use super::slight::{brief, is_slight};
 use super::unseen::{discs_behind, walls};
-use crate::effects::{EffectEntry, Hook, Region, Scope};
-use crate::fit::{self, Begin, Estimate, Fit, FitError, FitOptions, estimate, estimate_one};
+use crate::effects::{EffectEntry, Hook, Region};
+use crate::fit::{self, Begin, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
-use crate::world::{Model, Parameter, Prior};
+use crate::world::Model;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
@@ -31,13 +32,8 @@ const MOSTLY: f64 = 0.9;
 const NEARER: f64 = 0.05;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
-/// What one object may be, other than believed: it shows in contacts only.
-pub const HEAVIER: &str = "mass_change";
+/// Laws of one object.
 const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
-/// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
-pub const SCALE: &str = "wrong_scale";
-/// Values of shapes agree within this many deviations.
-const SAME_VALUE: f64 = 3.0;
 /// Places, or objects, that one law is tried at with all short films.
 const FINALISTS: usize = 2;
 /// Iterations of the fit of all films together, the same of all laws at first, and how many laws are followed further.
@@ -46,9 +42,6 @@ const FIRST_ITERATIONS: usize = 5;
 const FOLLOWED_UP: usize = 3;
 /// Walls that are tried.
 const WALLS: usize = 3;
-/// Prior deviations of a wall's restitution and angle.
-const RESTITUTION_SD: f64 = 0.3;
-
 /// A law of contact as the short films see it.
 #[derive(Clone)]
 pub struct ContactCandidate {
@@ -102,12 +95,6 @@ impl ContactCandidate {
     }
 }
 
-/// Whether a law shows where objects touch each other, or something.
-pub fn shows_at_contacts(entry: &EffectEntry) -> bool {
-    let acts = [Hook::Contact, Hook::Bodies, Hook::Matter].iter().any(|hook| entry.uses(*hook));
-    acts || entry.spec.name == SCALE
-}
-
 /// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows. Empty where
 /// nothing touches anything.
 pub fn screen_contacts(
@@ -125,6 +112,10 @@ pub fn screen_contacts(
     let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
     let mut before = chi_squares(&base);
     let mut ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
+    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
+    let unfollowed =
+        |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
+    let anew = unfollowed(&base);
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
         match entry.spec.name {
@@ -153,10 +144,6 @@ pub fn screen_contacts(
         trials.push((entry, vec![inverse_v0], None));
         met = models;
     }
-    let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
-    let unfollowed =
-        |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
-    let anew = unfollowed(&base);
     // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no other with
     // it, and is not searched again with all of them.
     let begun: Result<Vec<Begun>, FitError> = trials
@@ -459,65 +446,6 @@ fn odd_ones(
     let mut all: Vec<(f64, u32)> = ids.into_par_iter().map(fall).collect::<Result<_, _>>()?;
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     Ok(all.into_iter().take(FINALISTS).map(|(_, id)| id).collect())
-}
-
-/// What the fit says of one parameter of an effect, for each label.
-pub fn estimates_of<'f>(fit: &'f Fit, effect: &str, parameter: &str) -> Vec<&'f Estimate> {
-    let stem = format!("{effect}.{parameter}");
-    let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
-    fit.posterior.estimates.iter().filter(own).collect()
-}
-
-/// One value, and its deviation, of a parameter that shapes may differ in: the largest that is identified (an edge that
-/// catches loses, none gains), pooled with those that agree with it.
-pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
-    let known = of.iter().any(|e| e.identified);
-    let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
-    let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;
-    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * largest.sd.hypot(e.sd);
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for e in of.iter().filter(|e| e.sd > 0.0 && agrees(e)) {
-        sum += e.value / (e.sd * e.sd);
-        weight += 1.0 / (e.sd * e.sd);
-    }
-    if weight > 0.0 { Some((sum / weight, (1.0 / weight).sqrt())) } else { Some((largest.value, largest.sd)) }
-}
-
-/// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter. What befalls
-/// one object alone has a value for that `object` only.
-pub fn with_contact(
-    models: &[Model],
-    entry: &EffectEntry,
-    values: &[f64],
-    object: Option<u32>,
-    region: &Region,
-) -> Vec<Model> {
-    let mut with = with_effect(models, entry, values, region);
-    for model in &mut with {
-        let mut bodies = model.bodies.clone();
-        bodies.retain(|b| object.is_none_or(|id| b.id == id));
-        for p in
-            model.effects.iter_mut().filter(|e| e.name == entry.spec.name).flat_map(|e| &mut e.parameters)
-        {
-            match p.name.as_str() {
-                "presence" => p.prior = Prior { mean: 1.0, sd: 0.0 },
-                // One or the other: between them is nothing.
-                "planar" => p.prior.sd = 0.0,
-                // Faces and edges rebound differently, and an engine's cylinders may not rebound at all.
-                "restitution" => {
-                    let prior = Prior { mean: p.values.first().copied().unwrap_or(0.5), sd: RESTITUTION_SD };
-                    *p = Parameter::new(&p.name, Scope::Shape, prior, &bodies);
-                }
-                _ => p.prior.sd = p.prior.sd.min(1.0),
-            }
-            if object.is_some() {
-                let value = p.values.first().copied();
-                *p = Parameter::new(&p.name, p.scope, p.prior, &bodies);
-                p.values.iter_mut().for_each(|v| *v = value.unwrap_or(*v));
-            }
-        }
-    }
-    with
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ fn met(films: &Contacts, models: &[Model], film: usize) -> Vec<Meeting> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::contact::with_contact;
+    use super::super::contact_law::with_contact;
     use super::super::screen::region;
     use super::super::tests::{DISC, film, models};
     use super::*;

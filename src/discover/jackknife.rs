@@ -1,7 +1,7 @@
 //! How far videos, or short films, disagree on the numbers of a law: each is left out in turn, whatever the noise is
 //! (Tukey's jackknife; Efron and Stein, Ann. Statist. 9 (1981) 586).
 
-use super::contact::{estimates_of, pooled};
+use super::contact_law::{estimates_of, pooled};
 use super::force::Lens;
 use super::proof;
 use super::revise::Revision;
@@ -102,7 +102,7 @@ pub fn scatter(
 #[cfg(test)]
 mod tests {
     use super::super::conclude::DiscoverOptions;
-    use super::super::contact::with_contact;
+    use super::super::contact_law::with_contact;
     use super::super::revise::revise;
     use super::super::screen::{region, with_nuisance};
     use super::super::tests::{DISC, film, models};

@@ -7,6 +7,7 @@ mod change;
 mod compare;
 mod conclude;
 mod contact;
+mod contact_law;
 mod cost;
 mod experiment;
 mod fading;
@@ -40,7 +41,8 @@ pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
 };
 pub use conclude::DiscoverOptions;
-pub use contact::{ContactCandidate, screen_contacts, with_contact};
+pub use contact::{ContactCandidate, screen_contacts};
+pub use contact_law::with_contact;
 pub use cost::Cost;
 pub use film::{Contacts, contacts};
 pub use force::{Lens, fit_forces};

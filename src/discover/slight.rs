@@ -1,6 +1,6 @@
 //! What engines and cameras do at contacts anyway: a law that says no more is none to find.
 
-use super::contact::{HEAVIER, SCALE};
+use super::contact_law::{HEAVIER, SCALE};
 use super::film::Contacts;
 use crate::effects::EffectEntry;
 use crate::world::Model;
