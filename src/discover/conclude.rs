@@ -13,7 +13,7 @@ use super::jackknife::{numbers_of, of_videos};
 use super::outcome::{Discovery, Found, NINETY_FIVE, Verdict};
 use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
-use super::revise::{Revision, fits_of_revision, pooled_noise, revise};
+use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
@@ -97,7 +97,8 @@ pub fn conclude(
     let revisions: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
-    let (mut revisions, motion, mut proven) = borne_out(lens, &base, revisions?, motion, proven, stop)?;
+    let (mut revisions, motion, mut proven) =
+        borne_out(lens, &base, revisions?, motion, proven, &options.fit, stop)?;
     if let Some(c) = proven
         && let Some((other, nearer)) =
             as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?
@@ -347,6 +348,7 @@ fn borne_out<'c>(
     mut revisions: Vec<Revision>,
     mut motion: FreeMotion,
     proven: Option<&'c ContactCandidate>,
+    options: &FitOptions,
     stop: Stop,
 ) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
     let forces = motion.found.len();
@@ -373,6 +375,13 @@ fn borne_out<'c>(
     // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
     // from the start, what it saw is nothing.
     let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.typical > super::MISFIT;
+    if let [.., before, after] = &revisions[..]
+        && !blind
+        && let Some(nearer) = begun_where_followed(lens, &motion.models, before, after, options, stop)?
+        && let Some(last) = revisions.last_mut()
+    {
+        *last = nearer;
+    }
     let mut refused = 0;
     while let [.., before, after] = &revisions[..] {
         let left = &motion.found[..forces - refused];
@@ -389,6 +398,26 @@ fn borne_out<'c>(
         motion = fewer(lens, base, &motion, refused, stop)?;
     }
     Ok((revisions, motion, None))
+}
+
+/// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
+/// against the law. `None` where that is not nearer.
+fn begun_where_followed(
+    lens: &Lens,
+    models: &[Model],
+    before: &Revision,
+    after: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let farther = proof::farther(&before.fit, &after.fit);
+    if !farther.contains(&true) || !farther.contains(&false) {
+        return Ok(None);
+    }
+    let stands = |k: usize| if farther[k] { &before.fit.scenes[k].model } else { &after.fit.scenes[k].model };
+    let begun: Vec<Option<&Model>> = (0..farther.len()).map(|k| Some(stands(k))).collect();
+    let again = revise_from(lens, models, &begun, after.effect.as_deref(), options, stop)?;
+    Ok((proof::distance(&again.fit) < proof::distance(&after.fit)).then_some(again))
 }
 
 /// Whether the number of one object is still there in trajectories, which may follow better for another reason.

@@ -114,6 +114,11 @@ pub fn gained(before: &Fit, after: &Fit) -> usize {
     pairs.filter(|(b, a)| gain(b, a) > MUCH).count()
 }
 
+/// Which scenes are followed much worse than before.
+pub fn farther(before: &Fit, after: &Fit) -> Vec<bool> {
+    before.scenes.iter().zip(&after.scenes).map(|(b, a)| !lost(b) && gain(a, b) > MUCH).collect()
+}
+
 /// How much nearer all scenes are but the one that gains most (twice a log likelihood, the noise unknown).
 pub fn elsewhere(before: &Fit, after: &Fit) -> f64 {
     let gains: Vec<f64> = before.scenes.iter().zip(&after.scenes).map(|(b, a)| gain(b, a)).collect();
