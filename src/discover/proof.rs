@@ -235,6 +235,11 @@ mod tests {
     }
 
     #[test]
+    fn what_is_followed_worse_begins_again_and_what_was_lost_does_not() {
+        assert_eq!(farther(&fit([1.2, 1.2, 9.0]), &fit([1.9, 1.3, 40.0])), [true, false, false]);
+    }
+
+    #[test]
     fn one_video_of_three_may_be_lost_to_chaos() {
         let (one, two) = (fit([1.0, 90.0, 1.2]), fit([1.0, 90.0, 1.7]));
         assert_eq!((losses(&one), astray(&one)), (1, false));
