@@ -14,6 +14,8 @@ use std::path::PathBuf;
 
 /// Deviations of a 95 % interval of a normal law.
 const NINETY_FIVE: f64 = 1.96;
+/// Evidence (nats) from which a candidate looks strong.
+const STRONG: f64 = 5.0;
 /// Candidates that a person is shown.
 const SHOWN: usize = 5;
 
@@ -100,7 +102,18 @@ pub fn text(found: &Discovery) -> String {
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
-    text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + &smallest(found)
+    text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + refused(found) + &smallest(found)
+}
+
+/// Where nothing is missing though a candidate looked strong: why it was not added.
+fn refused(found: &Discovery) -> &'static str {
+    let strong = found.ranked.first().is_some_and(|r| r.log_evidence > STRONG);
+    match found.verdict() {
+        Verdict::Adequate if strong => {
+            "  candidates are seen in free motion and at contacts; with these, whole trajectories are not nearer to what was filmed\n"
+        }
+        _ => "",
+    }
 }
 
 /// Where nothing is missing: how small an effect of each kind would have been seen.

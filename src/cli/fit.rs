@@ -194,14 +194,31 @@ pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
         .iter()
         .map(|o| vec![name(o.object_id), estimate(o.mass.as_ref()), estimate(o.restitution.as_ref())])
         .collect();
+    let shared: String = model.shared.iter().map(shared_line).collect();
     format!(
-        "{}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        "{}{shared}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
         output::table(&["object", "mass", "restitution"], &rows),
         1e3 * model.noise_sigma,
         1e3 * model.rmse,
         model.reduced_chi_square,
         if model.adequate { "" } else { ": more than the noise explains" },
     )
+}
+
+/// What objects share, where the video tells it from none: `sliding_friction.mu: rubber 0.0370 ± 0.0010`.
+fn shared_line(shared: &SharedEstimate) -> String {
+    let told = |(k, e): (usize, &Estimate)| {
+        let label =
+            shared.labels.get(k).filter(|l| !l.is_empty()).map(|l| format!("{l} ")).unwrap_or_default();
+        let unit = if e.unit == "1" { "" } else { &e.unit };
+        let told = format!("{label}{} ± {} {unit}", output::number(e.value), output::number(e.sd));
+        (e.identified && e.value.abs() > e.sd).then(|| told.trim_end().to_string())
+    };
+    let told: Vec<String> = shared.values.iter().enumerate().filter_map(told).collect();
+    match told.is_empty() {
+        true => String::new(),
+        false => format!("  {}.{}: {}\n", shared.effect, shared.parameter, told.join(", ")),
+    }
 }
 
 fn estimate(estimate: Option<&Estimate>) -> String {

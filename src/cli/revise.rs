@@ -262,7 +262,7 @@ fn verdict(r: &Revision) -> String {
         Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.too_little),
         Worth::Better => "better",
         Worth::NoDifference if r.log_evidence > NEARER => {
-            "no better: it is nearer to the frames that were fitted, but not to those that were not"
+            "no better: it is nearer to the frames that were fitted, but later frames, videos left out or its own size speak against it"
         }
         Worth::NoDifference => "no difference that these videos show; the simpler model is as good",
         Worth::Worse => "worse",

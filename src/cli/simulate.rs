@@ -7,7 +7,10 @@ use super::{input, output, progress};
 use crate::api::v1::intervention::{
     Kind, Remove, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
 };
-use crate::api::v1::{EventKind, Intervention, SimulateRequest, SimulateResponse, SimulatedEvent, Vector};
+use crate::api::v1::{
+    EventKind, GetModelRequest, Intervention, Model, SimulateRequest, SimulateResponse, SimulatedEvent,
+    Vector,
+};
 use crate::scene::Scene;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -82,7 +85,9 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
         Some(target) => output::json(target, &to_json(&scene, &reply, trace))?,
         None => {
             let trace = trace.map_or(String::new(), |trace| format!("\n  trace {trace}\n"));
-            let notes = notes(&scene, &reply);
+            let asked = GetModelRequest { name: reply.model.clone() };
+            let model = connection.models().get_model(asked).await?.into_inner();
+            let notes = notes(&scene, &reply) + &misfit(&model);
             output::print(&format!("{}{notes}{trace}", events(&scene, &reply.events)))?;
         }
     }
@@ -165,6 +170,17 @@ fn notes(scene: &Scene, reply: &SimulateResponse) -> String {
     notes
 }
 
+/// Probabilities are those of the model: whether that is right they do not know.
+fn misfit(model: &Model) -> String {
+    match model.adequate {
+        true => String::new(),
+        false => format!(
+            "  the model does not explain the video (reduced chi-square {:.1}), so that its probabilities say too much: see compare, discover\n",
+            model.reduced_chi_square
+        ),
+    }
+}
+
 fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Value {
     let frames: Vec<Value> = reply
         .frames
@@ -209,6 +225,13 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Va
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_model_that_does_not_explain_the_video_is_told() {
+        let model = Model { reduced_chi_square: 78.4, ..Default::default() };
+        assert!(misfit(&model).contains("78.4"));
+        assert_eq!(misfit(&Model { adequate: true, ..model }), "");
+    }
 
     #[test]
     fn the_table_has_every_likely_event_and_marks_those_after_the_video() {

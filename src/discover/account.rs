@@ -109,10 +109,8 @@ pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
     all.into_iter().take(differ.max(1)).flat_map(|o| o.1).collect()
 }
 
-/// A law of contact with its numbers, on one object if it has one: those of the `videos` that are followed, else those of short
-/// films. Near where surfaces stick and where bodies jostle a fit's own deviation is too small: the interval holds how far the
-/// videos disagree, and up to a point how far the short films do.
-pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Option<Shared>]>) -> Found {
+/// A law of contact with its numbers and their deviations, on one object if it has one.
+pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> Found {
     let object = c.object.map(f64::from).map(Value::Number);
     let object = object.map(|id| Reported {
         name: "object_id".into(),
@@ -122,6 +120,19 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
         high: id,
         owner: None,
     });
+    let mut parameters = reported(c.entry, values, sd);
+    parameters.extend(object);
+    Found::of(c.entry, parameters)
+}
+
+/// Numbers of a law of contact and their deviations: those of the `videos` that are followed, else those of short films. Near
+/// where surfaces stick and where bodies jostle a fit's own deviation is too small: the interval holds how far the videos
+/// disagree, and up to a point how far the short films do.
+pub fn contact_numbers(
+    c: &ContactCandidate,
+    noise_sigma: f64,
+    videos: Option<&[Option<Shared>]>,
+) -> (Vec<f64>, Vec<f64>) {
     let scale = c.remains.max(1.0).sqrt();
     let least = |k: usize, value: f64| match c.entry.spec.params[k].unit {
         "m" | "rad" => SURFACE * noise_sigma,
@@ -137,9 +148,7 @@ pub fn found_contact(c: &ContactCandidate, noise_sigma: f64, videos: Option<&[Op
         }
         sd[k] = sd[k].max(least(k, *value));
     }
-    let mut parameters = reported(c.entry, &values, &sd);
-    parameters.extend(object);
-    Found::of(c.entry, parameters)
+    (values, sd)
 }
 
 /// The smallest amplitude of each kind of force that the lens would have proven, at a place or frequency of medium sensitivity; not of

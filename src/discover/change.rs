@@ -242,6 +242,12 @@ pub fn change(
     let fair: Vec<&SceneFit> = again.iter().flat_map(|a| &a.scenes).collect();
     let better = again.is_some() && chi_square(&fair).0 < chi_square(&fits).0;
     let mut weight = weigh(if better { &fair } else { &fits }, unseen, &after);
+    // A law that may well be none makes nothing better, whatever else the search found on its way.
+    if weight.worth == Worth::Better
+        && proposal.added.as_ref().is_some_and(|name| may_be_none(&after.fit, name))
+    {
+        weight.worth = Worth::NoDifference;
+    }
     let too_little = too_little(&lens);
     if too_little.is_some() {
         weight.worth = Worth::NotIdentifiable;
@@ -249,6 +255,13 @@ pub fn change(
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
     Ok(Changed { before, after, added, weight, too_little })
+}
+
+/// Whether the 95 % interval of each amplitude of a library's law, as the fit has it, holds none.
+fn may_be_none(fit: &Fit, name: &str) -> bool {
+    let amplitudes = named(name).filter(|e| e.spec.name == name).flat_map(|e| &e.spec.params[..e.amplitudes]);
+    let of: Vec<_> = amplitudes.flat_map(|p| estimates_of(fit, name, p.name)).collect();
+    !of.is_empty() && of.iter().all(|e| e.value.abs() < NINETY_FIVE * e.sd)
 }
 
 /// Models with the change made, before they are fitted.
@@ -479,6 +492,18 @@ mod tests {
         assert!(factor.owner.is_some_and(|o| !o.identified), "{factor:?}");
         let Value::Number(low) = factor.low else { panic!("{factor:?}") };
         assert!(low > 0.0, "{factor:?}");
+    }
+
+    #[test]
+    fn a_law_whose_amplitude_may_be_none_is_no_better() {
+        let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
+        let drag = |law| {
+            let made = added(&film(&[launch(1.0), launch(1.6)], law), "linear_drag");
+            (may_be_none(&made.after.fit, "linear_drag"), made.weight.worth)
+        };
+        let (none, worth) = drag(None);
+        assert!(none && worth != Worth::Better, "{worth:?}");
+        assert_eq!(drag(Some(("linear_drag", &[("c", 0.3)]))), (false, Worth::Better));
     }
 
     /// The lens, which does not know how balls spin, leads astray from where these are followed.

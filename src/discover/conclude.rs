@@ -1,15 +1,15 @@
 //! What of the lenses' findings trajectories bear out, and the verdict.
 
-use super::account::{FOLLOWED, found, found_contact, ranked, reason, smallest, unfollowed};
+use super::account::{FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
 use super::change::{self, FORMULA, rank_formulas};
 use super::contact::ContactCandidate;
-use super::contact_law::{estimates_of, pooled, with_contact};
+use super::contact_law::{SCALE, estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::Lens;
 use super::formula::{MOST_TERMS, ResidualLaw};
-use super::jackknife::{numbers_of, of_videos};
+use super::jackknife::{Shared, numbers_of, of_videos};
 use super::outcome::{Discovery, Found, NINETY_FIVE, Verdict};
 use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
@@ -19,7 +19,7 @@ use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
 use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
 use super::written::with_numbers;
 use crate::effects::formula::Formula;
-use crate::effects::{Hook, effect};
+use crate::effects::{Hook, ParamSpec, effect};
 use crate::fit::{FitError, FitOptions};
 use crate::num::{Stop, counted, part};
 use crate::world::Model;
@@ -180,19 +180,25 @@ pub fn conclude(
         revisions.push(stuck);
     }
     if let (Some(c), Some(last)) = (proven, revisions.last()) {
-        // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread.
+        // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread, and
+        // the numbers too where trajectories are not followed.
         let videos = match c.entry.uses(Hook::Bodies) {
-            true => None,
+            true => followed(last, c),
             false => of_videos(lens, last, &numbers_of(c.entry), &options.fit, stop)?,
         };
         let amplitude = videos.as_ref().and_then(|v| *v.first()?);
         let doubtful = whole.is_some() || !c.strong();
-        if doubtful && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter) {
-            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all.
+        let (values, sd) = contact_numbers(c, noise_sigma, videos.as_deref());
+        let may_be_none = values.first().zip(sd.first()).is_some_and(|(v, sd)| v.abs() < NINETY_FIVE * sd);
+        if (doubtful && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter))
+            || (c.entry.spec.name == SCALE && may_be_none)
+        {
+            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or the scale that was
+            // believed is as likely.
             proven = None;
             revisions.pop();
         } else {
-            effects.push(found_contact(c, noise_sigma, videos.as_deref()));
+            effects.push(found_contact(c, &values, &sd));
         }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
@@ -398,6 +404,16 @@ fn borne_out<'c>(
         motion = fewer(lens, base, &motion, refused, stop)?;
     }
     Ok((revisions, motion, None))
+}
+
+/// Numbers of an unseen thing by trajectories that are all followed, as uncertain as short films have them.
+fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shared>>> {
+    let all = revision.reduced_chi_square < FOLLOWED && revision.apart.is_empty();
+    let one = |(p, &scatter): (&ParamSpec, &f64)| {
+        let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
+        Some(Shared { value, sd, scatter })
+    };
+    all.then(|| c.entry.spec.params.iter().zip(&c.sd).map(one).collect())
 }
 
 /// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
