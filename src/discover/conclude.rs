@@ -406,14 +406,17 @@ fn borne_out<'c>(
     Ok((revisions, motion, None))
 }
 
-/// Numbers of an unseen thing by trajectories that are all followed, as uncertain as short films have them.
+/// Numbers of an unseen thing by trajectories that are all followed; as uncertain as short films have them, and as far as these
+/// disagree.
 fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shared>>> {
     let all = revision.reduced_chi_square < FOLLOWED && revision.apart.is_empty();
-    let one = |(p, &scatter): (&ParamSpec, &f64)| {
+    let one = |(p, (known, own)): (&ParamSpec, (&f64, &f64))| {
         let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
-        Some(Shared { value, sd, scatter })
+        let apart = value - known;
+        let apart = if p.unit == "rad" { apart.sin().abs() } else { apart };
+        Some(Shared { value, sd, scatter: own.hypot(apart) })
     };
-    all.then(|| c.entry.spec.params.iter().zip(&c.sd).map(one).collect())
+    all.then(|| c.entry.spec.params.iter().zip(c.values.iter().zip(&c.sd)).map(one).collect())
 }
 
 /// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
