@@ -13,6 +13,8 @@ const BOUNDS: [f64; 2] = [0.25, 4.0];
 /// Contacts from which a fall with speed is told, and the least that one is taken to rebound.
 const FEWEST: usize = 3;
 const LEAST: f64 = 0.02;
+/// Steepest fall that the law knows (s/m): contacts of about one speed say nothing.
+const STEEPEST: f64 = 20.0;
 
 /// A first contact of two objects in a film: its speed of approach (m/s) and its coefficient of restitution.
 struct Meeting {
@@ -32,7 +34,7 @@ pub fn as_met(films: &Contacts, models: &[Model]) -> Option<(f64, Vec<Model>)> {
     let (speed, level) = (mean(&|m| m.speed), mean(&|m| m.restitution.ln()));
     let spread = mean(&|m| (m.speed - speed).powi(2));
     let inverse_v0 = -mean(&|m| (m.speed - speed) * m.restitution.ln()) / spread;
-    if !(meetings.len() >= FEWEST && inverse_v0 > 0.0 && inverse_v0.is_finite()) {
+    if meetings.len() < FEWEST || !(0.0..STEEPEST).contains(&inverse_v0) || inverse_v0 == 0.0 {
         return None;
     }
     let common = (level + speed * inverse_v0).exp().min(1.0);
