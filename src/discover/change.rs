@@ -9,7 +9,7 @@ use super::force::{Lens, fit_forces};
 use super::free::at_values;
 use super::inquire::{nearest, readings, too_little};
 use super::jackknife::{Numbers, of_videos};
-use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, reported};
+use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, may_be_none, reported};
 use super::proof::{distance, lost};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
 use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
@@ -17,7 +17,7 @@ use super::search::leaves_something;
 use super::whole::stuck;
 use super::written::fit_written;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
-use crate::effects::{EFFECTS, EffectEntry};
+use crate::effects::{EFFECTS, EffectEntry, effect};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
 use crate::num::{Stop, counted, part};
 use crate::scene::Scene;
@@ -244,7 +244,7 @@ pub fn change(
     let mut weight = weigh(if better { &fair } else { &fits }, unseen, &after);
     // A law that may well be none makes nothing better, whatever else the search found on its way.
     if weight.worth == Worth::Better
-        && proposal.added.as_ref().is_some_and(|name| may_be_none(&after.fit, name))
+        && proposal.added.as_ref().is_some_and(|name| does_nothing(&after.fit, name))
     {
         weight.worth = Worth::NoDifference;
     }
@@ -258,10 +258,10 @@ pub fn change(
 }
 
 /// Whether the 95 % interval of each amplitude of a library's law, as the fit has it, holds none.
-fn may_be_none(fit: &Fit, name: &str) -> bool {
-    let amplitudes = named(name).filter(|e| e.spec.name == name).flat_map(|e| &e.spec.params[..e.amplitudes]);
+fn does_nothing(fit: &Fit, name: &str) -> bool {
+    let amplitudes = effect(name).into_iter().flat_map(|e| &e.spec.params[..e.amplitudes]);
     let of: Vec<_> = amplitudes.flat_map(|p| estimates_of(fit, name, p.name)).collect();
-    !of.is_empty() && of.iter().all(|e| e.value.abs() < NINETY_FIVE * e.sd)
+    !of.is_empty() && of.iter().all(|e| may_be_none(e.value, e.sd))
 }
 
 /// Models with the change made, before they are fitted.
@@ -499,7 +499,7 @@ mod tests {
         let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
         let drag = |law| {
             let made = added(&film(&[launch(1.0), launch(1.6)], law), "linear_drag");
-            (may_be_none(&made.after.fit, "linear_drag"), made.weight.worth)
+            (does_nothing(&made.after.fit, "linear_drag"), made.weight.worth)
         };
         let (none, worth) = drag(None);
         assert!(none && worth != Worth::Better, "{worth:?}");

@@ -10,7 +10,7 @@ use super::film::contacts;
 use super::force::Lens;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::jackknife::{Shared, numbers_of, of_videos};
-use super::outcome::{Discovery, Found, NINETY_FIVE, Verdict};
+use super::outcome::{Discovery, Found, Verdict, may_be_none};
 use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
@@ -189,9 +189,9 @@ pub fn conclude(
         let amplitude = videos.as_ref().and_then(|v| *v.first()?);
         let doubtful = whole.is_some() || !c.strong();
         let (values, sd) = contact_numbers(c, noise_sigma, videos.as_deref());
-        let may_be_none = values.first().zip(sd.first()).is_some_and(|(v, sd)| v.abs() < NINETY_FIVE * sd);
-        if (doubtful && amplitude.is_some_and(|s| s.value.abs() < NINETY_FIVE * s.scatter))
-            || (c.entry.spec.name == SCALE && may_be_none)
+        let as_believed = values.first().zip(sd.first()).is_some_and(|(&v, &sd)| may_be_none(v, sd));
+        if (doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter)))
+            || (c.entry.spec.name == SCALE && as_believed)
         {
             // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or the scale that was
             // believed is as likely.

@@ -220,9 +220,10 @@ pub fn screen_contacts(
     let costs: Vec<f64> = first.iter().map(cost).collect();
     let fitted: Result<Vec<_>, FitError> = first
         .into_par_iter()
-        .map(|tried| {
+        .zip(&costs)
+        .map(|(tried, cost)| {
             // A law that little speaks for after a few steps is not the one.
-            if costs.iter().filter(|c| **c < cost(&tried)).count() >= FOLLOWED_UP {
+            if costs.iter().filter(|c| *c < cost).count() >= FOLLOWED_UP {
                 return Ok(tried);
             }
             let Tried { entry, start: values, object, fit: begun } = tried;

@@ -9,9 +9,8 @@ use crate::world::{Model, Parameter, Prior};
 pub const HEAVIER: &str = "mass_change";
 /// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
 pub const SCALE: &str = "wrong_scale";
-/// The law that holds touching surfaces, and a coefficient with which most do not slip.
+/// The law that holds touching surfaces.
 pub const RUBBING: &str = "contact_friction";
-const GRIP: f64 = 0.3;
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Prior deviations of a wall's restitution and angle.
@@ -21,11 +20,6 @@ const RESTITUTION_SD: f64 = 0.3;
 pub fn shows_at_contacts(entry: &EffectEntry) -> bool {
     let acts = [Hook::Contact, Hook::Bodies, Hook::Matter].iter().any(|hook| entry.uses(*hook));
     acts || entry.spec.name == SCALE
-}
-
-/// Friction between objects of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
-pub fn gripping(entry: &EffectEntry, region: &Region) -> impl Iterator<Item = Vec<f64>> {
-    entry.seeds(region).into_iter().map(|seed| [&[GRIP], &seed[1..]].concat())
 }
 
 /// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter. What befalls

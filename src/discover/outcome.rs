@@ -49,6 +49,11 @@ pub struct Discovery {
     pub reason: String,
 }
 
+/// Whether the 95 % interval of a number holds none.
+pub fn may_be_none(value: f64, sd: f64) -> bool {
+    value.abs() < NINETY_FIVE * sd
+}
+
 /// An effect that was added, its parameters as reports name them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Found {

@@ -1,14 +1,13 @@
 //! What engines and cameras do at contacts anyway: a law that says no more is none to find.
 
-use super::contact_law::{HEAVIER, SCALE};
+use super::contact_law::{HEAVIER, RUBBING, SCALE};
 use super::film::Contacts;
 use crate::effects::EffectEntry;
 use crate::world::Model;
 
 /// What engines and cameras do at contacts anyway, as shares of a length or a mass and as a coefficient of friction: a law that says
 /// less is none, however little noise there is.
-const SLIGHT: [(&str, f64); 4] =
-    [(SCALE, 0.015), ("wrong_size", 0.02), (HEAVIER, 0.05), ("contact_friction", 0.02)];
+const SLIGHT: [(&str, f64); 4] = [(SCALE, 0.015), ("wrong_size", 0.02), (HEAVIER, 0.05), (RUBBING, 0.02)];
 
 /// Whether a law says no more than what engines and cameras do at contacts anyway.
 pub fn is_slight(entry: &EffectEntry, values: &[f64]) -> bool {

@@ -3,7 +3,7 @@
 use super::account::FOLLOWED;
 use super::alone::{films_stick, meet};
 use super::contact::ContactCandidate;
-use super::contact_law::{HEAVIER, RUBBING, SCALE, estimates_of, gripping, pooled, with_contact};
+use super::contact_law::{HEAVIER, RUBBING, SCALE, estimates_of, pooled, with_contact};
 use super::fading::FADING;
 use super::film::contacts;
 use super::force::Lens;
@@ -34,6 +34,8 @@ const STICKING_PROOF: f64 = 9.0;
 const MISSED: f64 = 1.15;
 /// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
 const FADES: f64 = 0.15;
+/// A coefficient of friction with which most touching surfaces do not slip.
+const GRIP: f64 = 0.3;
 /// Share by which a scale that is tried is wrong.
 const LENGTHENED: f64 = 0.1;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
@@ -225,11 +227,14 @@ pub fn balls_roll(models: &[Model]) -> bool {
     models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling)
 }
 
-/// Friction between objects; where no ball rolls, whether rolling rubs makes no difference.
+/// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
 fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
     let choices = if balls_roll(models) { usize::MAX } else { 1 };
-    let trial = |entry| move |start| Trial { entry, start, object: None };
-    let trials = |entry| gripping(entry, region).take(choices).map(trial(entry)).collect();
+    let trials = |entry: &'static EffectEntry| -> Vec<Trial> {
+        let seeds = entry.seeds(region).into_iter().take(choices);
+        let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
+        seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
+    };
     absent(models, RUBBING).map(trials).unwrap_or_default()
 }
 
