@@ -142,7 +142,8 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
     let options = LinkOptions { frames, fps, camera, size, sigma };
     let found = link(&detections, &options).map_err(refused)?;
     video.camera = Some(camera_message(&found.camera));
-    video.objects = found.objects.iter().zip(&found.tracks).map(|o| super::video::object(o, true)).collect();
+    video.objects =
+        found.objects.iter().zip(&found.tracks).map(|(o, t)| super::video::object(o, &t.samples)).collect();
     if video.times.is_empty() && frames <= MAX_FRAMES {
         video.times = (0..frames).map(|f| f as f64 / fps).collect();
     }

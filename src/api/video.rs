@@ -5,7 +5,7 @@ use super::{camera, v1};
 use crate::engine::EngineError;
 use crate::num::vec2;
 use crate::scene::{
-    LinkReport, MAX_FRAMES, Object, Pixel, Sample, Scene, Table, Track, Violation, WorldKind,
+    LinkReport, MAX_FRAMES, Object, Pixel, Sample, Scene, Stray, Table, Track, Violation, WorldKind,
 };
 
 /// Frame rate where none is given (1/s).
@@ -89,15 +89,19 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
         noise_sigma: video.noise_sigma,
         objects,
         tracks,
+        strays: vec![],
     };
     // Where image points have no place, what validation says of positions is of no use.
     if !pixels.is_empty() && !r.0.is_empty() {
         return r.finish(scene);
     }
-    if let Err(error) = scene.validate() {
-        r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
+    match scene.clone().accepted() {
+        Ok(scene) => r.finish(scene),
+        Err(error) => {
+            r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
+            r.finish(scene)
+        }
     }
-    r.finish(scene)
 }
 
 /// The violation in terms of the message.
@@ -150,7 +154,15 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         WorldKind::AirTable => v1::World::AirTable,
         WorldKind::Billiards => v1::World::Billiards,
     };
-    let objects = scene.objects.iter().zip(&scene.tracks).map(|o| self::object(o, whole));
+    let objects = scene.objects.iter().enumerate().map(|(index, object)| {
+        let samples = if whole { scene.measured(index) } else { vec![] };
+        self::object(object, &samples)
+    });
+    let stray = |stray: &Stray| v1::Stray {
+        object: scene.objects.get(stray.object).map_or(0, |o| o.id),
+        frame: stray.sample.frame as u32,
+        off: stray.off,
+    };
     v1::Video {
         name: format!("videos/{id}"),
         display_name: scene.name.clone(),
@@ -164,18 +176,19 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         objects: objects.collect(),
         image_noise_px: 0.0,
         linking: None,
+        strays: if whole { scene.strays.iter().map(stray).collect() } else { vec![] },
     }
 }
 
-/// The message of an object; without its samples in a list.
-pub(super) fn object((object, track): (&Object, &Track), whole: bool) -> v1::Object {
+/// The message of an object with its samples.
+pub(super) fn object(object: &Object, samples: &[Sample]) -> v1::Object {
     v1::Object {
         id: object.id,
         color: object.color.clone(),
         material: object.material.clone(),
         shape: Some(shape(&object.shape)),
         mass: object.mass,
-        samples: if whole { track.samples.iter().map(sample).collect() } else { vec![] },
+        samples: samples.iter().map(sample).collect(),
     }
 }
 

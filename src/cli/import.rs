@@ -177,6 +177,7 @@ async fn one(
             last.map_or(0, |s| s.frame)
         );
     }
+    text.extend(input::set_aside(&scene).map(|line| format!("\n  {line}")));
     let json = json!({
         "file": file.display().to_string(),
         "kind": kind,
@@ -184,6 +185,7 @@ async fn one(
         "objects": scene.objects.len(),
         "gaps_bridged": gaps,
         "frames_bridged": frames,
+        "strays": scene.strays.len(),
         "detections": given,
         "detections_dropped": dropped,
     });

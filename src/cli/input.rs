@@ -1,8 +1,9 @@
 //! Reads what a command is given: scenes, models, and `ID=VALUE` pairs.
 
 use super::error::Failure;
+use super::output;
 use crate::api::v1::{Formula, ModelChoice, model_choice};
-use crate::scene::{Scene, parse, parse_csv};
+use crate::scene::{Scene, Stray, parse, parse_csv};
 use crate::world::Preset;
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -12,6 +13,8 @@ use std::path::{Path, PathBuf};
 pub const OBSERVED: &str = "observed.json";
 /// What a formula is given as.
 const FORMULA: &str = "give one such as \"ax = 0.1\", or a file that holds it (see `vrdp revise --help`)";
+/// Strays that are named.
+const STRAYS_NAMED: usize = 4;
 /// Most bytes of a scene's file: all objects in all frames that are allowed take less.
 const MAX_FILE: u64 = 1 << 30;
 
@@ -78,7 +81,22 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
     let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
     let name = name.unwrap_or("scene".into());
     let read = if is_csv(&file) { parse_csv(&name, &text) } else { parse(&name, &text) };
-    read.map_err(|e| Failure::input(e.to_string()).at(&place))
+    let scene = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    set_aside(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
+    Ok(scene)
+}
+
+/// What was set aside of a scene, for people.
+pub fn set_aside(scene: &Scene) -> Option<String> {
+    let one = |stray: &Stray| {
+        let id = scene.objects.get(stray.object).map_or(0, |o| o.id);
+        format!("object {id} in frame {} ({:.3} m off)", stray.sample.frame, stray.off)
+    };
+    let named: Vec<String> = scene.strays.iter().take(STRAYS_NAMED).map(one).collect();
+    let more = scene.strays.len() - named.len();
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let named = named.join(", ");
+    (!named.is_empty()).then(|| format!("the tracker went astray, which is set aside: {named}{more}"))
 }
 
 fn is_csv(path: &Path) -> bool {

@@ -68,11 +68,11 @@ fn rollouts_kept(imagined: &Imagined) -> usize {
     imagined.ensemble.len().min(MAX_ROLLOUT_STATES / states.max(1))
 }
 
-/// Poses as they were measured.
+/// Poses as they were measured, strays among them.
 pub fn measured(scene: &Scene, to: &mut Draft) -> Result<(), RecordingError> {
     let mut rows: BTreeMap<usize, Vec<fox::Pose>> = BTreeMap::new();
-    for (object, track) in scene.objects.iter().zip(&scene.tracks) {
-        for sample in &track.samples {
+    for (index, object) in scene.objects.iter().enumerate() {
+        for sample in scene.measured(index) {
             let pose = pose(sample.position, &object.shape, sample.yaw.unwrap_or(0.0));
             rows.entry(sample.frame).or_default().push(pose);
         }

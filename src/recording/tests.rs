@@ -45,6 +45,7 @@ fn scene() -> Scene {
         noise_sigma: None,
         objects: shapes.into_iter().enumerate().map(object).collect(),
         tracks: (0..4).map(track).collect(),
+        strays: vec![],
     }
 }
 

@@ -67,7 +67,7 @@ enum Column {
 /// `shape` (disc, ball, cube), `size` (radius or half side), `mass`, `material`, `color`. A unit stands behind a name, as in
 /// `x [mm]` or `x_mm`: m, cm, mm, px; s, ms; rad, deg; kg, g. Lines `# key: value` before it tell what holds for all:
 /// `fps`, `unit` (of lengths, `size` too), `scale` (m per pixel; without it pixels are refused), `size`, `shape`, `material`,
-/// `world`, `setup`. Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
+/// `world`, `setup`, `table` (its cushions: x low, x high, y low, y high). Columns part by commas, semicolons or tabs. Rows may come in any order, each object having one a time; what an
 /// object has once, such as its mass, need stand in one of its rows only. Everything that is wrong is told at once, with
 /// line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
@@ -76,9 +76,7 @@ pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     let notes = Notes::read(text, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
-    let scene = scene(name, &notes, rows?)?;
-    scene.validate()?;
-    Ok(scene)
+    scene(name, &notes, rows?)?.accepted()
 }
 
 /// A shape as it is called, and what a size (m) makes of it.
@@ -493,10 +491,11 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         fps,
         times,
         camera: None,
-        table: None,
+        table: notes.table,
         noise_sigma: None,
         objects,
         tracks,
+        strays: vec![],
     })
 }
 

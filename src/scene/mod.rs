@@ -11,6 +11,7 @@ mod observed;
 mod pairs;
 mod proposals;
 mod silhouette;
+mod stray;
 #[cfg(test)]
 mod tests;
 mod tracker;
@@ -29,6 +30,7 @@ pub use observed::observed;
 pub use pairs::parse_pairs;
 pub use proposals::{Proposals, parse_proposals};
 pub use silhouette::outline;
+pub use stray::Stray;
 pub use tracker::{is_tracker, parse_tracker};
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
@@ -60,6 +62,9 @@ pub struct Scene {
     pub noise_sigma: Option<f64>,
     pub objects: Vec<Object>,
     pub tracks: Vec<Track>,
+    /// What was measured, but is no place of the object: it takes no part in anything.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub strays: Vec<Stray>,
 }
 
 /// What kind of place was filmed; it picks the default preset.
@@ -97,7 +102,8 @@ pub enum Shape {
     Rectangle { half_length: f64, half_width: f64 },
 }
 
-/// Measured positions of one object, by increasing frame; frames in which it was not seen are absent.
+/// Measured positions of one object, by increasing frame; frames in which it was not seen, or went
+/// astray, are absent.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Track {
     pub samples: Vec<Sample>,

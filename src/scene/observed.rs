@@ -53,9 +53,9 @@ pub fn observed(scene: &Scene) -> Value {
     };
     root.insert("object_property".into(), scene.objects.iter().map(object).collect());
     let mut frames: Vec<Vec<Value>> = vec![vec![]; scene.times.len()];
-    for (object, track) in scene.objects.iter().zip(&scene.tracks) {
+    for (index, object) in scene.objects.iter().enumerate() {
         let height = object.shape.centre_height();
-        for sample in &track.samples {
+        for sample in scene.measured(index) {
             let mut seen = json!({"object_id": object.id, "location": [sample.position.x, sample.position.y, height],
                 "inside_camera_view": true});
             if let Some(yaw) = sample.yaw {
@@ -88,6 +88,9 @@ mod tests {
         scene.setup = Some("bench".into());
         assert_eq!(parse("scene", &observed(&scene).to_string()).unwrap(), scene);
         scene.camera = None;
+        scene.tracks[0].samples[5].position.x += 1.0;
+        let scene = scene.accepted().unwrap();
+        assert_eq!(scene.strays.len(), 1);
         assert_eq!(parse("scene", &observed(&scene).to_string()).unwrap(), scene);
     }
 }

@@ -238,7 +238,9 @@ impl Scene {
     }
 
     fn check_overlaps(&self, r: &mut Report) {
-        let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(&self.tracks).collect();
+        // Where a tracker went astray says nothing of sizes.
+        let (tracks, _) = self.parted();
+        let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(&tracks).collect();
         for (j, (b, track_b)) in pairs.iter().enumerate() {
             for (i, (a, track_a)) in pairs[..j].iter().enumerate() {
                 let limit = DEEP_OVERLAP * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
@@ -362,6 +364,7 @@ mod tests {
             noise_sigma: Some(0.005),
             objects: (0..3).map(object).collect(),
             tracks: (0..3).map(|i| track(i as f64)).collect(),
+            strays: vec![],
         }
     }
 

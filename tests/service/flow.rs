@@ -15,6 +15,17 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
 
+    let mut astray = scene.clone();
+    if let Some(v1::sample::Place::Position(at)) = &mut astray.objects[1].samples[30].place {
+        at.x += 1.5;
+    }
+    let video_astray = service.create(astray.clone()).await.unwrap();
+    let got =
+        service.videos().get_video(v1::GetVideoRequest { name: video_astray }).await.unwrap().into_inner();
+    let told: Vec<(u32, u32)> = got.strays.iter().map(|s| (s.object, s.frame)).collect();
+    assert_eq!(told, [(astray.objects[1].id, astray.objects[1].samples[30].frame)]);
+    assert_eq!(got.objects, astray.objects, "what was posted is kept");
+
     let (progress, model) = service.fit(&video).await.unwrap();
     assert!(!progress.is_empty() && progress.is_sorted(), "{progress:?}");
     assert!(model.name.starts_with(&format!("{video}/models/")) && model.preset == "clevrer");

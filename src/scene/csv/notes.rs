@@ -1,10 +1,11 @@
 //! Reads the lines before the header of a CSV file, which hold for all of its rows.
 
 use super::{DISC, Kind, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
-use crate::scene::{DEFAULT_SIZE, WorldKind};
+use crate::scene::{DEFAULT_SIZE, Table, WorldKind};
 
 /// Keys of the lines before the header.
-const NOTES: [&str; 9] = ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world"];
+const NOTES: [&str; 10] =
+    ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world", "table"];
 
 /// What the lines before the header tell.
 pub(super) struct Notes {
@@ -16,6 +17,7 @@ pub(super) struct Notes {
     pub material: String,
     pub world: WorldKind,
     pub setup: Option<String>,
+    pub table: Option<Table>,
 }
 
 impl Notes {
@@ -30,7 +32,9 @@ impl Notes {
             material: String::new(),
             world: WorldKind::Table,
             setup: None,
+            table: None,
         };
+        let mut cushions = None;
         for (number, line) in text.lines().enumerate() {
             let Some((key, value)) = line.trim().strip_prefix('#').and_then(|l| l.split_once(':')) else {
                 continue;
@@ -56,6 +60,17 @@ impl Notes {
                     None => r.add(at(), format!("shape is {value:?}; it must be {SHAPES}")),
                 },
                 "material" => notes.material = value.to_ascii_lowercase(),
+                "table" => {
+                    let numbers =
+                        value.split([' ', ',', ';', '\t']).filter(|v| !v.is_empty()).map(str::parse);
+                    match numbers.collect::<Result<Vec<f64>, _>>().as_deref() {
+                        Ok(&[x0, x1, y0, y1]) => cushions = Some([x0, x1, y0, y1]),
+                        _ => r.add(
+                            at(),
+                            format!("table is {value:?}; give its cushions as x low, x high, y low, y high"),
+                        ),
+                    }
+                }
                 "setup" => notes.setup = Some(value.to_string()),
                 "world" => match value.to_ascii_lowercase().as_str() {
                     "clevrer" => notes.world = WorldKind::Clevrer,
@@ -75,10 +90,13 @@ impl Notes {
                 }
             }
         }
-        if let Some(size) = size {
-            // A unit that no length has is told with the columns.
-            notes.size = size * notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
-        }
+        // A unit that no length has is told with the columns.
+        let metre = notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
+        notes.size = size.map_or(notes.size, |size| size * metre);
+        notes.table = cushions.map(|all: [f64; 4]| {
+            let [x0, x1, y0, y1] = all.map(|v| v * metre);
+            Table { x: [x0, x1], y: [y0, y1] }
+        });
         notes
     }
 

@@ -1,7 +1,7 @@
 //! CSV files as people write them, and broken ones.
 
 use super::*;
-use crate::scene::{Shape, WorldKind};
+use crate::scene::{Shape, Table, WorldKind};
 use proptest::prelude::*;
 
 #[test]
@@ -51,6 +51,20 @@ fn frames_count_at_the_rate_and_pixels_need_a_scale() {
     assert_eq!(sized.objects[0].shape, Shape::Disc { radius: 0.2 });
     let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
     assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
+}
+
+#[test]
+fn cushions_stand_in_a_line_in_front() {
+    let rows = "frame,id,x,y\n0,1,100,100\n1,1,120,100\n";
+    let scene = parse_csv("s", &format!("# table: 0, 254, 0, 127\n# unit: cm\n{rows}")).expect("it is right");
+    assert_eq!(scene.table, Some(Table { x: [0.0, 2.54], y: [0.0, 1.27] }));
+    for wrong in ["0 2.54", "0 2.54 0 wide", ""] {
+        let refused =
+            parse_csv("s", &format!("# table: {wrong}\n{rows}")).expect_err("it is wrong").to_string();
+        assert!(refused.contains("give its cushions as x low, x high, y low, y high"), "{refused}");
+    }
+    let empty = parse_csv("s", &format!("# table: 2 0 0 1\n{rows}")).expect_err("it is empty").to_string();
+    assert!(empty.starts_with("table.x: is from 2 to 0, which is empty"), "{empty}");
 }
 
 #[test]

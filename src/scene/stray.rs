@@ -1,0 +1,183 @@
+//! Positions where no object was: for a frame or a few a tracker took something else for it.
+
+use super::{Sample, Scene, SceneError, Track};
+use crate::num::Vec2;
+use serde::{Deserialize, Serialize};
+
+/// Frames in a row for which a tracker goes astray; more may be motion.
+const LONGEST: usize = 3;
+/// An object would have gone there and come back so many times as fast as it goes before and after, which is one way.
+const FASTER: f64 = 1.5;
+/// Distance in median deviations of a sample from the line through its neighbours (10 standard deviations), and in sizes of
+/// the object, from which a sample is astray.
+const FAR: f64 = 7.0;
+const FAR_BY_SIZE: f64 = 0.25;
+/// Steps on either side of which the shortest tells how fast it goes: others may be to another stray.
+const STEPS: usize = 3;
+/// One may hide another near it.
+const LOOKS: usize = 3;
+
+/// A sample that was set aside.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Stray {
+    /// Index of the object.
+    pub object: usize,
+    pub sample: Sample,
+    /// Distance from where the object was, by the samples before and after (m).
+    pub off: f64,
+}
+
+impl Scene {
+    /// The scene with its strays set aside; or everything that is wrong with it.
+    pub fn accepted(mut self) -> Result<Scene, SceneError> {
+        self.validate()?;
+        (self.tracks, self.strays) = self.parted();
+        Ok(self)
+    }
+
+    /// Its tracks without strays, and these. What is wrong with the scene otherwise does no harm.
+    pub(super) fn parted(&self) -> (Vec<Track>, Vec<Stray>) {
+        let (mut tracks, mut strays) = (self.tracks.clone(), self.strays.clone());
+        for (object, (track, thing)) in tracks.iter_mut().zip(&self.objects).enumerate() {
+            let found = astray(track, &self.times, FAR_BY_SIZE * thing.shape.inscribed_radius());
+            track.samples.retain(|s| found.iter().all(|(stray, _)| stray.frame != s.frame));
+            strays.extend(found.into_iter().map(|(sample, off)| Stray { object, sample, off }));
+        }
+        (tracks, strays)
+    }
+
+    /// All that was measured of an object, its strays among it.
+    pub fn measured(&self, object: usize) -> Vec<Sample> {
+        let own = self.tracks.get(object).into_iter().flat_map(|t| &t.samples);
+        let strays = self.strays.iter().filter(|s| s.object == object).map(|s| &s.sample);
+        let mut all: Vec<Sample> = own.chain(strays).copied().collect();
+        all.sort_by_key(|s| s.frame);
+        all
+    }
+}
+
+/// Samples of a track that are astray, by frame, and how far (m); at least `least` (m).
+fn astray(track: &Track, times: &[f64], least: f64) -> Vec<(Sample, f64)> {
+    let mut seen: Vec<(f64, Sample)> =
+        track.samples.iter().filter_map(|s| Some((*times.get(s.frame)?, *s))).collect();
+    let mut found = vec![];
+    let far = f64::max(least, FAR * usual(&seen));
+    for _ in 0..LOOKS {
+        let before = seen.len();
+        let mut at = 1;
+        while at + 1 < seen.len() {
+            let run = (1..=LONGEST).find_map(|run| Some((run, run_astray(&seen, at, run, far)?)));
+            if let Some((run, offs)) = run {
+                found.extend(seen.drain(at..at + run).map(|(_, sample)| sample).zip(offs));
+            }
+            at += 1;
+        }
+        if seen.len() == before {
+            break;
+        }
+    }
+    found.sort_by_key(|(sample, _)| sample.frame);
+    found
+}
+
+/// Median distance of samples from the line through their neighbours (m).
+fn usual(seen: &[(f64, Sample)]) -> f64 {
+    let off = |w: &[(f64, Sample)]| (w[1].1.position - between(&w[0], &w[2], w[1].0)).norm();
+    let mut offs: Vec<f64> = seen.windows(3).map(off).collect();
+    let middle = offs.len() / 2;
+    if offs.is_empty() { 0.0 } else { *offs.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// Where it was at a time on the straight line from one sample to another.
+fn between(a: &(f64, Sample), b: &(f64, Sample), time: f64) -> Vec2 {
+    a.1.position + (b.1.position - a.1.position).scaled((time - a.0) / (b.0 - a.0))
+}
+
+/// How far `run` samples from `at` on are astray, if they are.
+fn run_astray(seen: &[(f64, Sample)], at: usize, run: usize, far: f64) -> Option<Vec<f64>> {
+    let (before, gone, after) = (seen.get(..at)?, seen.get(at..at + run)?, seen.get(at + run..)?);
+    let (last, next, first, end) = (before.last()?, after.first()?, gone.first()?, gone.last()?);
+    let step = |a: &(f64, Sample), b: &(f64, Sample)| (b.1.position - a.1.position).norm();
+    let slowest = |side: &[(f64, Sample)]| {
+        let speeds = side.windows(2).map(|w| step(&w[0], &w[1]) / (w[1].0 - w[0].0));
+        speeds.min_by(f64::total_cmp)
+    };
+    let sides = [&before[at.saturating_sub(STEPS + 1)..], &after[..after.len().min(STEPS + 1)]];
+    let speed = sides.into_iter().filter_map(slowest).max_by(f64::total_cmp)?;
+    let leaps = |a, b: &(f64, Sample)| step(a, b) > FASTER * speed * (b.0 - a.0) + far;
+    let home = step(last, next) < FASTER * speed * (next.0 - last.0) + far;
+    let off = |s: &(f64, Sample)| (s.1.position - between(last, next, s.0)).norm();
+    let offs: Vec<f64> = gone.iter().map(off).collect();
+    (home && leaps(last, first) && leaps(end, next) && offs.iter().all(|off| *off > far)).then_some(offs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Object, Shape, WorldKind};
+    use super::*;
+    use crate::num::vec2;
+    use proptest::prelude::*;
+
+    /// A disc of .2 m filmed at 25 frames/s.
+    fn filmed(positions: Vec<Vec2>) -> Scene {
+        let sample = |(frame, position)| Sample { frame, position, yaw: Some(0.0), covariance: None };
+        Scene {
+            name: "one".into(),
+            setup: None,
+            world: WorldKind::Table,
+            fps: 25.0,
+            times: (0..positions.len()).map(|f| f as f64 / 25.0).collect(),
+            camera: None,
+            table: None,
+            noise_sigma: None,
+            objects: vec![Object {
+                id: 4,
+                color: String::new(),
+                material: String::new(),
+                shape: Shape::Disc { radius: 0.2 },
+                mass: None,
+            }],
+            tracks: vec![Track { samples: positions.into_iter().enumerate().map(sample).collect() }],
+            strays: vec![],
+        }
+    }
+
+    /// A deviation of about `size` (m) that no two frames share.
+    fn shaken(frame: usize, size: f64) -> Vec2 {
+        let at = frame as f64;
+        vec2((12.9 * at).sin(), (78.2 * at).cos()).scaled(size)
+    }
+
+    proptest! {
+        #[test]
+        fn a_frame_or_a_few_far_away_are_set_aside_and_nothing_is_lost(
+            start in 3..40usize, run in 1..=3usize, angle in 0.0..6.0f64, far in 0.35..2.0f64, speed in 0.0..1.2f64
+        ) {
+            let way = |f: usize| vec2(speed * f as f64 / 25.0, 0.0) + shaken(f, 0.005);
+            let leapt = |f: usize| (start..start + run).contains(&f);
+            let away = Vec2::from_angle(angle).scaled(far);
+            let scene = filmed((0..50).map(|f| if leapt(f) { way(f) + away } else { way(f) }).collect());
+            let accepted = scene.clone().accepted().unwrap();
+            let frames: Vec<usize> = accepted.strays.iter().map(|s| s.sample.frame).collect();
+            prop_assert_eq!(frames, (start..start + run).collect::<Vec<_>>());
+            prop_assert!(accepted.strays.iter().all(|s| (s.off - far).abs() < 0.05));
+            prop_assert_eq!(accepted.measured(0), scene.tracks[0].samples.clone());
+        }
+
+        #[test]
+        fn hits_and_rests_are_motion(frame in 2..47usize, part in 0.0..1.0f64, before in -3.0..3.0f64, after in -3.0..3.0f64, noise in 0.0..0.005f64) {
+            let hit = (frame as f64 + part) / 25.0;
+            let way = |f: usize| {
+                let t = f as f64 / 25.0 - hit;
+                vec2(if t < 0.0 { before * t } else { after * t }, 0.0) + shaken(f, noise)
+            };
+            prop_assert!(filmed((0..50).map(way).collect()).accepted().unwrap().strays.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_tracker_that_stays_away_says_that_the_object_is_there() {
+        let way = |f: usize| vec2(if (20..26).contains(&f) { 0.8 } else { 0.0 }, 0.0) + shaken(f, 0.005);
+        assert!(filmed((0..50).map(way).collect()).accepted().unwrap().strays.is_empty());
+    }
+}
