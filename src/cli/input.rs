@@ -80,7 +80,9 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
     regular(&file)?;
     let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
     let name = name.unwrap_or("scene".into());
-    let read = if is_csv(&file) { parse_csv(&name, &text) } else { parse(&name, &text) };
+    let braces = text.trim_start_matches('\u{feff}').trim_start().starts_with('{');
+    let rows = is_csv(&file) || !(braces || has(&file, "json"));
+    let read = if rows { parse_csv(&name, &text) } else { parse(&name, &text) };
     let scene = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
     set_aside(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
     Ok(scene)
@@ -100,7 +102,11 @@ pub fn set_aside(scene: &Scene) -> Option<String> {
 }
 
 fn is_csv(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+    has(path, "csv")
+}
+
+fn has(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
 /// The text of a file, and of no folder or pipe.

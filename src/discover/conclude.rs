@@ -215,9 +215,10 @@ pub fn conclude(
         r.reduced_chi_square < super::MISFIT || 2 * near >= r.fit.scenes.len() || (unseen && mostly)
     };
     let explained = proven.is_some() && revisions.last().is_some_and(explains);
-    // Where trajectories are followed from their start, the lens is what fails, at contacts that come too close.
+    // Where trajectories are followed from their start, the lens is what fails, at contacts that come too close; chaos may lose
+    // one of several.
     let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
-    let followed = ended <= 1.0 + CLEAN;
+    let followed = revisions.last().is_some_and(at_noise);
     let misfit = motion.typical > super::MISFIT && !explained && !followed;
     let compromise = compromise(lens, &base, &motion, &revisions, options, stop)?;
     // The lens takes its blows for a force.
@@ -299,7 +300,15 @@ pub fn conclude(
     })
 }
 
-/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that.
+/// Whether trajectories are followed to the noise, or three of four of them.
+fn at_noise(revision: &Revision) -> bool {
+    let scenes = &revision.fit.scenes;
+    let near = scenes.iter().filter(|s| s.reduced_chi_square <= 1.0 + CLEAN).count();
+    revision.reduced_chi_square <= 1.0 + CLEAN || (4 * near >= 3 * scenes.len() && revision.effect.is_some())
+}
+
+/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that; of unseen things that lose
+/// a scene, any other that they prove: what was struck may be a wall or an object.
 fn as_good<'c>(
     lens: &Lens,
     law: &ContactCandidate,
@@ -309,9 +318,12 @@ fn as_good<'c>(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(&'c ContactCandidate, Revision)>, FitError> {
-    let near = |c: &&ContactCandidate| c.entry.kind != law.entry.kind && law.score - c.score < ALIKE;
-    let other = all.iter().find(|c| c.proven() && near(c));
-    let Some((c, [.., without, known])) = other.zip(Some(revisions)) else { return Ok(None) };
+    let [.., without, known] = revisions else { return Ok(None) };
+    let unseen = |c: &ContactCandidate| c.entry.uses(Hook::Bodies);
+    let struck = unseen(law) && proof::loses(&known.fit);
+    let near = |c: &&ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
+    let other = all.iter().find(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
+    let Some(c) = other else { return Ok(None) };
     let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region(lens.scenes));
     let revision = revise(lens, &models, Some(c.entry.spec.name), options, stop)?;
     let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit)
@@ -406,10 +418,10 @@ fn borne_out<'c>(
     Ok((revisions, motion, None))
 }
 
-/// Numbers of an unseen thing by trajectories that are all followed; as uncertain as short films have them, and as far as these
+/// Numbers of an unseen thing by trajectories that are followed; as uncertain as short films have them, and as far as these
 /// disagree.
 fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shared>>> {
-    let all = revision.reduced_chi_square < FOLLOWED && revision.apart.is_empty();
+    let all = (revision.reduced_chi_square < FOLLOWED && revision.apart.is_empty()) || at_noise(revision);
     let one = |(p, (known, own)): (&ParamSpec, (&f64, &f64))| {
         let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
         let apart = value - known;

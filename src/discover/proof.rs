@@ -8,6 +8,8 @@ use crate::world::ActiveEffect;
 
 /// What a law leaves that explains trajectories, as a share of what there was without it.
 const LITTLE: f64 = 0.4;
+/// The same of one that acts beside what engines do.
+const NOTICEABLY: f64 = 0.7;
 /// Reduced chi-square beyond which a trajectory is lost: chaos decides it, not a law.
 const LOST: f64 = 4.0;
 
@@ -134,9 +136,18 @@ pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
     before.iter().zip(after).filter(mended).count() > 1
 }
 
+/// What fits leave beyond the noise (reduced chi-squares less one).
+fn beyond(fits: &[SceneFit]) -> f64 {
+    fits.iter().map(|s| (s.reduced_chi_square - 1.0).max(0.0)).sum()
+}
+
+/// Whether a fit leaves noticeably less beyond the noise than another: any law takes up some of what an engine does.
+pub fn lessens(before: &Fit, after: &Fit) -> bool {
+    beyond(&after.scenes) < NOTICEABLY * beyond(&before.scenes)
+}
+
 /// Whether a fit leaves little of what another leaves beyond the noise, and nothing in half of the scenes.
 pub fn explains(before: &[SceneFit], after: &[SceneFit]) -> bool {
-    let beyond = |fits: &[SceneFit]| fits.iter().map(|s| (s.reduced_chi_square - 1.0).max(0.0)).sum::<f64>();
     let clean = after.iter().filter(|s| s.reduced_chi_square < FOLLOWED).count();
     2 * clean >= after.len() && beyond(after) < LITTLE * beyond(before)
 }
@@ -252,6 +263,13 @@ mod tests {
         assert!(explained([1.9, 2.0, 3.2], [1.1, 1.2, 1.9]));
         assert!(!explained([1.9, 2.0, 3.2], [1.1, 1.4, 1.4]), "only one is clean");
         assert!(!explained([1.9, 2.0, 3.2], [1.1, 1.2, 2.9]), "too much is left");
+    }
+
+    #[test]
+    fn a_law_that_takes_up_a_little_of_what_is_left_does_not_lessen_it() {
+        assert!(!lessens(&fit([1.4, 1.2, 1.1]), &fit([1.3, 1.2, 1.1])));
+        assert!(lessens(&fit([1.4, 1.2, 1.1]), &fit([1.1, 1.1, 1.1])));
+        assert!(!lessens(&fit([0.9, 1.0, 0.8]), &fit([0.7, 0.9, 0.8])));
     }
 
     #[test]

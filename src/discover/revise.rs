@@ -182,9 +182,19 @@ fn fit_set_up(
         .into_par_iter()
         .map(|(scene, model, begun)| fit_on(scene, model, *begun, options, stop))
         .collect();
-    let alone = alone?;
-    // Again with what the others say, where some of them are right: a scene whose contacts were misread sees them right.
+    let mut alone = alone?;
     let right = alone.iter().flat_map(|a| &a.scenes).any(|s| s.reduced_chi_square < WELL);
+    // A lens that blows misled may lead where no search comes back from: what is lost is searched for without it, too.
+    if let Some(asked) = asked.filter(|asked| right && models != *asked) {
+        let freely = |((scene, asked), alone): ((&Scene, &Model), &mut Fit)| -> Result<(), FitError> {
+            if proof::loses(alone) {
+                *alone = lower(alone.clone(), estimate_one(scene, asked, options, stop)?);
+            }
+            Ok(())
+        };
+        scenes.par_iter().zip(asked).zip(&mut alone).try_for_each(freely)?;
+    }
+    // Again with what the others say, where some of them are right: a scene whose contacts were misread sees them right.
     let led: Vec<Model> = pooled(models, &alone);
     let again: Result<Vec<Option<Fit>>, FitError> = (scenes, &led, &alone)
         .into_par_iter()

@@ -53,8 +53,8 @@ const SPINNING: (&str, &str) = ("billiards", "ball_spin");
 const SPINNING_PROOF: f64 = 2.0;
 
 /// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
-/// still are where it led. One of them will do where a film speaks clearly. Where none is lost but half of them are off, the law
-/// must explain most of that, and all of it in half of them.
+/// still are where it led. One of them will do where a film speaks clearly, or where all have their numbers in common since. Where
+/// none is lost but half of them are off, the law must explain most of that, and all of it in half of them.
 pub fn mended(
     lens: &Lens,
     base: &Revision,
@@ -68,11 +68,12 @@ pub fn mended(
         return Ok(None);
     }
     let (name, lost) = (law.entry.spec.name, &base.fit.scenes);
+    let found = revise(lens, models, Some(name), options, stop)?;
+    let one_will_do = law.strong() || gathers(base, &found);
     let mends = |found: &[SceneFit]| match loses {
-        true => proof::mends(lost, found) || (law.strong() && proof::finds(lost, found)),
+        true => proof::mends(lost, found) || (one_will_do && proof::finds(lost, found)),
         false => proof::explains(lost, found),
     };
-    let found = revise(lens, models, Some(name), options, stop)?;
     if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
         return Ok(None);
     }
@@ -118,8 +119,10 @@ pub fn asked(
             trials.extend(starts);
         }
     }
-    // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more.
-    if proof::losses(&base.fit) > usize::from(base.effect.is_some()) {
+    // Beside a law of force chaos may lose one video; what is an object's own, or stands somewhere, shows in more. Without any,
+    // half of them off their noise are too many, too.
+    let lost = proof::losses(&base.fit) > usize::from(base.effect.is_some());
+    if lost || (base.effect.is_none() && proof::astray(&base.fit)) {
         trials.extend(rubbing(models, &region));
         trials.extend(scaled(models));
         trials.extend(heavier(lens, base, models, &few, stop)?);
@@ -158,6 +161,9 @@ pub fn asked(
     if !certain
         || is_slight(best.entry, &values)
         || !fades(best, &found.fit)
+        || (best.entry.spec.name == FADING
+            && !gathers(base, &found)
+            && !proof::lessens(&base.fit, &found.fit))
         || proof::loses_most(&found.fit)
         || !often
         || found.held_out_rmse > base.held_out_rmse
@@ -217,9 +223,13 @@ fn fading(lens: &Lens, base: &Revision, models: &[Model]) -> Option<[Trial; 2]> 
 
 /// Whether a law is no matter of one video: the others are nearer with it too, or have numbers in common that they had not.
 fn shows_elsewhere(base: &Revision, found: &Revision) -> bool {
-    let gathers = !base.apart.is_empty() && found.apart.is_empty();
-    let nearer = gathers || proof::elsewhere(&base.fit, &found.fit) > PROMISING;
+    let nearer = gathers(base, found) || proof::elsewhere(&base.fit, &found.fit) > PROMISING;
     nearer && found.held_out_rmse < base.held_out_rmse
+}
+
+/// Whether all scenes have numbers in common that they had not.
+fn gathers(base: &Revision, found: &Revision) -> bool {
+    !base.apart.is_empty() && found.apart.is_empty()
 }
 
 /// Whether a ball rolls, which shows whether rolling rubs at contacts.

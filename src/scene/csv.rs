@@ -83,12 +83,13 @@ pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
 type Kind = (&'static str, fn(f64) -> Shape);
 
 const DISC: Kind = ("disc", |radius| Shape::Disc { radius });
+const BALL: Kind = ("ball", |radius| Shape::Ball { radius });
 const SHAPES: &str = "disc, ball or cube";
 
 fn kind(word: &str) -> Option<Kind> {
     match word.to_ascii_lowercase().as_str() {
         "disc" | "disk" | "puck" | "coin" | "cylinder" => Some(DISC),
-        "ball" | "sphere" => Some(("ball", |radius| Shape::Ball { radius })),
+        "ball" | "sphere" => Some(BALL),
         "cube" | "square" | "box" | "block" => Some(("cube", |half_side| Shape::Square { half_side })),
         _ => None,
     }
@@ -374,7 +375,14 @@ impl Cells<'_> {
             Ok(v) if v.is_finite() => Some(v * factor),
             _ if text.eq_ignore_ascii_case("nan") => None,
             _ => {
-                self.wrong(column, format!("is {text:?}; give a number such as 1.5"));
+                let wanted = match column {
+                    Column::Id => "objects have numbers for names: give a whole number from 0 on",
+                    _ if text.replace(',', ".").parse::<f64>().is_ok() => {
+                        "write a point before decimals: 1.5, not 1,5"
+                    }
+                    _ => "give a number such as 1.5",
+                };
+                self.wrong(column, format!("is {text:?}; {wanted}"));
                 None
             }
         }

@@ -264,6 +264,10 @@ class Box2D:
 
         class Contacts(Box2D.b2ContactListener):
             def PreSolve(self, contact, old):
+                # Of two restitutions the engine takes the larger; what is hidden has its own.
+                if "restitution" in params:
+                    still = not contact.fixtureA.body.mass or not contact.fixtureB.body.mass
+                    contact.restitution = params["restitution"] if still else world["restitution"]
                 if kind == "speed_dependent_restitution" and not old.pointCount:
                     a, b, found = contact.fixtureA.body, contact.fixtureB.body, contact.manifold
                     # Round things along the line of centres, others along a face; the binding's own normal is not to be used.
@@ -282,7 +286,6 @@ class Box2D:
             body.CreateFixture(shape=shape, density=1, restitution=world["restitution"], friction=params.get("mu", 0))
             body.massData = Box2D.b2MassData(mass=b["mass"], center=(0, 0), I=b["inertia"] * s * s)
             self.bodies.append(body)
-        # Of two restitutions the larger is taken: what is hidden has at least the bodies'.
         if kind == "hidden_wall":
             p, n = np.array(params["point"]), np.array(params["normal"])
             wall = self.world.CreateStaticBody(position=[*(s * (p - 0.5 * n))], angle=math.atan2(n[1], n[0]))

@@ -15,7 +15,7 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
 
-    let mut astray = scene.clone();
+    let mut astray = fixture("scene_00022");
     if let Some(v1::sample::Place::Position(at)) = &mut astray.objects[1].samples[30].place {
         at.x += 1.5;
     }

@@ -1,6 +1,6 @@
 //! Reads the lines before the header of a CSV file, which hold for all of its rows.
 
-use super::{DISC, Kind, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
+use super::{BALL, DISC, Kind, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
 use crate::scene::{DEFAULT_SIZE, Table, WorldKind};
 
 /// Keys of the lines before the header.
@@ -34,7 +34,7 @@ impl Notes {
             setup: None,
             table: None,
         };
-        let mut cushions = None;
+        let (mut shape, mut cushions) = (None, None);
         for (number, line) in text.lines().enumerate() {
             let Some((key, value)) = line.trim().strip_prefix('#').and_then(|l| l.split_once(':')) else {
                 continue;
@@ -56,7 +56,7 @@ impl Notes {
                 "size" | "radius" => size = positive(),
                 "unit" => notes.unit = Some(value.to_ascii_lowercase()),
                 "shape" => match kind(value) {
-                    Some(kind) => notes.shape = kind,
+                    Some(kind) => shape = Some(kind),
                     None => r.add(at(), format!("shape is {value:?}; it must be {SHAPES}")),
                 },
                 "material" => notes.material = value.to_ascii_lowercase(),
@@ -90,6 +90,8 @@ impl Notes {
                 }
             }
         }
+        let usual = if notes.world == WorldKind::Billiards { BALL } else { DISC };
+        notes.shape = shape.unwrap_or(usual);
         // A unit that no length has is told with the columns.
         let metre = notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
         notes.size = size.map_or(notes.size, |size| size * metre);

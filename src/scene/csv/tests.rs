@@ -63,6 +63,8 @@ fn cushions_stand_in_a_line_in_front() {
             parse_csv("s", &format!("# table: {wrong}\n{rows}")).expect_err("it is wrong").to_string();
         assert!(refused.contains("give its cushions as x low, x high, y low, y high"), "{refused}");
     }
+    let balls = parse_csv("s", &format!("# world: billiards\n{rows}")).expect("it is right");
+    assert!(balls.objects[0].shape.is_ball());
     let empty = parse_csv("s", &format!("# table: 2 0 0 1\n{rows}")).expect_err("it is empty").to_string();
     assert!(empty.starts_with("table.x: is from 2 to 0, which is empty"), "{empty}");
 }
