@@ -6,8 +6,13 @@ use serde::{Deserialize, Serialize};
 
 /// Frames in a row for which a tracker goes astray; more may be motion.
 const LONGEST: usize = 3;
-/// An object would have gone there and come back so many times as fast as it goes before and after, which is one way.
-const FASTER: f64 = 1.5;
+/// An object would have gone there and come back so many times as fast as the fastest of the video goes: what is struck is at most
+/// twice as fast as what strikes it.
+const FASTER: f64 = 2.0;
+/// Share of the steps of a track that are no faster than it is said to go, two at least being faster: strays make these.
+const USUALLY: f64 = 0.9;
+/// Before and after, it is on one way: the step over the gap is at most so many times what it goes in that time.
+const ON_ITS_WAY: f64 = 1.5;
 /// Distance in median deviations of a sample from the line through its neighbours (10 standard deviations), and in sizes of
 /// the object, from which a sample is astray.
 const FAR: f64 = 7.0;
@@ -40,8 +45,10 @@ impl Scene {
     /// Its tracks without strays, and these. What is wrong with the scene otherwise does no harm.
     pub(super) fn parted(&self) -> (Vec<Track>, Vec<Stray>) {
         let (mut tracks, mut strays) = (self.tracks.clone(), self.strays.clone());
+        let fastest = tracks.iter().map(|track| fast(&timed(track, &self.times))).fold(0.0, f64::max);
         for (object, (track, thing)) in tracks.iter_mut().zip(&self.objects).enumerate() {
-            let found = astray(track, &self.times, FAR_BY_SIZE * thing.shape.inscribed_radius());
+            let found =
+                astray(timed(track, &self.times), fastest, FAR_BY_SIZE * thing.shape.inscribed_radius());
             track.samples.retain(|s| found.iter().all(|(stray, _)| stray.frame != s.frame));
             strays.extend(found.into_iter().map(|(sample, off)| Stray { object, sample, off }));
         }
@@ -58,17 +65,34 @@ impl Scene {
     }
 }
 
-/// Samples of a track that are astray, by frame, and how far (m); at least `least` (m).
-fn astray(track: &Track, times: &[f64], least: f64) -> Vec<(Sample, f64)> {
-    let mut seen: Vec<(f64, Sample)> =
-        track.samples.iter().filter_map(|s| Some((*times.get(s.frame)?, *s))).collect();
+fn timed(track: &Track, times: &[f64]) -> Vec<(f64, Sample)> {
+    track.samples.iter().filter_map(|s| Some((*times.get(s.frame)?, *s))).collect()
+}
+
+/// Speeds from sample to sample (m/s), the slowest first.
+fn speeds(seen: &[(f64, Sample)]) -> Vec<f64> {
+    let speed = |w: &[(f64, Sample)]| (w[1].1.position - w[0].1.position).norm() / (w[1].0 - w[0].0);
+    let mut speeds: Vec<f64> = seen.windows(2).map(speed).filter(|v| v.is_finite()).collect();
+    speeds.sort_by(f64::total_cmp);
+    speeds
+}
+
+/// How fast an object goes at most (m/s).
+fn fast(seen: &[(f64, Sample)]) -> f64 {
+    let speeds = speeds(seen);
+    let usual = (USUALLY * speeds.len() as f64) as usize;
+    speeds.get(usual.min(speeds.len().saturating_sub(3))).copied().unwrap_or(0.0)
+}
+
+/// Samples that are astray, by frame, and how far (m), at least `least` (m), where nothing is faster than `fastest` (m/s).
+fn astray(mut seen: Vec<(f64, Sample)>, fastest: f64, least: f64) -> Vec<(Sample, f64)> {
     let mut found = vec![];
     let far = f64::max(least, FAR * usual(&seen));
     for _ in 0..LOOKS {
         let before = seen.len();
         let mut at = 1;
         while at + 1 < seen.len() {
-            let run = (1..=LONGEST).find_map(|run| Some((run, run_astray(&seen, at, run, far)?)));
+            let run = (1..=LONGEST).find_map(|run| Some((run, run_astray(&seen, at, run, fastest, far)?)));
             if let Some((run, offs)) = run {
                 found.extend(seen.drain(at..at + run).map(|(_, sample)| sample).zip(offs));
             }
@@ -96,20 +120,19 @@ fn between(a: &(f64, Sample), b: &(f64, Sample), time: f64) -> Vec2 {
 }
 
 /// How far `run` samples from `at` on are astray, if they are.
-fn run_astray(seen: &[(f64, Sample)], at: usize, run: usize, far: f64) -> Option<Vec<f64>> {
+fn run_astray(seen: &[(f64, Sample)], at: usize, run: usize, fastest: f64, far: f64) -> Option<Vec<f64>> {
     let (before, gone, after) = (seen.get(..at)?, seen.get(at..at + run)?, seen.get(at + run..)?);
     let (last, next, first, end) = (before.last()?, after.first()?, gone.first()?, gone.last()?);
     let step = |a: &(f64, Sample), b: &(f64, Sample)| (b.1.position - a.1.position).norm();
     let usual = |side: &[(f64, Sample)]| {
-        let mut speeds: Vec<f64> = side.windows(2).map(|w| step(&w[0], &w[1]) / (w[1].0 - w[0].0)).collect();
-        speeds.sort_by(f64::total_cmp);
+        let speeds = speeds(side);
         speeds.get(speeds.len().saturating_sub(1) / 2).copied()
     };
     let sides = [&before[at.saturating_sub(STEPS + 1)..], &after[..after.len().min(STEPS + 1)]];
     let speed = sides.into_iter().filter_map(usual).max_by(f64::total_cmp)?;
-    let leaps = |a, b: &(f64, Sample)| step(a, b) > FASTER * speed * (b.0 - a.0) + far;
+    let leaps = |a, b: &(f64, Sample)| step(a, b) > FASTER * speed.max(fastest) * (b.0 - a.0) + far;
     let home = next.1.frame.abs_diff(last.1.frame) <= GAP
-        && step(last, next) < FASTER * speed * (next.0 - last.0) + far;
+        && step(last, next) < ON_ITS_WAY * speed * (next.0 - last.0) + far;
     let off = |s: &(f64, Sample)| (s.1.position - between(last, next, s.0)).norm();
     let offs: Vec<f64> = gone.iter().map(off).collect();
     (home && leaps(last, first) && leaps(end, next) && offs.iter().all(|off| *off > far)).then_some(offs)
