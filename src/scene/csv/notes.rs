@@ -53,7 +53,10 @@ impl Notes {
             match key.as_str() {
                 "fps" => notes.fps = positive(),
                 "scale" => notes.scale = positive(),
-                "size" | "radius" => size = positive(),
+                "size" | "radius" => {
+                    let unit = value.split_whitespace().nth(1).map(str::to_ascii_lowercase);
+                    size = positive().map(|size| (at(), size, unit));
+                }
                 "unit" => notes.unit = Some(value.to_ascii_lowercase()),
                 "shape" => match kind(value) {
                     Some(kind) => shape = Some(kind),
@@ -94,7 +97,13 @@ impl Notes {
         notes.shape = shape.unwrap_or(usual);
         // A unit that no length has is told with the columns.
         let metre = notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
-        notes.size = size.map_or(notes.size, |size| size * metre);
+        if let Some((at, size, unit)) = size {
+            let own = unit.map_or(Some(metre), |unit| notes.metres(&unit));
+            if own.is_none() {
+                r.add(at, "size has an unknown unit; give m, cm or mm");
+            }
+            notes.size = size * own.unwrap_or(1.0);
+        }
         notes.table = cushions.map(|all: [f64; 4]| {
             let [x0, x1, y0, y1] = all.map(|v| v * metre);
             Table { x: [x0, x1], y: [y0, y1] }

@@ -49,6 +49,10 @@ fn frames_count_at_the_rate_and_pixels_need_a_scale() {
     assert_eq!(scaled.tracks[0].samples[1].position, vec2(0.12, 0.1));
     let sized = parse_csv("s", &format!("# size: 20\n# unit: cm\n{rows}")).expect("it is right");
     assert_eq!(sized.objects[0].shape, Shape::Disc { radius: 0.2 });
+    let own = parse_csv("s", &format!("# size: 30 mm\n# unit: cm\n{rows}")).expect("it is right");
+    assert_eq!(own.objects[0].shape, Shape::Disc { radius: 0.03 });
+    let unknown = parse_csv("s", &format!("# size: 30 inch\n{rows}")).expect_err("unknown").to_string();
+    assert!(unknown.starts_with("line 1: size has an unknown unit"), "{unknown}");
     let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
     assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
 }
