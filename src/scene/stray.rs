@@ -37,8 +37,9 @@ pub struct Stray {
 impl Scene {
     /// The scene with its strays set aside; or everything that is wrong with it.
     pub fn accepted(mut self) -> Result<Scene, SceneError> {
-        self.validate()?;
-        (self.tracks, self.strays) = self.parted();
+        let (tracks, strays) = self.parted();
+        self.check(&tracks)?;
+        (self.tracks, self.strays) = (tracks, strays);
         Ok(self)
     }
 
@@ -124,18 +125,23 @@ fn run_astray(seen: &[(f64, Sample)], at: usize, run: usize, fastest: f64, far: 
     let (before, gone, after) = (seen.get(..at)?, seen.get(at..at + run)?, seen.get(at + run..)?);
     let (last, next, first, end) = (before.last()?, after.first()?, gone.first()?, gone.last()?);
     let step = |a: &(f64, Sample), b: &(f64, Sample)| (b.1.position - a.1.position).norm();
+    let leaps = |a, b: &(f64, Sample), speed: f64| step(a, b) > FASTER * speed * (b.0 - a.0) + far;
+    // Nearly all samples end here.
+    if !leaps(last, first, fastest) || !leaps(end, next, fastest) {
+        return None;
+    }
     let usual = |side: &[(f64, Sample)]| {
         let speeds = speeds(side);
         speeds.get(speeds.len().saturating_sub(1) / 2).copied()
     };
     let sides = [&before[at.saturating_sub(STEPS + 1)..], &after[..after.len().min(STEPS + 1)]];
     let speed = sides.into_iter().filter_map(usual).max_by(f64::total_cmp)?;
-    let leaps = |a, b: &(f64, Sample)| step(a, b) > FASTER * speed.max(fastest) * (b.0 - a.0) + far;
     let home = next.1.frame.abs_diff(last.1.frame) <= GAP
         && step(last, next) < ON_ITS_WAY * speed * (next.0 - last.0) + far;
     let off = |s: &(f64, Sample)| (s.1.position - between(last, next, s.0)).norm();
     let offs: Vec<f64> = gone.iter().map(off).collect();
-    (home && leaps(last, first) && leaps(end, next) && offs.iter().all(|off| *off > far)).then_some(offs)
+    (home && leaps(last, first, speed) && leaps(end, next, speed) && offs.iter().all(|off| *off > far))
+        .then_some(offs)
 }
 
 #[cfg(test)]

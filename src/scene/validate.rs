@@ -129,8 +129,9 @@ pub(super) fn degrees(track: &Track) -> Option<(usize, f64)> {
 }
 
 impl Scene {
-    /// Everything that is wrong with this scene, each with its dotted path.
-    pub fn validate(&self) -> Result<(), SceneError> {
+    /// Everything that is wrong with this scene, each with its dotted path; its tracks without strays tell what overlaps, as where
+    /// a tracker went astray says nothing of sizes.
+    pub(super) fn check(&self, steady: &[Track]) -> Result<(), SceneError> {
         let mut report = Report::default();
         let r = &mut report;
         r.name("name", &self.name);
@@ -169,7 +170,7 @@ impl Scene {
             check_track(r, i, track, self.times.len());
         }
         if self.objects.len() <= MAX_OBJECTS {
-            self.check_overlaps(r);
+            self.check_overlaps(steady, r);
         }
         report.finish()
     }
@@ -237,10 +238,8 @@ impl Scene {
         }
     }
 
-    fn check_overlaps(&self, r: &mut Report) {
-        // Where a tracker went astray says nothing of sizes.
-        let (tracks, _) = self.parted();
-        let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(&tracks).collect();
+    fn check_overlaps(&self, tracks: &[Track], r: &mut Report) {
+        let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(tracks).collect();
         for (j, (b, track_b)) in pairs.iter().enumerate() {
             for (i, (a, track_a)) in pairs[..j].iter().enumerate() {
                 let limit = DEEP_OVERLAP * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
@@ -398,8 +397,8 @@ mod tests {
         {
             let mut broken = scene();
             let expected: BTreeSet<String> = chosen.iter().map(|&i| BREAKS[i](&mut broken).to_string()).collect();
-            let found = match broken.validate() {
-                Ok(()) => vec![],
+            let found = match broken.accepted() {
+                Ok(_) => vec![],
                 Err(e) => e.violations.into_iter().map(|v| v.path).collect(),
             };
             prop_assert_eq!(found.len(), expected.len());
@@ -410,7 +409,9 @@ mod tests {
     #[test]
     fn emptiness_and_limits_are_reported() {
         let paths = |s: &Scene| -> Vec<String> {
-            s.validate().map_or_else(|e| e.violations.into_iter().map(|v| v.path).collect(), |()| vec![])
+            s.clone()
+                .accepted()
+                .map_or_else(|e| e.violations.into_iter().map(|v| v.path).collect(), |_| vec![])
         };
         let mut s = scene();
         (s.objects, s.tracks) = (vec![], vec![]);
