@@ -1,8 +1,8 @@
 //! Short films, each fitted by itself: what one film's own fit does not follow, no value that films share will mend.
 
 use super::film::Contacts;
-use super::force::unseen_turn;
 use super::revise::{chi_squares, sum};
+use super::stretch::unseen_turn;
 use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit, estimate_each, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;

@@ -3,10 +3,11 @@
 
 use super::free::{Free, STEP, at_values, flats, free_parameters, values_of};
 use super::path::{Path, paths};
+use super::stretch::{Stretch, instants, integral};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Kinematics, Model, Snapshot, Views, accelerations, accelerations_of, affected};
+use crate::world::{Field, Kinematics, Model, Snapshot};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -36,34 +37,6 @@ pub struct Lens<'a> {
     pub folds: Vec<Vec<Range<usize>>>,
 }
 
-/// One free stretch of one body; its rows hold x, then y.
-struct Stretch {
-    scene: usize,
-    body: usize,
-    frames: Vec<usize>,
-    first_row: usize,
-    /// Orthonormal constant and line over the frames: place and velocity at the start are nobody's concern.
-    basis: [Vec<f64>; 2],
-    /// Unit vector over the rows that does not count either: the friction of a foot that nobody saw turn, as what turns
-    /// brakes less.
-    braked: Option<DVector<f64>>,
-}
-
-impl Stretch {
-    /// Writes differences (m) in deviations, what is nobody's concern projected out.
-    fn write(&self, differences: impl Iterator<Item = Vec2>, sigma: f64, out: &mut DVector<f64>) {
-        let mut rows = bent(&self.basis, differences.map(|d| d.scaled(1.0 / sigma)));
-        if let Some(braked) = &self.braked {
-            rows -= braked * braked.dot(&rows);
-        }
-        out.rows_mut(self.first_row, rows.len()).copy_from(&rows);
-    }
-
-    fn degrees_of_freedom(&self) -> usize {
-        (2 * self.frames.len()).saturating_sub(4 + usize::from(self.braked.is_some()))
-    }
-}
-
 /// A least-squares solution of the lens.
 #[derive(Debug, Clone)]
 pub struct Seen {
@@ -80,24 +53,14 @@ impl<'a> Lens<'a> {
     pub fn new(scenes: &'a [Scene]) -> Self {
         let noises: Vec<Noise> = scenes.iter().map(estimate_noise).collect();
         let paths: Vec<Vec<Path>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
-        let instants = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
+        let instants: Vec<Vec<Snapshot>> = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
         let (mut stretches, mut row) = (vec![], 0);
         let mut folds: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
-        for (scene, paths) in paths.iter().enumerate() {
-            for (body, path) in paths.iter().enumerate() {
-                for range in &path.stretches {
-                    let seen = |f: &usize| scenes[scene].tracks[body].at(*f).is_some();
-                    let frames: Vec<usize> = range.clone().filter(seen).collect();
-                    let basis = line_basis(&scenes[scene], &frames);
-                    let count = frames.len();
-                    let braked = unseen_turn(&scenes[scene], body)
-                        .then(|| braked(&scenes[scene], path, &frames, &basis))
-                        .flatten();
-                    stretches.push(Stretch { scene, body, frames, first_row: row, basis, braked });
-                    let fold = if scenes.len() > 1 { scene } else { body };
-                    folds.entry(fold).or_default().push(row..row + 2 * count);
-                    row += 2 * count;
-                }
+        for (index, scene) in scenes.iter().enumerate() {
+            for stretch in Stretch::all(index, scene, &paths[index], &instants[index], &mut row) {
+                let fold = if scenes.len() > 1 { index } else { stretch.body };
+                folds.entry(fold).or_default().push(stretch.span());
+                stretches.push(stretch);
             }
         }
         Lens { scenes, noises, paths, instants, stretches, folds: folds.into_values().collect() }
@@ -110,7 +73,7 @@ impl<'a> Lens<'a> {
 
     /// All rows but these.
     pub fn rest(&self, rows: &[Range<usize>]) -> Vec<Range<usize>> {
-        let all = self.stretches.iter().map(|s| s.first_row..s.first_row + 2 * s.frames.len());
+        let all = self.stretches.iter().map(Stretch::span);
         all.filter(|r| !rows.contains(r)).collect()
     }
 
@@ -153,45 +116,39 @@ impl<'a> Lens<'a> {
 
     /// Measured minus integrated, in deviations, place and velocity of each stretch projected out.
     pub fn residual(&self, models: &[Model], flats: &[Vec<f64>]) -> DVector<f64> {
-        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
-        for scene in 0..self.scenes.len() {
-            self.scene_residual(scene, &models[scene], &flats[scene], None, &mut out);
+        let mut out = DVector::zeros(self.row_count());
+        for (scene, (model, flat)) in models.iter().zip(flats).enumerate() {
+            self.write_scene(scene, &Field::new(model, flat), &mut out);
         }
         out
     }
 
-    /// Writes the rows of one scene, or of some of its bodies.
-    fn scene_residual(
+    fn row_count(&self) -> usize {
+        self.stretches.last().map_or(0, |s| s.span().end)
+    }
+
+    fn write_scene(&self, scene: usize, field: &Field, out: &mut DVector<f64>) {
+        self.each_stretch(scene, field, None, |s, rows| {
+            out.rows_mut(s.first_row, rows.len()).copy_from(&rows)
+        });
+    }
+
+    /// Calls `f(stretch, its rows of the residual)` for one scene, or for some of its bodies.
+    fn each_stretch(
         &self,
         scene: usize,
-        model: &Model,
-        flat: &[f64],
+        field: &Field,
         of: Option<&[bool]>,
-        out: &mut DVector<f64>,
+        mut f: impl FnMut(&Stretch, DVector<f64>),
     ) {
-        let instants = &self.instants[scene];
-        let accelerations = match of {
-            Some(of) => accelerations_of(model, flat, instants, of),
-            None => accelerations(model, flat, instants),
-        };
+        let accelerations = field.accelerations(&self.instants[scene], of);
         let written = |s: &&Stretch| s.scene == scene && of.is_none_or(|of| of[s.body]);
-        let views = Views::new(model, flat);
         for s in self.stretches.iter().filter(written) {
-            let sigma = self.noises[scene].position;
-            let at = |f: usize| instants[f].bodies.iter().position(|b| b.0 == s.body);
-            // How a ball turns about the vertical no trajectory follows.
-            let turns = !model.bodies[s.body].shape.is_ball();
-            let measured = |f: usize| {
-                let sample = &self.scenes[scene].tracks[s.body].samples;
-                let seen = sample.binary_search_by_key(&f, |x| x.frame).map(|at| sample[at].position).ok()?;
-                let yaw = at(f).filter(|_| turns).map_or(0.0, |at| instants[f].bodies[at].1.yaw);
-                Some(views.undone(s.body, seen, yaw))
-            };
-            let acceleration = |f: usize| at(f).map_or(Vec2::zero(), |at| accelerations[f][at]);
-            let integrated = integral(&self.scenes[scene], &s.frames, acceleration);
-            let differences = s.frames.iter().zip(&integrated);
-            let differences = differences.map(|(&f, at)| measured(f).unwrap_or(Vec2::zero()) - *at);
-            s.write(differences, sigma, out);
+            let felt = s.measured.iter().map(|m| m.at.map_or(Vec2::zero(), |at| accelerations[at]));
+            let integrated = integral(&self.scenes[scene], &s.frames, felt);
+            let differences = s.measured.iter().zip(&integrated);
+            let differences = differences.map(|(m, at)| field.undone(s.body, m.position, m.yaw) - *at);
+            f(s, s.rows(differences, self.noises[scene].position));
         }
     }
 
@@ -220,7 +177,7 @@ impl<'a> Lens<'a> {
                 let mut trial_residual = residual.clone();
                 let at = flats(models, free, &trial);
                 for &scene in &counted {
-                    self.scene_residual(scene, &models[scene], &at[scene], None, &mut trial_residual);
+                    self.write_scene(scene, &Field::new(&models[scene], &at[scene]), &mut trial_residual);
                 }
                 let trial_cost = self.cost(&trial_residual, free, &trial, without);
                 if trial_cost < cost {
@@ -249,6 +206,18 @@ impl<'a> Lens<'a> {
     fn cost(&self, residual: &DVector<f64>, free: &[Free], values: &[f64], without: &[Range<usize>]) -> f64 {
         let priors: f64 = free.iter().zip(values).map(|(f, v)| ((v - f.mean) / f.sd).powi(2)).sum();
         residual.norm_squared() - squares(residual, without) + priors
+    }
+
+    /// Runs of rows that are not in `without`.
+    fn counted_rows(&self, without: &[Range<usize>]) -> Vec<Range<usize>> {
+        let mut runs: Vec<Range<usize>> = vec![];
+        for span in self.rest(without) {
+            match runs.last_mut().filter(|last| last.end == span.start) {
+                Some(last) => last.end = span.end,
+                None => runs.push(span),
+            }
+        }
+        runs
     }
 
     /// Scenes with rows that are not in `without`.
@@ -281,35 +250,40 @@ impl<'a> Lens<'a> {
     ) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
+        let fields: Vec<Field> = models.iter().zip(&flats).map(|(m, flat)| Field::new(m, flat)).collect();
         for (k, f) in free.iter().enumerate() {
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
             scenes.retain(|s| counted.contains(s));
-            if scenes.is_empty() {
-                continue;
-            }
-            let at = |value: f64| {
-                let mut moved = residual.clone();
-                for &scene in &scenes {
-                    let mut flat = flats[scene].clone();
-                    for &(_, slot) in f.slots.iter().filter(|s| s.0 == scene) {
-                        flat[slot] = value;
-                    }
-                    // What moves as before leaves its rows as they are.
-                    let moves = affected(&models[scene], &flats[scene], &flat);
-                    self.scene_residual(scene, &models[scene], &flat, Some(&moves), &mut moved);
-                }
-                moved
-            };
             // The forces are linear in most parameters: one side will do where the step is small.
             let up = if values[k] + f.step > f.max { values[k] - f.step } else { values[k] + f.step };
-            let (from, down) = if f.step > STEP {
-                let down = (values[k] - f.step).max(f.min);
-                (at(down), down)
-            } else {
-                (residual.clone(), values[k])
-            };
-            jacobian.set_column(k, &((at(up) - from) / (up - down)));
+            let down = if f.step > STEP { (values[k] - f.step).max(f.min) } else { values[k] };
+            for scene in scenes {
+                let at = |value: f64| {
+                    let mut flat = flats[scene].clone();
+                    f.slots.iter().filter(|s| s.0 == scene).for_each(|s| flat[s.1] = value);
+                    Field::new(&models[scene], &flat)
+                };
+                let (above, below) = (at(up), (down != values[k]).then(|| at(down)));
+                // What moves as before has no slope.
+                let mut moves = above.differs(&fields[scene]);
+                if let Some(below) = &below {
+                    let too = below.differs(&fields[scene]);
+                    moves.iter_mut().zip(too).for_each(|(moves, too)| *moves |= too);
+                }
+                let mut column = jacobian.column_mut(k);
+                self.each_stretch(scene, &above, Some(&moves), |s, rows| {
+                    let from = residual.rows(s.first_row, rows.len());
+                    let rise = if below.is_some() { rows } else { rows - from };
+                    column.rows_mut(s.first_row, rise.len()).copy_from(&(rise / (up - down)));
+                });
+                if let Some(below) = below {
+                    self.each_stretch(scene, &below, Some(&moves), |s, rows| {
+                        let mut slope = column.rows_mut(s.first_row, rows.len());
+                        slope -= rows / (up - down);
+                    });
+                }
+            }
         }
         jacobian
     }
@@ -321,7 +295,7 @@ impl<'a> Lens<'a> {
         force: bool,
         value: impl Fn(&Kinematics<f64>, f64) -> Vec2,
     ) -> DVector<f64> {
-        let mut out = DVector::zeros(self.stretches.iter().map(|s| 2 * s.frames.len()).sum());
+        let mut out = DVector::zeros(self.row_count());
         for s in &self.stretches {
             let body = &models[s.scene].bodies[s.body];
             let share =
@@ -331,8 +305,10 @@ impl<'a> Lens<'a> {
                 let here = instant.bodies.iter().find(|b| b.0 == s.body);
                 here.map_or(Vec2::zero(), |(_, k)| value(k, instant.time).scaled(share))
             };
-            let integrated = integral(&self.scenes[s.scene], &s.frames, acceleration);
-            s.write(integrated.iter().map(|p| -*p), self.noises[s.scene].position, &mut out);
+            let felt = s.frames.iter().map(|&f| acceleration(f));
+            let integrated = integral(&self.scenes[s.scene], &s.frames, felt);
+            let rows = s.rows(integrated.iter().map(|p| -*p), self.noises[s.scene].position);
+            out.rows_mut(s.first_row, rows.len()).copy_from(&rows);
         }
         out
     }
@@ -345,13 +321,18 @@ impl<'a> Lens<'a> {
         values: &[f64],
         without: &[Range<usize>],
     ) -> (DMatrix<f64>, DVector<f64>) {
-        let mut h = jacobian.tr_mul(jacobian);
-        let mut g = jacobian.tr_mul(residual);
-        for rows in without {
-            let part = jacobian.rows(rows.start, rows.len());
-            h -= part.tr_mul(&part);
-            g -= part.tr_mul(&residual.rows(rows.start, rows.len()));
+        let mut h = DMatrix::zeros(free.len(), free.len());
+        let mut g = DVector::zeros(free.len());
+        for rows in self.counted_rows(without) {
+            let (jacobian, residual) = (jacobian.rows_range(rows.clone()), residual.rows_range(rows));
+            for k in 0..free.len() {
+                g[k] += jacobian.column(k).dot(&residual);
+                for l in 0..=k {
+                    h[(k, l)] += jacobian.column(k).dot(&jacobian.column(l));
+                }
+            }
         }
+        h.fill_upper_triangle_with_lower_triangle();
         for (k, f) in free.iter().enumerate() {
             h[(k, k)] += 1.0 / (f.sd * f.sd);
             g[k] += (values[k] - f.mean) / (f.sd * f.sd);
@@ -460,62 +441,6 @@ fn damped_step(
     let step = factor.solve(gradient);
     let moved = values.iter().zip(step.iter()).map(|(v, s)| v - s);
     moved.zip(free).map(|(v, f)| v.clamp(f.min, f.max)).collect()
-}
-
-/// All bodies that are seen, frame by frame.
-pub(super) fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
-    let bodies = |f: usize| {
-        let seen = paths.iter().enumerate();
-        seen.filter_map(|(i, p)| Some((i, (*p.motion.get(f)?)?))).collect()
-    };
-    scene.times.iter().enumerate().map(|(f, &time)| Snapshot { time, bodies: bodies(f) }).collect()
-}
-
-/// Double integral of a piecewise linear acceleration from rest at the first frame.
-pub(super) fn integral(scene: &Scene, frames: &[usize], acceleration: impl Fn(usize) -> Vec2) -> Vec<Vec2> {
-    let (mut place, mut velocity) = (Vec2::zero(), Vec2::zero());
-    let mut all = vec![place];
-    for pair in frames.windows(2) {
-        let h = scene.times[pair[1]] - scene.times[pair[0]];
-        let (a, b) = (acceleration(pair[0]), acceleration(pair[1]));
-        place += velocity.scaled(h) + (a.scaled(2.0) + b).scaled(h * h / 6.0);
-        velocity += (a + b).scaled(0.5 * h);
-        all.push(place);
-    }
-    all
-}
-
-/// Differences as rows, x then y, constant and line projected out.
-fn bent(basis: &[Vec<f64>; 2], differences: impl Iterator<Item = Vec2>) -> DVector<f64> {
-    let (mut x, mut y): (Vec<f64>, Vec<f64>) = differences.map(|d| (d.x, d.y)).unzip();
-    for values in [&mut x, &mut y] {
-        for base in basis {
-            let share: f64 = base.iter().zip(values.iter()).map(|(b, v)| b * v).sum();
-            values.iter_mut().zip(base).for_each(|(v, b)| *v -= share * b);
-        }
-    }
-    x.append(&mut y);
-    DVector::from_vec(x)
-}
-
-/// Whether an object has a foot that may turn, and nobody measured how it does.
-pub(super) fn unseen_turn(scene: &Scene, object: usize) -> bool {
-    !scene.objects[object].shape.is_ball() && scene.tracks[object].samples.iter().all(|s| s.yaw.is_none())
-}
-
-/// What friction of any constant size does over the frames, as a unit vector.
-fn braked(scene: &Scene, path: &Path, frames: &[usize], basis: &[Vec<f64>; 2]) -> Option<DVector<f64>> {
-    let against = |f: usize| path.motion[f].map_or(Vec2::zero(), |k| -k.velocity.unit());
-    bent(basis, integral(scene, frames, against).into_iter()).try_normalize(1e-9)
-}
-
-fn line_basis(scene: &Scene, frames: &[usize]) -> [Vec<f64>; 2] {
-    let n = frames.len() as f64;
-    let mean = frames.iter().map(|&f| scene.times[f]).sum::<f64>() / n;
-    let mut line: Vec<f64> = frames.iter().map(|&f| scene.times[f] - mean).collect();
-    let norm = line.iter().map(|t| t * t).sum::<f64>().sqrt().max(1e-12);
-    line.iter_mut().for_each(|t| *t /= norm);
-    [vec![1.0 / n.sqrt(); frames.len()], line]
 }
 
 /// Fits the models' parameters as the lens sees them.

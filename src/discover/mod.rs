@@ -25,6 +25,7 @@ mod revise;
 mod screen;
 mod search;
 mod slight;
+mod stretch;
 mod struck;
 #[cfg(test)]
 mod tests;

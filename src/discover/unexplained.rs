@@ -1,11 +1,11 @@
 //! The acceleration that a model lacks, piece by piece of the free motion: the force lens as a picture shows it.
 
-use super::force::{instants, integral};
 use super::path::paths;
+use super::stretch::{instants, integral};
 use crate::fit::estimate_noise;
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Model, accelerations};
+use crate::world::{Field, Model};
 use nalgebra::{Matrix3, Vector3};
 
 /// Frames of one piece: with less than a second at 25 frames/s an acceleration drowns in the noise of positions.
@@ -34,7 +34,10 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
         let noise = estimate_noise(scene);
         let paths = paths(scene, &noise);
         let instants = instants(scene, &paths);
-        let accelerations = accelerations(model, &model.flatten(), &instants);
+        let accelerations = Field::new(model, &model.flatten()).accelerations(&instants, None);
+        let mut left = accelerations.into_iter();
+        let accelerations: Vec<Vec<Vec2>> =
+            instants.iter().map(|i| left.by_ref().take(i.bodies.len()).collect()).collect();
         for (object, path) in paths.iter().enumerate() {
             let acceleration = |f: usize| {
                 let at = instants.get(f).and_then(|i| i.bodies.iter().position(|b| b.0 == object));
@@ -48,7 +51,7 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
                     let frames: Vec<usize> = (edge(k)..edge(k + 1)).collect();
                     let middle = frames.get(frames.len() / 2).copied().unwrap_or(stretch.start);
                     let Some(here) = path.motion.get(middle).copied().flatten() else { continue };
-                    let integrated = integral(scene, &frames, acceleration);
+                    let integrated = integral(scene, &frames, frames.iter().map(|&f| acceleration(f)));
                     let time = scene.time_of(middle);
                     let differences = frames.iter().zip(&integrated).filter_map(|(&f, at)| {
                         let sample = scene.tracks.get(object)?.at(f)?;

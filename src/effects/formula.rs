@@ -91,6 +91,8 @@ pub(super) enum Step {
 
 pub(super) const VARIABLES: [&str; 10] = ["x", "y", "vx", "vy", "speed", "yaw", "spin", "t", "m", "r"];
 const TIME: usize = 7;
+/// Shortest time in which a law of the time may change much (s).
+const PACE: f64 = 0.02;
 /// Names and numbers of arguments.
 pub(super) const FUNCTIONS: [(&str, usize); 11] = [
     ("sin", 1),
@@ -203,9 +205,10 @@ impl FormulaParameter {
 }
 
 impl Program {
-    /// Whether the law is the same at all times.
-    pub fn steady(&self) -> bool {
-        !self.steps.iter().flatten().any(|s| *s == Step::Variable(TIME))
+    /// The shortest time in which the law may change much by itself (s).
+    pub fn pace(&self) -> f64 {
+        let steady = !self.steps.iter().flatten().any(|s| *s == Step::Variable(TIME));
+        if steady { f64::INFINITY } else { PACE }
     }
 
     /// Adds to the wrench on `body`; `false`, and nothing added, where a formula has no finite value.
@@ -280,12 +283,20 @@ fn call<T: Real>(name: &str, v: T) -> T {
 /// a^b; the slope by the exponent is ln(a) a^b.
 fn power<T: Real>(a: T, b: T) -> T {
     let (x, n) = (a.value(), b.value());
-    let value = x.powf(n);
+    // Squares and cubes are most of them.
+    let raised = |n: f64| if n.fract() == 0.0 && n.abs() <= 4.0 { x.powi(n as i32) } else { x.powf(n) };
+    let value = raised(n);
+    if !T::DIFFERENTIATES {
+        return T::constant(value);
+    }
     if b.is_constant() {
-        let slope = n * x.powf(n - 1.0);
+        let slope = n * raised(n - 1.0);
         return if slope.is_finite() { a.chain(value, slope) } else { T::constant(value) };
     }
-    if x > 0.0 { (b * a.ln()).exp() } else { T::constant(value) }
+    if x <= 0.0 {
+        return T::constant(value);
+    }
+    a.chain(value, n * raised(n - 1.0)) + b.infinitesimal() * (value * x.ln())
 }
 
 #[cfg(test)]

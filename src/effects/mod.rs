@@ -106,8 +106,6 @@ pub trait Effect {
     /// How many of the first parameters are amplitudes: the law is linear in them near zero, and absent where all are zero.
     const AMPLITUDES: usize = 1;
     const SYMMETRY: Symmetry = Symmetry::Isotropic;
-    /// Whether the law is the same at all times.
-    const STEADY: bool = true;
     /// How a search begins.
     const SEEDS: Seeds = &[];
 
@@ -115,6 +113,11 @@ pub trait Effect {
     fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
         let form = Self::FORM.map(|word| ("form", Quantity::Word(word)));
         form.into_iter().chain(joined(Self::SPEC.params, p)).collect()
+    }
+
+    /// The shortest time in which the law may change much by itself (s).
+    fn pace<T: Real>(_p: &[T]) -> f64 {
+        f64::INFINITY
     }
 
     /// Adds to the wrench on `body` at `time` (s). `p` holds the parameters as they apply to this body.
@@ -226,6 +229,8 @@ pub enum Scope {
     Pair,
 }
 
+/// See [`Effect::pace`].
+pub type PaceFn<T> = fn(&[T]) -> f64;
 /// See [`Effect::force`].
 pub type ForceFn<T> = fn(&[T], T, &Body<T>, &mut Wrench<T>);
 /// See [`Effect::pair`].
@@ -245,6 +250,7 @@ pub type ClockFn<T> = fn(&[T], f64) -> T;
 
 /// The hooks of one effect, compiled for one scalar.
 pub struct Hooks<T> {
+    pub pace: PaceFn<T>,
     pub force: ForceFn<T>,
     pub pair: PairFn<T>,
     pub contact: ContactFn<T>,
@@ -258,6 +264,7 @@ pub struct Hooks<T> {
 impl<T: Real> Hooks<T> {
     const fn of<E: Effect>() -> Self {
         Hooks {
+            pace: E::pace::<T>,
             force: E::force::<T>,
             pair: E::pair::<T>,
             contact: E::contact::<T>,
@@ -276,7 +283,6 @@ pub struct EffectEntry {
     pub kind: &'static str,
     pub amplitudes: usize,
     pub symmetry: Symmetry,
-    pub steady: bool,
     pub seeds: Seeds,
     /// See [`Effect::report`].
     pub report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
@@ -291,7 +297,6 @@ impl EffectEntry {
             kind: E::KIND,
             amplitudes: E::AMPLITUDES,
             symmetry: E::SYMMETRY,
-            steady: E::STEADY,
             seeds: E::SEEDS,
             report: E::report,
             real: Hooks::of::<E>(),

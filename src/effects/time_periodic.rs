@@ -4,6 +4,9 @@ use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, r
 use crate::body::{Body, Wrench};
 use crate::num::{Real, vec2};
 
+/// Share of a period in which a rhythm changes little.
+const PACE: f64 = 1.0 / 16.0;
+
 pub struct TimePeriodic;
 
 impl Effect for TimePeriodic {
@@ -53,7 +56,6 @@ impl Effect for TimePeriodic {
     };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
-    const STEADY: bool = false;
     const SEEDS: Seeds =
         &[("f", Seed::Frequency), ("phi", Seed::Values(&[0.0, std::f64::consts::FRAC_PI_2]))];
 
@@ -69,6 +71,10 @@ impl Effect for TimePeriodic {
             ("phi", Quantity::Number(phase.rem_euclid(std::f64::consts::TAU))),
             ("direction", Quantity::Vector(direction)),
         ]
+    }
+
+    fn pace<T: Real>(p: &[T]) -> f64 {
+        PACE / p[2].value()
     }
 
     fn force<T: Real>(p: &[T], time: T, body: &Body<T>, out: &mut Wrench<T>) {

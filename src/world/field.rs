@@ -15,49 +15,56 @@ pub struct Snapshot {
     pub bodies: Vec<(usize, Kinematics<f64>)>,
 }
 
-/// Acceleration (m/s^2) of each body of each instant under the numbers `flat` ([`Model::flatten`]). Balls that
-/// begin to roll are taken to roll; nobody touches anybody.
-pub fn accelerations(model: &Model, flat: &[f64], instants: &[Snapshot]) -> Vec<Vec<Vec2>> {
-    accelerations_of(model, flat, instants, &vec![true; model.bodies.len()])
+/// A model at some numbers: what bodies do in free motion, nobody touching anybody, and where they are seen.
+pub struct Field<'m> {
+    model: &'m Model,
+    laws: Laws<f64>,
+    views: Views,
 }
 
-/// The same of some bodies, chosen by their index; those of the others are zero, but where bodies act on each other at a
-/// distance, which needs them all.
-pub fn accelerations_of(
-    model: &Model,
-    flat: &[f64],
-    instants: &[Snapshot],
-    which: &[bool],
-) -> Vec<Vec<Vec2>> {
-    let laws = Laws::<f64>::new(model, flat);
-    let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
-        let rolls = model.bodies[i].start.rolling;
-        laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
-    };
-    let one = |Snapshot { time, bodies }: &Snapshot| -> Vec<Vec2> {
-        if laws.has_pair_forces() {
-            let members: Vec<usize> = bodies.iter().map(|b| b.0).collect();
-            let motions: Vec<Kinematics<f64>> = bodies.iter().map(|b| b.1).collect();
-            let mut wrenches: Vec<Wrench<f64>> =
-                bodies.iter().map(|(i, k)| laws.wrench(*i, k, *time)).collect();
-            laws.add_pair_forces(&members, &motions, &mut wrenches);
-            return bodies.iter().zip(&wrenches).map(|((i, k), w)| rate(*i, k, w)).collect();
-        }
-        let free = |(i, k): &(usize, Kinematics<f64>)| match which[*i] {
-            true => rate(*i, k, &laws.wrench(*i, k, *time)),
-            false => Vec2::zero(),
+impl<'m> Field<'m> {
+    /// Under the numbers `flat` ([`Model::flatten`]).
+    pub fn new(model: &'m Model, flat: &[f64]) -> Self {
+        Field { model, laws: Laws::new(model, flat), views: Views::new(model, flat) }
+    }
+
+    /// By index, the bodies that may accelerate otherwise, or be seen elsewhere, than in `other`, which is of the same model.
+    pub fn differs(&self, other: &Field) -> Vec<bool> {
+        let same = |i: usize| self.laws.same(&other.laws, i) && self.views.same(&other.views, i);
+        (0..self.model.bodies.len()).map(|i| self.laws.has_pair_forces() || !same(i)).collect()
+    }
+
+    /// Acceleration (m/s^2) of each body of each instant, one after the other. Balls that begin to roll are taken to roll. Those of
+    /// bodies that are not in `which` are zero, but where bodies act on each other at a distance, which needs them all.
+    pub fn accelerations(&self, instants: &[Snapshot], which: Option<&[bool]>) -> Vec<Vec2> {
+        let laws = &self.laws;
+        let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
+            let rolls = self.model.bodies[i].start.rolling;
+            laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
         };
-        bodies.iter().map(free).collect()
-    };
-    instants.iter().map(one).collect()
-}
+        let mut all = Vec::with_capacity(instants.iter().map(|s| s.bodies.len()).sum());
+        for Snapshot { time, bodies } in instants {
+            if laws.has_pair_forces() {
+                let members: Vec<usize> = bodies.iter().map(|b| b.0).collect();
+                let motions: Vec<Kinematics<f64>> = bodies.iter().map(|b| b.1).collect();
+                let mut wrenches: Vec<Wrench<f64>> =
+                    bodies.iter().map(|(i, k)| laws.wrench(*i, k, *time)).collect();
+                laws.add_pair_forces(&members, &motions, &mut wrenches);
+                all.extend(bodies.iter().zip(&wrenches).map(|((i, k), w)| rate(*i, k, w)));
+                continue;
+            }
+            all.extend(bodies.iter().map(|(i, k)| match which.is_none_or(|which| which[*i]) {
+                true => rate(*i, k, &laws.wrench(*i, k, *time)),
+                false => Vec2::zero(),
+            }));
+        }
+        all
+    }
 
-/// By index, the bodies that may accelerate otherwise, or be seen elsewhere, under the numbers `to` than under `from`.
-pub fn affected(model: &Model, from: &[f64], to: &[f64]) -> Vec<bool> {
-    let [seen, seen_then] = [from, to].map(|flat| Views::new(model, flat));
-    let (from, to) = (Laws::<f64>::new(model, from), Laws::<f64>::new(model, to));
-    let same = |i: usize| from.same(&to, i) && seen.same(&seen_then, i);
-    (0..model.bodies.len()).map(|i| from.has_pair_forces() || !same(i)).collect()
+    /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
+    pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
+        self.views.undone(i, seen, yaw)
+    }
 }
 
 #[cfg(test)]
@@ -88,12 +95,11 @@ mod tests {
             p.labels.iter().zip(&mut p.values).filter(|(l, _)| *l == "rubber").for_each(|(_, v)| *v *= 2.0);
         }
         let to = rougher.flatten();
-        assert_eq!(affected(&model, &flat, &to), rubber);
-        let before = &accelerations(&model, &flat, &instants)[0];
-        let (all, some) = (
-            &accelerations(&model, &to, &instants)[0],
-            &accelerations_of(&model, &to, &instants, &rubber)[0],
-        );
+        let [before, after] = [&flat, &to].map(|flat| Field::new(&model, flat));
+        assert_eq!(after.differs(&before), rubber);
+        let before = before.accelerations(&instants, None);
+        let (all, some) =
+            (after.accelerations(&instants, None), after.accelerations(&instants, Some(&rubber)));
         for (i, rubber) in rubber.iter().enumerate() {
             assert_eq!(all[i] != before[i], *rubber);
             assert_eq!(some[i], if *rubber { all[i] } else { Vec2::zero() });
@@ -103,6 +109,6 @@ mod tests {
         model.effects.push(ActiveEffect::new(&pulls.spec, &model.bodies));
         let (flat, mut to) = (model.flatten(), model.flatten());
         *to.last_mut().expect("numbers") += 0.1;
-        assert!(affected(&model, &flat, &to).iter().all(|a| *a));
+        assert!(Field::new(&model, &to).differs(&Field::new(&model, &flat)).iter().all(|a| *a));
     }
 }

@@ -6,9 +6,9 @@ use crate::effects::Scalar;
 /// A change of mode is approached in stretches of this share of the time left, down to the shortest (s).
 pub(super) const APPROACH_SHARE: f64 = 0.9;
 pub(super) const SHORTEST_APPROACH: f64 = 1e-3;
-/// A stretch is halved while its acceleration is so uneven that positions could be off by this (m), down to
-/// the shortest (s).
-pub(super) const ROUGH: f64 = 1e-6;
+/// A stretch is halved while its acceleration is so uneven that positions would be off by this (m) had it been linear, down to
+/// the shortest (s); a rule of fourth order leaves a small share of it.
+pub(super) const ROUGH: f64 = 3e-6;
 pub(super) const SHORTEST_STRETCH: f64 = 1e-3;
 /// No time at all (s): over less, differences of places are rounding.
 pub(super) const INSTANT: f64 = 1e-9;

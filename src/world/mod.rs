@@ -26,7 +26,7 @@ mod simulate;
 mod trace;
 
 pub use anchor::Anchor;
-pub use field::{Snapshot, accelerations, accelerations_of, affected};
+pub use field::{Field, Snapshot};
 pub use film::{Views, film};
 pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};

@@ -79,8 +79,8 @@ pub(super) struct Laws<T: Scalar> {
     pub undefined: Cell<bool>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
     pub constant: Vec<bool>,
-    /// Whether no force depends on the time.
-    pub steady: bool,
+    /// The shortest time in which a force may change much by itself (s).
+    pub pace: f64,
 }
 
 /// One effect's hooks with its parameters, body by body.
@@ -98,7 +98,7 @@ impl<T: Scalar> PerBody<T> {
 
 impl<T: Scalar> Laws<T> {
     pub fn new(model: &Model, flat: &[T]) -> Self {
-        let (mut forces, mut pairs, mut steady) = (vec![], vec![], true);
+        let (mut forces, mut pairs, mut pace) = (vec![], vec![], f64::INFINITY);
         let one = T::constant(1.0);
         let mut matter = vec![Matter { mass: one, size: one }; model.bodies.len()];
         for (active, entry, first) in model.active() {
@@ -113,8 +113,9 @@ impl<T: Scalar> Laws<T> {
             if !force && !pair {
                 continue;
             }
-            steady &= entry.steady;
-            let (values, count) = (model.bodies.iter().flat_map(values).collect(), active.parameters.len());
+            let (values, count): (Vec<T>, _) =
+                (model.bodies.iter().flat_map(values).collect(), active.parameters.len());
+            pace = values.chunks_exact(count.max(1)).map(hooks.pace).fold(pace, f64::min);
             let list = if force { &mut forces } else { &mut pairs };
             list.push(PerBody { hooks, values, count });
         }
@@ -124,7 +125,7 @@ impl<T: Scalar> Laws<T> {
                 undefined = true;
                 continue;
             };
-            steady &= program.steady();
+            pace = pace.min(program.pace());
             let values = |body| active.values_for(first, flat, body, body);
             formulas.push((program, model.bodies.iter().map(values).collect::<Vec<_>>()));
         }
@@ -163,7 +164,7 @@ impl<T: Scalar> Laws<T> {
             formulas,
             undefined,
             constant,
-            steady,
+            pace,
         }
     }
 

@@ -20,8 +20,8 @@ use std::collections::BTreeMap;
 
 /// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
 pub(super) const MAX_STEP: f64 = 0.16;
-/// The same under forces that change with time: they may wake a body at rest.
-const UNSTEADY_STEP: f64 = 0.02;
+/// The same under forces that change with time where a body is at rest: they may wake it.
+const WAKING_STEP: f64 = 0.02;
 
 /// A limit on the work of one simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,6 +92,13 @@ pub fn trace(model: &Model, times: &[f64]) -> Trace {
 fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
     let turn = body.shape.unit_inertia() * (k.spin * k.spin + k.roll.norm_squared());
     0.5 * body.mass * (k.velocity.norm_squared() + turn)
+}
+
+/// Even steps, none longer than `longest`, as beginning and end (s).
+fn steps(from: f64, to: f64, longest: f64) -> impl Iterator<Item = (f64, f64)> {
+    let count = ((to - from) / longest - 1e-9).ceil().max(1.0) as usize;
+    let at = move |k: usize| if k == count { to } else { from + (to - from) * k as f64 / count as f64 };
+    (0..count).map(move |k| (at(k), at(k + 1)))
 }
 
 /// A list that is mostly short: groups are.
@@ -292,11 +299,11 @@ impl<'m, T: Scalar> Run<'m, T> {
         if end <= now {
             return;
         }
-        let longest = if self.laws.steady { MAX_STEP } else { UNSTEADY_STEP };
-        let steps = ((end - now) / longest - 1e-9).ceil().max(1.0) as usize;
-        for s in 0..steps {
-            let at = |k: usize| if k == steps { end } else { now + (end - now) * k as f64 / steps as f64 };
-            self.step(at(s), at(s + 1));
+        for (now, end) in steps(now, end, MAX_STEP) {
+            let rests = self.bodies.iter().any(|b| b.mode == Mode::Rest);
+            let pace = self.laws.pace;
+            let longest = if rests && pace.is_finite() { pace.min(WAKING_STEP) } else { pace };
+            steps(now, end, longest).for_each(|(now, end)| self.step(now, end));
         }
     }
 
