@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 /// The spread that numbers are allowed falls to this share of itself with each step; most steps, and iterations of each.
 const CLOSER: f64 = 0.25;
-const STEPS: usize = 6;
+const STEPS: usize = 9;
 const ITERATIONS: usize = 12;
 /// Where the videos leave their noise by this much (share of chi-square) they have no numbers in common: no long search finds any.
 const PARTED: f64 = 10.0;
@@ -22,7 +22,7 @@ const PARTED_ITERATIONS: usize = 5;
 /// They are near enough for a search of all at once where common numbers cost no more than this (share of chi-square).
 const NEAR: f64 = 1.001;
 /// They are as good as common within this share of the least deviation that a video leaves.
-const COMMON: f64 = 0.001;
+const COMMON: f64 = 1e-5;
 
 /// Models near the joint fit of all scenes: each is fitted by itself, and one that is lost once more with what the others say.
 pub(super) fn begun(
