@@ -10,8 +10,9 @@ use super::jackknife::{numbers_of, scatter};
 use super::outcome::widened;
 use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::certain;
-use super::slight::{brief, is_slight};
+use super::slight::{is_brief, is_slight};
 use super::unseen::{discs_behind, walls};
+use super::whole::TRIED_EFFORT;
 use crate::effects::{EffectEntry, Hook, Region};
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
@@ -107,8 +108,8 @@ pub fn screen_contacts(
     if films.scenes.is_empty() {
         return Ok((vec![], lost));
     }
-    let (options, near) =
-        (OPTIONS, FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..OPTIONS });
+    let options = FitOptions { effort: TRIED_EFFORT, ..OPTIONS };
+    let near = FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..options };
     let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
     let mut before = chi_squares(&base);
     let mut ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
@@ -392,8 +393,9 @@ fn judged(
         })
         .collect();
     let mut all = all?;
-    all.retain(|c| !is_slight(c.entry, &c.values));
-    all.retain(|c| c.entry.spec.name != "soft_contact" || !brief(films, c.values[0]));
+    all.retain(|c| {
+        !is_slight(c.entry, &c.values) && !is_brief(c.entry, &c.values, &films.scenes, &films.models)
+    });
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<ContactCandidate> = vec![];
     for c in all {

@@ -11,6 +11,8 @@ pub const HEAVIER: &str = "mass_change";
 pub const SCALE: &str = "wrong_scale";
 /// The law that holds touching surfaces.
 pub const RUBBING: &str = "contact_friction";
+/// The law of contacts that take time.
+pub const SOFT: &str = "soft_contact";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Prior deviations of a wall's restitution and angle.

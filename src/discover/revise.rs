@@ -3,6 +3,7 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
+use super::whole::TRIED_EFFORT;
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -16,11 +17,13 @@ const SHOWN: f64 = 0.75;
 /// What the force lens says is believed this many times less firmly: the data count again in the fit.
 const DOUBT: f64 = 5.0;
 /// A scene that fits this well alone needs no second look (reduced chi-square).
-const WELL: f64 = 1.5;
+const WELL: f64 = 1.2;
 /// A second look at a scene is kept when it fits at most this much worse.
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
+/// What leaves more than this of the free motion (reduced chi-square) no search follows, however long.
+const REFUTED: f64 = 4.0;
 /// Most iterations of the fit of all scenes together, which begins where each of them ended.
 const COMMON_ITERATIONS: usize = 30;
 /// The same where each of them is lost.
@@ -100,6 +103,7 @@ pub fn revise_from(
     stop: Stop,
 ) -> Result<Revision, FitError> {
     let (free, seen) = fit_forces(lens, models);
+    let options = &worth(options, lens, &seen);
     // The first frames before the whole film: what follows them knows where to begin.
     let shown: Vec<Scene> = lens.scenes.iter().map(first_frames).collect();
     let first = fit_shown(&shown, models, effect, options, stop)?;
@@ -150,10 +154,17 @@ pub fn trajectories_from(
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
     let (free, seen) = fit_forces(lens, models);
+    let options = &worth(options, lens, &seen);
     let led = led(models, effect, &free, &seen);
     let (mut found, apart) = fit_set_up(None, lens.scenes, &led, begun, options, stop)?;
     found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
     Ok((found, apart))
+}
+
+/// The effort that a model is worth, by what it leaves of the free motion.
+fn worth(options: &FitOptions, lens: &Lens, seen: &Seen) -> FitOptions {
+    let refuted = seen.chi_square > REFUTED * lens.degrees_of_freedom() as f64;
+    FitOptions { effort: if refuted { options.effort.min(TRIED_EFFORT) } else { options.effort }, ..*options }
 }
 
 /// Root mean square of the scenes' noise (m).

@@ -1,9 +1,10 @@
 //! What engines and cameras do at contacts anyway: a law that says no more is none to find.
 
-use super::contact_law::{HEAVIER, RUBBING, SCALE};
-use super::film::Contacts;
+use super::contact_law::{HEAVIER, RUBBING, SCALE, SOFT};
 use crate::effects::EffectEntry;
+use crate::scene::Scene;
 use crate::world::Model;
+use std::f64::consts::PI;
 
 /// What engines and cameras do at contacts anyway, as shares of a length or a mass and as a coefficient of friction: a law that says
 /// less is none, however little noise there is.
@@ -15,16 +16,24 @@ pub fn is_slight(entry: &EffectEntry, values: &[f64]) -> bool {
     least.zip(values.first()).is_some_and(|((_, least), amplitude)| amplitude.abs() < *least)
 }
 
-/// Whether softness (1/sqrt(k)) lets all contacts pass within one frame (half a period of the reduced mass on the
-/// spring): every engine's and every real contact takes some time, and that is no law to find.
-pub fn brief(films: &Contacts, softness: f64) -> bool {
-    let frame = films.scenes.iter().map(|s| 1.0 / s.fps).fold(0.0, f64::max);
+/// The longest frame (s).
+pub fn frame(scenes: &[Scene]) -> f64 {
+    scenes.iter().map(|s| 1.0 / s.fps).fold(0.0, f64::max)
+}
+
+/// Whether a law of softness (1/sqrt(k)) lets all contacts pass within one frame: every engine's and every real contact takes
+/// some time, and that is no law to find.
+pub fn is_brief(entry: &EffectEntry, values: &[f64], scenes: &[Scene], models: &[Model]) -> bool {
+    entry.spec.name == SOFT && values.first().is_some_and(|s| s * time_by_softness(models) < frame(scenes))
+}
+
+/// How long the longest contacts take at a softness of one (s): half a period of the reduced mass on the spring.
+pub fn time_by_softness(models: &[Model]) -> f64 {
     let heaviest = |m: &Model| {
         let mut masses: Vec<f64> = m.bodies.iter().map(|b| b.mass).collect();
         masses.sort_by(|a, b| b.total_cmp(a));
         let [a, b, ..] = masses[..] else { return 0.0 };
         a * b / (a + b)
     };
-    let reduced = films.models.iter().map(heaviest).fold(0.0, f64::max);
-    std::f64::consts::PI * softness * reduced.sqrt() < frame
+    PI * models.iter().map(heaviest).fold(0.0, f64::max).sqrt()
 }

@@ -3,7 +3,7 @@
 use super::account::FOLLOWED;
 use super::alone::{films_stick, meet};
 use super::contact::ContactCandidate;
-use super::contact_law::{HEAVIER, RUBBING, SCALE, estimates_of, pooled, with_contact};
+use super::contact_law::{HEAVIER, RUBBING, SCALE, SOFT, estimates_of, pooled, with_contact};
 use super::fading::FADING;
 use super::film::contacts;
 use super::force::Lens;
@@ -15,7 +15,7 @@ use super::revise::{
     without_effect,
 };
 use super::screen::region;
-use super::slight::is_slight;
+use super::slight::{frame, is_brief, is_slight, time_by_softness};
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
@@ -36,6 +36,8 @@ const MISSED: f64 = 1.15;
 const FADES: f64 = 0.15;
 /// A coefficient of friction with which most touching surfaces do not slip.
 const GRIP: f64 = 0.3;
+/// Frames that the longest contacts take with a softness that is tried.
+const SOFT_FRAMES: f64 = 2.0;
 /// Share by which a scale that is tried is wrong.
 const LENGTHENED: f64 = 0.1;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
@@ -92,7 +94,7 @@ struct Trial {
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; friction between objects, a scale, the mass of one, or a thing that nobody
+/// rebound differently explain each film as well; friction between objects, contacts that take time, a scale, the mass of one, or a thing that nobody
 /// saw, where others were near whenever it showed.
 pub fn asked(
     lens: &Lens,
@@ -124,6 +126,7 @@ pub fn asked(
     let lost = proof::losses(&base.fit) > usize::from(base.effect.is_some());
     if lost || (base.effect.is_none() && proof::astray(&base.fit)) {
         trials.extend(rubbing(models, &region));
+        trials.extend(softened(lens, models));
         trials.extend(scaled(models));
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
@@ -160,6 +163,7 @@ pub fn asked(
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
         || is_slight(best.entry, &values)
+        || is_brief(best.entry, &values, lens.scenes, models)
         || !fades(best, &found.fit)
         || (best.entry.spec.name == FADING
             && !gathers(base, &found)
@@ -246,6 +250,13 @@ fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
         seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
     };
     absent(models, RUBBING).map(trials).unwrap_or_default()
+}
+
+/// Contacts that take a few frames.
+fn softened(lens: &Lens, models: &[Model]) -> Option<Trial> {
+    let start = SOFT_FRAMES * frame(lens.scenes) / time_by_softness(models);
+    let entry = absent(models, SOFT).filter(|_| start.is_finite())?;
+    Some(Trial { entry, start: vec![start, 0.0], object: None })
 }
 
 /// Lengths that are all wrong: too long, and too short.
