@@ -20,7 +20,7 @@ use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
 use super::written::with_numbers;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect};
-use crate::fit::{FitError, FitOptions};
+use crate::fit::{FitError, FitOptions, SceneFit};
 use crate::num::{Stop, counted, part};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -74,7 +74,6 @@ pub fn conclude(
     let region = region(lens.scenes);
     let room = options.max_effects > motion.found.len();
     let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
-    // All revisions at once: none needs another.
     let base = models.clone();
     let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
     for (number, step) in motion.found.iter().enumerate() {
@@ -82,23 +81,27 @@ pub fn conclude(
         let models = if last { &motion.models } else { &step.models };
         steps.push((Some(step.entry.spec.name), models.clone()));
     }
+    let most = steps.len() + 2 * usize::from(proven.is_some());
+    let told = counted(stop, [0.0, REVISIONS], most * fits_of_revision(lens.scenes));
+    let revise =
+        |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
+    let mut revisions: Vec<Revision> = steps.par_iter().map(revise).collect::<Result<_, FitError>>()?;
+    // Where forces follow all to the noise, contacts show nothing else.
+    let proven = proven.filter(|_| !revisions.last().is_some_and(explains_all));
     if let Some(c) = proven {
         let name = Some(c.entry.spec.name);
-        steps.push((name, with_contact(&motion.models, c.entry, &c.values, c.object, &region)));
+        let mut steps = vec![(name, with_contact(&motion.models, c.entry, &c.values, c.object, &region))];
         // What nobody saw, or a law of contact, may look like a force.
         if !motion.found.is_empty() {
             steps.push((name, with_contact(&base, c.entry, &c.values, c.object, &region)));
         }
+        let further: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
+        revisions.extend(further?);
     }
-    let fits = steps.len() * fits_of_revision(lens.scenes);
-    let told = counted(stop, [0.0, REVISIONS], fits);
-    let revise =
-        |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
-    let revisions: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
     let (mut revisions, motion, mut proven) =
-        borne_out(lens, &base, revisions?, motion, proven, &options.fit, stop)?;
+        borne_out(lens, &base, revisions, motion, proven, &options.fit, stop)?;
     if let Some(c) = proven
         && let Some((other, nearer)) =
             as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?
@@ -298,6 +301,12 @@ pub fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// Whether an effect follows every trajectory to the noise, with numbers in common.
+fn explains_all(revision: &Revision) -> bool {
+    let near = |s: &SceneFit| s.reduced_chi_square <= 1.0 + CLEAN;
+    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(near)
 }
 
 /// Whether trajectories are followed to the noise, or three of four of them.

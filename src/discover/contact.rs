@@ -175,6 +175,20 @@ pub fn screen_contacts(
                 tried.push(alone);
             }
             agree_on(&mut models, entry.spec.name, &tried);
+            // What a film has of an unseen thing by itself may be far from where the others have it: then its objects stand
+            // better as they did without.
+            if entry.uses(Hook::Bodies) {
+                let as_it_is = FitOptions { max_iterations: 0, ..near };
+                for (film, scene) in films.scenes.iter().enumerate() {
+                    let mut as_before = models[film].clone();
+                    as_before.stand_as(&stand[film]);
+                    let misfit =
+                        |m: &Model| Ok::<_, FitError>(off(&estimate_one(scene, m, &as_it_is, stop)?, 0));
+                    if misfit(&as_before)? < misfit(&models[film])? {
+                        models[film] = as_before;
+                    }
+                }
+            }
             Ok(Begun { entry, values, object, models, fall, least })
         })
         .collect();
