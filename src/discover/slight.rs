@@ -37,3 +37,22 @@ pub fn time_by_softness(models: &[Model]) -> f64 {
     };
     PI * models.iter().map(heaviest).fold(0.0, f64::max).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+    use crate::effects::effect;
+
+    #[test]
+    fn contacts_that_pass_within_a_frame_are_not_soft() {
+        let at_rest = |x: f64| (DISC, 1.0, [x, 0.0], [0.0, 0.0]);
+        let scenes = film(&[vec![at_rest(0.0), at_rest(1.0)]], None);
+        let soft = effect(SOFT).expect("it is in the library");
+        // Two of 1 kg: half a period of .5 kg on k = 1/s^2.
+        let once = frame(&scenes) / (PI * 0.5f64.sqrt());
+        let brief = |softness: f64| is_brief(soft, &[softness, 0.0], &scenes, &models(&scenes));
+        assert!(brief(0.99 * once) && !brief(1.01 * once));
+        assert!(!is_brief(effect(RUBBING).expect("too"), &[0.0], &scenes, &models(&scenes)));
+    }
+}

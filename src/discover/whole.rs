@@ -483,4 +483,25 @@ mod tests {
         assert!((law.values[0] - 0.13).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
         assert!(asked(0.0).is_none());
     }
+
+    /// Contacts that take five frames leave the video nearly as they would at once, so that no short film is lost.
+    #[test]
+    fn contacts_that_take_time_are_asked_for_where_videos_are_off_the_noise() {
+        let meeting = |speed: f64| {
+            let struck = (DISC, 0.6, [0.0, 0.05], [0.0, 0.0]);
+            vec![(DISC, 0.6, [-1.0, 0.0], [speed, 0.0]), struck, (DISC, 0.6, [1.2, 0.2], [-speed, 0.0])]
+        };
+        let launches = [0.9, 1.2, 1.5].map(meeting);
+        let options = DiscoverOptions::default().fit;
+        let asked = |softness: f64| {
+            let scenes = film(&launches, Some((SOFT, &[("softness", softness)])));
+            let (lens, models) = (Lens::new(&scenes), with_nuisance(&models(&scenes)));
+            let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
+            asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
+        };
+        let (law, _) = asked(0.12).expect("contacts take .2 s");
+        assert_eq!(law.entry.spec.name, SOFT);
+        assert!((law.values[0] - 0.12).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
+        assert!(asked(0.0).is_none());
+    }
 }
