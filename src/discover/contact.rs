@@ -8,11 +8,10 @@ use super::fading::{FADING, as_met};
 use super::film::Contacts;
 use super::jackknife::{numbers_of, scatter};
 use super::outcome::widened;
-use super::revise::{agree_on, chi_squares, lower, sum, without_effect};
+use super::revise::{TRIED_EFFORT, agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::certain;
-use super::slight::{is_brief, is_slight};
+use super::slight::is_slight;
 use super::unseen::{discs_behind, walls};
-use super::whole::TRIED_EFFORT;
 use crate::effects::{EffectEntry, Hook, Region};
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
@@ -407,9 +406,7 @@ fn judged(
         })
         .collect();
     let mut all = all?;
-    all.retain(|c| {
-        !is_slight(c.entry, &c.values) && !is_brief(c.entry, &c.values, &films.scenes, &films.models)
-    });
+    all.retain(|c| !is_slight(c.entry, &c.values, &films.scenes, &films.models));
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut kept: Vec<ContactCandidate> = vec![];
     for c in all {

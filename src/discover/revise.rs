@@ -3,7 +3,6 @@
 use super::force::{Lens, Seen, fit_forces};
 use super::free::{Free, at_values};
 use super::proof;
-use super::whole::TRIED_EFFORT;
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -22,6 +21,8 @@ const WELL: f64 = 1.2;
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
+/// Effort of fits that only choose between models: the right one is followed soon, and the others are never.
+pub const TRIED_EFFORT: f64 = 0.25;
 /// What leaves more than this of the free motion (reduced chi-square) no search follows, however long.
 const REFUTED: f64 = 4.0;
 /// Most iterations of the fit of all scenes together, which begins where each of them ended.

@@ -11,9 +11,10 @@ use std::f64::consts::PI;
 const SLIGHT: [(&str, f64); 4] = [(SCALE, 0.015), ("wrong_size", 0.02), (HEAVIER, 0.05), (RUBBING, 0.02)];
 
 /// Whether a law says no more than what engines and cameras do at contacts anyway.
-pub fn is_slight(entry: &EffectEntry, values: &[f64]) -> bool {
+pub fn is_slight(entry: &EffectEntry, values: &[f64], scenes: &[Scene], models: &[Model]) -> bool {
     let least = SLIGHT.iter().find(|(name, _)| *name == entry.spec.name);
-    least.zip(values.first()).is_some_and(|((_, least), amplitude)| amplitude.abs() < *least)
+    let small = least.zip(values.first()).is_some_and(|((_, least), amplitude)| amplitude.abs() < *least);
+    small || is_brief(entry, values, scenes, models)
 }
 
 /// The longest frame (s).
@@ -23,7 +24,7 @@ pub fn frame(scenes: &[Scene]) -> f64 {
 
 /// Whether a law of softness (1/sqrt(k)) lets all contacts pass within one frame: every engine's and every real contact takes
 /// some time, and that is no law to find.
-pub fn is_brief(entry: &EffectEntry, values: &[f64], scenes: &[Scene], models: &[Model]) -> bool {
+fn is_brief(entry: &EffectEntry, values: &[f64], scenes: &[Scene], models: &[Model]) -> bool {
     entry.spec.name == SOFT && values.first().is_some_and(|s| s * time_by_softness(models) < frame(scenes))
 }
 

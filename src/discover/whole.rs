@@ -11,11 +11,11 @@ use super::jackknife::{Numbers, numbers_of};
 use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
 use super::proof;
 use super::revise::{
-    Revision, chi_squares, pooled_noise, revise, revise_from, sum, trajectories, trajectories_from,
-    without_effect,
+    Revision, TRIED_EFFORT, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
+    trajectories_from, without_effect,
 };
 use super::screen::region;
-use super::slight::{frame, is_brief, is_slight, time_by_softness};
+use super::slight::{frame, is_slight, time_by_softness};
 use super::struck::struck;
 use super::unseen::{Place, discs_between, walls};
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
@@ -45,8 +45,6 @@ const PROMISING: f64 = 10.0;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
 const WHOLE_CERTAIN: f64 = 5.0;
 const TRIED_ITERATIONS: usize = 30;
-/// Effort of fits that only choose between models: the right one is followed soon, and the others are never.
-pub const TRIED_EFFORT: f64 = 0.25;
 /// Objects whose masses are tried, and walls and discs.
 const HEAVIEST: usize = 2;
 const PLACES: usize = 2;
@@ -94,8 +92,8 @@ struct Trial {
 }
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
-/// rebound differently explain each film as well; friction between objects, contacts that take time, a scale, the mass of one, or a thing that nobody
-/// saw, where others were near whenever it showed.
+/// rebound differently explain each film as well; friction between objects, contacts that take time, a scale, the mass of one, or
+/// a thing that nobody saw, where others were near whenever it showed.
 pub fn asked(
     lens: &Lens,
     base: &Revision,
@@ -162,8 +160,7 @@ pub fn asked(
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
-        || is_slight(best.entry, &values)
-        || is_brief(best.entry, &values, lens.scenes, models)
+        || is_slight(best.entry, &values, lens.scenes, models)
         || !fades(best, &found.fit)
         || (best.entry.spec.name == FADING
             && !gathers(base, &found)
