@@ -81,7 +81,8 @@ fn a_marker_off_the_centre_is_told_with_its_object() {
 
 #[test]
 fn what_engines_do_at_contacts_anyway_is_no_wrong_scale() {
-    let slight = |name: &str, amplitude: f64| is_slight(effect(name).expect("it is there"), &[amplitude]);
+    let slight =
+        |name: &str, amplitude: f64| is_slight(effect(name).expect("it is there"), &[amplitude], &[], &[]);
     assert!(slight("wrong_scale", -0.005) && !slight("wrong_scale", -0.03));
     assert!(!slight("sticky_contact", 0.001));
 }

@@ -20,6 +20,13 @@ pub(super) struct Notes {
     pub table: Option<Table>,
 }
 
+/// The key of a line whose form is a slip: `fps = 50`, or `size [mm]: 30`.
+fn slip(line: &str) -> Option<&'static str> {
+    let known = |key: &str| NOTES.into_iter().find(|note| key.trim().eq_ignore_ascii_case(note));
+    let equated = line.split_once('=').and_then(|(key, _)| known(key));
+    equated.or_else(|| line.split_once(':')?.0.split_once(['[', '(']).and_then(|(key, _)| known(key)))
+}
+
 impl Notes {
     pub fn read(text: &str, r: &mut Report) -> Notes {
         let mut size = None;
@@ -36,11 +43,14 @@ impl Notes {
         };
         let (mut shape, mut cushions) = (None, None);
         for (number, line) in text.lines().enumerate() {
-            let Some((key, value)) = line.trim().strip_prefix('#').and_then(|l| l.split_once(':')) else {
-                continue;
-            };
-            let (key, value) = (key.trim().to_ascii_lowercase(), value.trim());
+            let Some(line) = line.trim().strip_prefix('#') else { continue };
             let at = || format!("line {}", number + 1);
+            if let Some(key) = slip(line) {
+                r.add(at(), format!("write \"# {key}: VALUE\", a unit behind the value"));
+                continue;
+            }
+            let Some((key, value)) = line.split_once(':') else { continue };
+            let (key, value) = (key.trim().to_ascii_lowercase(), value.trim());
             let mut positive = || {
                 // "0.002 m/px" is 0.002.
                 let number = value.split_whitespace().next().and_then(|v| v.parse::<f64>().ok());
@@ -85,6 +95,10 @@ impl Notes {
                         format!("world is {value:?}; it must be clevrer, table, air_table or billiards"),
                     ),
                 },
+                "cushions" | "rails" => r.add(
+                    at(),
+                    format!("{key} is not known; write \"# table: x low, x high, y low, y high\""),
+                ),
                 // What people note for themselves is passed over; a slip of the pen is not.
                 other => {
                     if let Some(near) = misspelt(other, NOTES.into_iter()) {

@@ -53,6 +53,11 @@ fn frames_count_at_the_rate_and_pixels_need_a_scale() {
     assert_eq!(own.objects[0].shape, Shape::Disc { radius: 0.03 });
     let unknown = parse_csv("s", &format!("# size: 30 inch\n{rows}")).expect_err("unknown").to_string();
     assert!(unknown.starts_with("line 1: size has an unknown unit"), "{unknown}");
+    for slip in ["# size [mm]: 30", "# Size = 30 mm"] {
+        let refused = parse_csv("s", &format!("{slip}\n{rows}")).expect_err(slip).to_string();
+        assert!(refused.starts_with("line 1: write \"# size: VALUE\", a unit behind the value"), "{refused}");
+    }
+    assert!(parse_csv("s", &format!("# our table, size = 3\n{rows}")).is_ok());
     let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
     assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
 }
@@ -62,6 +67,8 @@ fn cushions_stand_in_a_line_in_front() {
     let rows = "frame,id,x,y\n0,1,100,100\n1,1,120,100\n";
     let scene = parse_csv("s", &format!("# table: 0, 254, 0, 127\n# unit: cm\n{rows}")).expect("it is right");
     assert_eq!(scene.table, Some(Table { x: [0.0, 2.54], y: [0.0, 1.27] }));
+    let refused = parse_csv("s", &format!("# cushions: 0 2 0 1\n{rows}")).expect_err("unknown").to_string();
+    assert!(refused.starts_with("line 1: cushions is not known; write \"# table: x low"), "{refused}");
     for wrong in ["0 2.54", "0 2.54 0 wide", ""] {
         let refused =
             parse_csv("s", &format!("# table: {wrong}\n{rows}")).expect_err("it is wrong").to_string();
