@@ -450,12 +450,10 @@ const BASE: [&str; 3] = ["restitution", "sliding_friction", "cushion"];
 fn an_effect_at_zero_changes_no_bit() {
     let steady = |e: &EffectEntry| (f64::hooks(e).pace)(&placed(e, 0.0)).is_infinite() && !e.uses(Hook::Pair);
     for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name) && steady(e)) {
-        let mut m = meeting(entry, &placed(entry, 0.0));
-        let times = seconds(60);
+        let (m, times) = (meeting(entry, &placed(entry, 0.0)), seconds(60));
         let rolled = |m: &Model| film(m, &m.flatten(), &times, &Limits::default());
         let with = rolled(&m);
-        m.effects.pop();
-        let without = rolled(&m);
+        let without = rolled(&Model { effects: m.effects[..m.effects.len() - 1].to_vec(), ..m });
         assert_eq!(format!("{:?}", with.states), format!("{:?}", without.states), "{}", entry.spec.name);
         assert_eq!(with.events, without.events, "{}", entry.spec.name);
     }
