@@ -16,7 +16,7 @@ const SHOWN: f64 = 0.75;
 /// What the force lens says is believed this many times less firmly: the data count again in the fit.
 const DOUBT: f64 = 5.0;
 /// A scene that fits this well alone needs no second look (reduced chi-square).
-const WELL: f64 = 1.2;
+const WELL: f64 = 1.5;
 /// A second look at a scene is kept when it fits at most this much worse.
 const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
