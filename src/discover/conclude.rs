@@ -305,14 +305,18 @@ pub fn conclude(
 
 /// Whether an effect follows every trajectory to the noise, with numbers in common.
 fn explains_all(revision: &Revision) -> bool {
-    let near = |s: &SceneFit| s.reduced_chi_square <= 1.0 + CLEAN;
-    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(near)
+    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
+}
+
+/// Whether a trajectory is followed to the noise.
+fn is_clean(scene: &SceneFit) -> bool {
+    scene.reduced_chi_square <= 1.0 + CLEAN
 }
 
 /// Whether trajectories are followed to the noise, or three of four of them.
 fn at_noise(revision: &Revision) -> bool {
     let scenes = &revision.fit.scenes;
-    let near = scenes.iter().filter(|s| s.reduced_chi_square <= 1.0 + CLEAN).count();
+    let near = scenes.iter().filter(|s| is_clean(s)).count();
     revision.reduced_chi_square <= 1.0 + CLEAN || (4 * near >= 3 * scenes.len() && revision.effect.is_some())
 }
 

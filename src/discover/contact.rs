@@ -178,7 +178,8 @@ pub fn screen_contacts(
             // better as they did without.
             if entry.uses(Hook::Bodies) {
                 let as_it_is = FitOptions { max_iterations: 0, ..near };
-                for (film, scene) in films.scenes.iter().enumerate() {
+                for &film in &anew {
+                    let scene = &films.scenes[film];
                     let mut as_before = models[film].clone();
                     as_before.stand_as(&stand[film]);
                     let misfit =
