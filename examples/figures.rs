@@ -358,7 +358,8 @@ fn gradients(model: &Model, scene: &Scene) -> [usize; 2] {
             .collect();
         let rollout = simulate(model, &jets, &scene.times, &Limits::default());
         let exact = rollout.states.iter().flatten().flatten();
-        let exact: Vec<f64> = exact.flat_map(|k| [k.position.x.d[0], k.position.y.d[0]]).collect();
+        let exact: Vec<f64> =
+            exact.flat_map(|k| [k.position.x, k.position.y].map(|p| p.derivative(0))).collect();
         let agrees = STEPS.iter().any(|h| {
             let at = |sign: f64| {
                 let mut moved = flat.clone();

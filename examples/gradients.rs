@@ -80,7 +80,7 @@ fn off(
     let (mut error, mut size) = (0.0, 0.0);
     for ((exact, up), down) in exact.iter().zip(&up).zip(&down) {
         let numeric = (*up - *down).scaled(0.5 / step);
-        let exact = Vec2 { x: exact.x.d[lane], y: exact.y.d[lane] };
+        let exact = Vec2 { x: exact.x.derivative(lane), y: exact.y.derivative(lane) };
         error += (exact - numeric).norm_squared();
         size += numeric.norm_squared();
     }

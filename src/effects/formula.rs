@@ -493,7 +493,7 @@ mod tests {
                         at[k] += h;
                         wrench(&program, &at).expect("it has a value")[0]
                     };
-                    let (numeric, slope) = ((moved(1e-6) - moved(-1e-6)) / 2e-6, exact.d[k - first]);
+                    let (numeric, slope) = ((moved(1e-6) - moved(-1e-6)) / 2e-6, exact.derivative(k - first));
                     let size = 1.0 + numeric.abs() + before[0].abs();
                     prop_assert!((slope - numeric).abs() < 1e-4 * size, "{text} by {k}: {slope} {numeric}");
                 }

@@ -43,19 +43,20 @@ impl Part<'_> {
             let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
             for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
                 let (slot, k) = self.slots[lane.slot];
-                jets[slot].d[lane.number - first] = if free[k].log { flat[slot] } else { 1.0 };
+                let slope = if free[k].log { flat[slot] } else { 1.0 };
+                jets[slot] = jets[slot].with_derivative(lane.number - first, slope);
             }
             let run = film(&self.model, &jets, self.times(window), &LIMITS);
             self.worked(&run, JET);
             let mut rows = Vec::with_capacity(residuals.len());
             self.each_sample(window, |m, row| {
                 let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
-                let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
-                for lane in 0..LANES {
-                    [xs[lane], ys[lane]] = m.whitener.apply(k.position.x.d[lane], k.position.y.d[lane]);
+                let (mut xs, mut ys) = (k.position.x.derivatives(), k.position.y.derivatives());
+                for (x, y) in xs.iter_mut().zip(&mut ys) {
+                    [*x, *y] = m.whitener.apply(*x, *y);
                 }
                 rows.extend([(row, xs), (row + 1, ys)]);
-                rows.extend(m.yaw.map(|(_, sigma)| (row + 2, k.yaw.d.map(|d| d / sigma))));
+                rows.extend(m.yaw.map(|(_, sigma)| (row + 2, k.yaw.derivatives().map(|d| d / sigma))));
             });
             rows
         };

@@ -3,7 +3,7 @@
 use super::film::Views;
 use super::model::Model;
 use super::motion::{Kinematics, Laws, Mode};
-use crate::body::Wrench;
+use crate::body::Body;
 use crate::num::Vec2;
 
 /// Where some bodies were at one instant.
@@ -31,32 +31,31 @@ impl<'m> Field<'m> {
     /// By index, the bodies that may accelerate otherwise, or be seen elsewhere, than in `other`, which is of the same model.
     pub fn differs(&self, other: &Field) -> Vec<bool> {
         let same = |i: usize| self.laws.same(&other.laws, i) && self.views.same(&other.views, i);
-        (0..self.model.bodies.len()).map(|i| self.laws.has_pair_forces() || !same(i)).collect()
+        // What bodies do to each other moves all of them.
+        let pulls = !self.laws.same_pairs(&other.laws);
+        (0..self.model.bodies.len()).map(|i| pulls || !same(i)).collect()
     }
 
     /// Acceleration (m/s^2) of each body of each instant, one after the other. Balls that begin to roll are taken to roll. Those of
-    /// bodies that are not in `which` are zero, but where bodies act on each other at a distance, which needs them all.
+    /// bodies that are not in `which` are zero.
     pub fn accelerations(&self, instants: &[Snapshot], which: Option<&[bool]>) -> Vec<Vec2> {
         let laws = &self.laws;
-        let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
-            let rolls = self.model.bodies[i].start.rolling;
-            laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
-        };
         let mut all = Vec::with_capacity(instants.iter().map(|s| s.bodies.len()).sum());
         for Snapshot { time, bodies } in instants {
-            if laws.has_pair_forces() {
-                let members: Vec<usize> = bodies.iter().map(|b| b.0).collect();
-                let motions: Vec<Kinematics<f64>> = bodies.iter().map(|b| b.1).collect();
-                let mut wrenches: Vec<Wrench<f64>> =
-                    bodies.iter().map(|(i, k)| laws.wrench(*i, k, *time)).collect();
-                laws.add_pair_forces(&members, &motions, &mut wrenches);
-                all.extend(bodies.iter().zip(&wrenches).map(|((i, k), w)| rate(*i, k, w)));
-                continue;
+            let pulls = laws.has_pair_forces();
+            let others: Vec<(usize, Body<f64>)> =
+                bodies.iter().filter(|_| pulls).map(|(i, k)| (*i, laws.body(*i, k))).collect();
+            for (x, (i, k)) in bodies.iter().enumerate() {
+                all.push(match which.is_none_or(|which| which[*i]) {
+                    true => {
+                        let mut wrench = laws.wrench(*i, k, *time);
+                        laws.add_pair_force(&others, x, &mut wrench);
+                        let mode = if self.model.bodies[*i].start.rolling { Mode::Roll } else { Mode::Slide };
+                        laws.rates(*i, k, mode, &wrench).velocity
+                    }
+                    false => Vec2::zero(),
+                });
             }
-            all.extend(bodies.iter().map(|(i, k)| match which.is_none_or(|which| which[*i]) {
-                true => rate(*i, k, &laws.wrench(*i, k, *time)),
-                false => Vec2::zero(),
-            }));
         }
         all
     }

@@ -17,6 +17,7 @@ mod jam;
 mod model;
 mod motion;
 mod obstacle;
+mod pairs;
 mod preset;
 mod pressing;
 mod pressure;

@@ -72,7 +72,7 @@ pub(super) struct Laws<T: Scalar> {
     /// Relative growth of each outline: derivatives only; empty where there are none.
     pub growth: Vec<T>,
     forces: Vec<PerBody<T>>,
-    pairs: Vec<PerBody<T>>,
+    pub(super) pairs: Vec<PerBody<T>>,
     /// Each with its parameters, body by body.
     formulas: Vec<(Program, Vec<Vec<T>>)>,
     /// Whether a formula had no finite value since.
@@ -84,14 +84,14 @@ pub(super) struct Laws<T: Scalar> {
 }
 
 /// One effect's hooks with its parameters, body by body.
-struct PerBody<T: Scalar> {
-    hooks: &'static Hooks<T>,
-    values: Vec<T>,
+pub(super) struct PerBody<T: Scalar> {
+    pub hooks: &'static Hooks<T>,
+    pub values: Vec<T>,
     count: usize,
 }
 
 impl<T: Scalar> PerBody<T> {
-    fn of(&self, body: usize) -> &[T] {
+    pub fn of(&self, body: usize) -> &[T] {
         &self.values[body * self.count..(body + 1) * self.count]
     }
 }
@@ -178,11 +178,6 @@ impl<T: Scalar> Laws<T> {
         forces && formulas && self.mass[i] == other.mass[i] && self.shapes[i] == other.shapes[i]
     }
 
-    /// Whether bodies act on each other at a distance.
-    pub fn has_pair_forces(&self) -> bool {
-        !self.pairs.is_empty()
-    }
-
     pub fn body(&self, i: usize, k: &Kinematics<T>) -> Body<T> {
         Body {
             shape: self.shapes[i],
@@ -215,20 +210,6 @@ impl<T: Scalar> Laws<T> {
             out.pivot *= factor;
         }
         out
-    }
-
-    /// Adds the pair forces among `members`.
-    pub fn add_pair_forces(&self, members: &[usize], k: &[Kinematics<T>], out: &mut [Wrench<T>]) {
-        let bodies: Vec<Body<T>> = members.iter().zip(k).map(|(&i, k)| self.body(i, k)).collect();
-        for law in &self.pairs {
-            for (x, &i) in members.iter().enumerate() {
-                for y in x + 1..members.len() {
-                    let f = (law.hooks.pair)(law.of(i), &bodies[x], &bodies[y]);
-                    out[x].force += f;
-                    out[y].force -= f;
-                }
-            }
-        }
     }
 
     /// Velocity of the lowest point of ball `i` against the ground (m/s).
