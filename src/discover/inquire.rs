@@ -6,6 +6,7 @@ use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
 use super::conclude::{DiscoverOptions, Reading, conclude};
 use super::contact::{ContactCandidate, screen_contacts};
+use super::contact_law::with_contact;
 use super::film::contacts;
 use super::force::Lens;
 use super::outcome::{Discovery, Ranked, Verdict};
@@ -316,7 +317,8 @@ fn films_cost(screened: &[ContactCandidate]) -> f64 {
     screened.first().map_or(0.0, |c| c.before)
 }
 
-/// The reading whose trajectories follow the scenes best; a scene that none follows decides little.
+/// The reading whose trajectories follow the scenes best with the laws that are seen in it; a scene that none follows decides
+/// little.
 fn by_trajectories(
     lens: &Lens,
     mut seen: Vec<Reading>,
@@ -328,8 +330,16 @@ fn by_trajectories(
     }
     let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
     let misfit = |reading: &Reading| -> Result<f64, FitError> {
-        let effect = reading.motion.found.last().map(|c| c.entry.spec.name);
-        let (fit, _) = trajectories(lens, &reading.motion.models, effect, &tried, stop)?;
+        let motion = &reading.motion;
+        let room = options.max_effects > motion.found.len();
+        let (models, law) = match reading.contacts.iter().find(|c| c.proven() && room) {
+            Some(c) => {
+                let region = region(lens.scenes);
+                (&with_contact(&motion.models, c.entry, &c.values, c.object, &region), Some(c.entry))
+            }
+            None => (&motion.models, motion.found.last().map(|c| c.entry)),
+        };
+        let (fit, _) = trajectories(lens, models, law.map(|l| l.spec.name), &tried, stop)?;
         Ok(fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum())
     };
     let misfits: Vec<f64> = seen.par_iter().map(misfit).collect::<Result<_, _>>()?;
