@@ -4,6 +4,7 @@ use super::connect::Connection;
 use super::error::Failure;
 use super::{output, progress, wire};
 use crate::api::v1::{ModelChoice, RankedEffect, StudyRequest};
+use crate::discover::FORMULA;
 use crate::scene::Scene;
 use tonic::{Response, Status, Streaming};
 
@@ -66,7 +67,8 @@ pub async fn last<M, T>(
     found.ok_or_else(|| Failure::other("the service ended its reply without a result; try again"))
 }
 
-/// The best candidates as a table; of a single video no other tells how well they foretell.
+/// The best candidates as a table, and laws that the user wrote wherever they stand; of a single video no other tells how well
+/// they foretell.
 pub fn ranking(ranked: &[RankedEffect], most: usize, videos: usize) -> String {
     if ranked.is_empty() {
         return String::new();
@@ -77,6 +79,7 @@ pub fn ranking(ranked: &[RankedEffect], most: usize, videos: usize) -> String {
             [r.effect.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)];
         cells[..columns].to_vec()
     };
-    let rows: Vec<Vec<String>> = ranked.iter().take(most).map(row).collect();
+    let told = ranked.iter().enumerate().filter(|(k, r)| *k < most || r.kind == FORMULA);
+    let rows: Vec<Vec<String>> = told.map(|(_, r)| row(r)).collect();
     format!("\n{}", output::table(&["candidate", "log evidence", "other videos mm"][..columns], &rows))
 }
