@@ -6,7 +6,7 @@ use super::force::Lens;
 use super::proof;
 use super::revise::Revision;
 use crate::effects::EffectEntry;
-use crate::fit::{Begin, Fit, FitError, FitOptions, estimate};
+use crate::fit::{Begin, Fit, FitError, FitOptions, estimate, estimate_each, together};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::Model;
@@ -51,17 +51,40 @@ pub fn of_videos(
     }
     let most = options.max_iterations.min(ITERATIONS);
     let near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
-    let scenes: Vec<Scene> = followed.iter().map(|&k| lens.scenes[k].clone()).collect();
-    let models: Vec<Model> = followed.iter().map(|&k| all[k].model.clone()).collect();
-    let as_one = followed.len() == all.len() && revision.apart.is_empty();
-    let fit = if as_one { &revision.fit } else { &estimate(&scenes, &models, &near, stop)? };
+    let (scenes, fit) = &in_common(lens, revision, &followed, &near, stop)?;
     let known: Vec<Option<(f64, f64)>> =
         numbers.names.iter().map(|name| number(fit, numbers.law, name)).collect();
     let values: Vec<f64> = known.iter().map(|e| e.map_or(0.0, |e| e.0)).collect();
     let each: Vec<usize> = if scenes.len() > 1 { (0..scenes.len()).collect() } else { vec![] };
-    let scatter = scatter(&scenes, fit, numbers, &values, &each, &near, stop)?;
+    let scatter = scatter(scenes, fit, numbers, &values, &each, &near, stop)?;
     let shared = |(e, scatter): (Option<(f64, f64)>, f64)| e.map(|(value, sd)| Shared { value, sd, scatter });
     Ok(Some(known.into_iter().zip(scatter).map(shared).collect()))
+}
+
+/// Those of the scenes that common numbers follow, and their fit.
+fn in_common(
+    lens: &Lens,
+    revision: &Revision,
+    which: &[usize],
+    near: &FitOptions,
+    stop: Stop,
+) -> Result<(Vec<Scene>, Fit), FitError> {
+    let all = &revision.fit.scenes;
+    let (scenes, models): (Vec<Scene>, Vec<Model>) =
+        which.iter().map(|&k| (lens.scenes[k].clone(), all[k].model.clone())).unzip();
+    if which.len() == all.len() && revision.apart.is_empty() {
+        return Ok((scenes, revision.fit.clone()));
+    }
+    // From a mean of what they have no search of all of them finds back.
+    let alone = estimate_each(&scenes, &models, near, stop)?;
+    let fit = together(&scenes, &models, &alone, near, stop)?;
+    // One that common numbers lose has found another way to move as it did.
+    let kept = which.iter().zip(&fit.scenes).filter(|(_, s)| !proof::lost(s));
+    let kept: Vec<usize> = kept.map(|(k, _)| *k).collect();
+    match kept.len() < 2 || kept.len() == which.len() {
+        true => Ok((scenes, fit)),
+        false => in_common(lens, revision, &kept, near, stop),
+    }
 }
 
 /// Value and deviation of a parameter that the data identify.
