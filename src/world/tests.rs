@@ -182,8 +182,8 @@ fn two_equal_elastic_balls_exchange_their_velocities_and_derivatives() {
             assert!((exact - expected).abs() < 1e-9, "{:?}", v[k]);
         }
     }
-    // Position of the second: x1 + v0 (T - (gap / v0)), so its derivative by v0 is T, to single precision.
-    assert!((end[1].expect("present").position.x.derivative(0) - 2.0).abs() < 1e-6);
+    // Position of the second: x1 + v0 (T - (gap / v0)), so its derivative by v0 is T exactly.
+    assert!((end[1].expect("present").position.x.derivative(0) - 2.0).abs() < 1e-9);
 }
 
 fn num_const(v: f64) -> Jet {
