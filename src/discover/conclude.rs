@@ -62,6 +62,16 @@ pub struct Reading {
     pub films: f64,
 }
 
+/// The law of contact that short films prove beside the forces, where there is room for one.
+pub fn law_of<'c>(
+    contacts: &'c [ContactCandidate],
+    motion: &FreeMotion,
+    options: &DiscoverOptions,
+) -> Option<&'c ContactCandidate> {
+    let room = options.max_effects > motion.found.len();
+    contacts.iter().find(|c| c.proven() && room)
+}
+
 /// What the trajectories bear out of what the lenses see.
 pub fn conclude(
     lens: &Lens,
@@ -73,7 +83,7 @@ pub fn conclude(
     let noise_sigma = pooled_noise(lens);
     let region = region(lens.scenes);
     let room = options.max_effects > motion.found.len();
-    let proven: Option<&ContactCandidate> = of_contacts.iter().find(|c| c.proven() && room);
+    let proven = law_of(&of_contacts, &motion, options);
     let base = models.clone();
     let mut steps: Vec<(Option<&str>, Vec<Model>)> = vec![(None, models)];
     for (number, step) in motion.found.iter().enumerate() {

@@ -4,7 +4,7 @@ use super::account::ranked;
 use super::alone::Alone;
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::conclude::{DiscoverOptions, Reading, conclude};
+use super::conclude::{DiscoverOptions, Reading, conclude, law_of};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::contact_law::with_contact;
 use super::film::contacts;
@@ -331,8 +331,7 @@ fn by_trajectories(
     let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
     let misfit = |reading: &Reading| -> Result<f64, FitError> {
         let motion = &reading.motion;
-        let room = options.max_effects > motion.found.len();
-        let (models, law) = match reading.contacts.iter().find(|c| c.proven() && room) {
+        let (models, law) = match law_of(&reading.contacts, motion, options) {
             Some(c) => {
                 let region = region(lens.scenes);
                 (&with_contact(&motion.models, c.entry, &c.values, c.object, &region), Some(c.entry))

@@ -3,7 +3,8 @@
 use super::film::Views;
 use super::model::Model;
 use super::motion::{Kinematics, Laws, Mode};
-use crate::body::Body;
+use super::simulate::Few;
+use crate::body::Wrench;
 use crate::num::Vec2;
 
 /// Where some bodies were at one instant.
@@ -40,22 +41,26 @@ impl<'m> Field<'m> {
     /// bodies that are not in `which` are zero.
     pub fn accelerations(&self, instants: &[Snapshot], which: Option<&[bool]>) -> Vec<Vec2> {
         let laws = &self.laws;
+        let wanted = |i: usize| which.is_none_or(|which| which[i]);
+        let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
+            let rolls = self.model.bodies[i].start.rolling;
+            laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
+        };
         let mut all = Vec::with_capacity(instants.iter().map(|s| s.bodies.len()).sum());
         for Snapshot { time, bodies } in instants {
-            let pulls = laws.has_pair_forces();
-            let others: Vec<(usize, Body<f64>)> =
-                bodies.iter().filter(|_| pulls).map(|(i, k)| (*i, laws.body(*i, k))).collect();
-            for (x, (i, k)) in bodies.iter().enumerate() {
-                all.push(match which.is_none_or(|which| which[*i]) {
-                    true => {
-                        let mut wrench = laws.wrench(*i, k, *time);
-                        laws.add_pair_force(&others, x, &mut wrench);
-                        let mode = if self.model.bodies[*i].start.rolling { Mode::Roll } else { Mode::Slide };
-                        laws.rates(*i, k, mode, &wrench).velocity
-                    }
-                    false => Vec2::zero(),
-                });
+            let wrench = |&(i, ref k): &(usize, Kinematics<f64>)| match wanted(i) {
+                true => laws.wrench(i, k, *time),
+                false => Wrench::zero(),
+            };
+            let mut wrenches: Few<Wrench<f64>> = bodies.iter().map(wrench).collect();
+            if laws.has_pair_forces() {
+                let (members, motions): (Vec<usize>, Vec<Kinematics<f64>>) = bodies.iter().copied().unzip();
+                laws.add_pair_forces(&members, &motions, &mut wrenches);
             }
+            all.extend(bodies.iter().zip(&wrenches).map(|((i, k), w)| match wanted(*i) {
+                true => rate(*i, k, w),
+                false => Vec2::zero(),
+            }));
         }
         all
     }

@@ -3,7 +3,6 @@
 use super::motion::{Kinematics, Laws};
 use crate::body::{Body, Wrench};
 use crate::effects::Scalar;
-use std::cmp::Ordering;
 
 impl<T: Scalar> Laws<T> {
     /// Whether bodies act on each other at a distance.
@@ -29,20 +28,6 @@ impl<T: Scalar> Laws<T> {
                     let f = (law.hooks.pair)(law.of(i), &bodies[x], &bodies[y]);
                     out[x].force += f;
                     out[y].force -= f;
-                }
-            }
-        }
-    }
-
-    /// Adds to the wrench of the one at `x` what all of `bodies`, which these are by index, do to it.
-    pub fn add_pair_force(&self, bodies: &[(usize, Body<T>)], x: usize, out: &mut Wrench<T>) {
-        for law in &self.pairs {
-            let (i, body) = &bodies[x];
-            for (y, (j, other)) in bodies.iter().enumerate() {
-                match y.cmp(&x) {
-                    Ordering::Less => out.force -= (law.hooks.pair)(law.of(*j), other, body),
-                    Ordering::Equal => {}
-                    Ordering::Greater => out.force += (law.hooks.pair)(law.of(*i), body, other),
                 }
             }
         }
