@@ -454,7 +454,7 @@ pub fn found(
 }
 
 /// A number of a law as the first of a fit's scenes has it.
-pub fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
+fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
     let active = fit.scenes.first()?.model.effect(effect)?;
     active.parameters.iter().find(|p| p.name == parameter)?.values.first().copied()
 }

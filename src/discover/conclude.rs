@@ -3,6 +3,7 @@
 use super::account::{FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed};
 use super::alone::Alone;
 use super::change::{self, FORMULA, rank_formulas};
+use super::choice::{as_good, keeps, otherwise};
 use super::contact::ContactCandidate;
 use super::contact_law::{SCALE, estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
@@ -14,9 +15,9 @@ use super::outcome::{Discovery, Found, Verdict, may_be_none};
 use super::outside::{compromise, foretells, law_beside, once, written};
 use super::proof;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
-use super::screen::{CERTAIN, region};
-use super::search::{ALIKE, CLEAN, FreeMotion, fewer};
-use super::whole::{STICKING, asked, balls_roll, mended, sticking, sticks};
+use super::screen::region;
+use super::search::{CLEAN, FreeMotion, fewer, instead};
+use super::whole::{STICKING, asked, mended, sticking, sticks};
 use super::written::with_numbers;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect};
@@ -147,9 +148,9 @@ pub fn conclude(
             proven = Some(c);
         }
     }
-    let other = match proven {
-        Some(c) => otherwise(lens, c, &motion.models, revisions.last(), &options.fit, stop)?,
-        None => None,
+    let other = match (proven, revisions.last()) {
+        (Some(c), Some(known)) => otherwise(lens, c, &motion.models, known, &options.fit, stop)?,
+        _ => None,
     };
     let other = other.map(|(law, revision)| {
         revisions.pop();
@@ -266,9 +267,10 @@ pub fn conclude(
         ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
         let mut text = text;
         if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
-            text = with_numbers(&text, |name| change::value(&with.fit, FORMULA, name));
+            let found = change::found(lens, &with, FORMULA, &options.fit, stop)?;
+            text = with_numbers(&text, |name| found.number(name));
             effects.truncate(kept);
-            effects.push(change::found(lens, &with, FORMULA, &options.fit, stop)?);
+            effects.push(found);
             revisions.truncate(kept + 1);
             revisions.push(with);
         }
@@ -330,57 +332,6 @@ fn at_noise(revision: &Revision) -> bool {
     revision.reduced_chi_square <= 1.0 + CLEAN || (4 * near >= 3 * scenes.len() && revision.effect.is_some())
 }
 
-/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that; of unseen things that lose
-/// a scene, any other that they prove: what was struck may be a wall or an object.
-fn as_good<'c>(
-    lens: &Lens,
-    law: &ContactCandidate,
-    all: &'c [ContactCandidate],
-    motion: &FreeMotion,
-    revisions: &[Revision],
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Option<(&'c ContactCandidate, Revision)>, FitError> {
-    let [.., without, known] = revisions else { return Ok(None) };
-    let unseen = |c: &ContactCandidate| c.entry.uses(Hook::Bodies);
-    let struck = unseen(law) && proof::loses(&known.fit);
-    let near = |c: &&ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
-    let other = all.iter().find(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
-    let Some(c) = other else { return Ok(None) };
-    let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region(lens.scenes));
-    let revision = revise(lens, &models, Some(c.entry.spec.name), options, stop)?;
-    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit)
-        && proof::borne_out(without, &revision, c.added);
-    Ok(nearer.then_some((c, revision)))
-}
-
-/// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.
-fn otherwise(
-    lens: &Lens,
-    law: &ContactCandidate,
-    models: &[Model],
-    known: Option<&Revision>,
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
-    // Seeds of an unseen thing are places, and no choice.
-    let asks = balls_roll(models) && !law.entry.uses(Hook::Bodies);
-    let Some(known) = known.filter(|r| asks && r.reduced_chi_square > 1.0 + CLEAN) else { return Ok(None) };
-    let region = region(lens.scenes);
-    let mut best = None;
-    let mut nearest = proof::distance(&known.fit);
-    for values in law.entry.choices(&law.values, &region) {
-        let with = with_contact(models, law.entry, &values, law.object, &region);
-        let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
-        let distance = proof::distance(&revision.fit);
-        if distance < nearest {
-            nearest = distance;
-            best = Some((ContactCandidate { values, ..law.clone() }, revision));
-        }
-    }
-    Ok(best)
-}
-
 /// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the
 /// law of contact, and one for that law without the forces where there are both.
 fn borne_out<'c>(
@@ -394,7 +345,7 @@ fn borne_out<'c>(
 ) -> Result<(Vec<Revision>, FreeMotion, Option<&'c ContactCandidate>), FitError> {
     let forces = motion.found.len();
     let with_contact = revisions.split_off(forces + 1);
-    let added: usize = motion.found.iter().map(|c| c.added).sum();
+    let added = motion.added();
     if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
         if let [alone] = alone
             && !proof::borne_out(alone, all, added)
@@ -438,7 +389,36 @@ fn borne_out<'c>(
     if refused > 0 {
         motion = fewer(lens, base, &motion, refused, stop)?;
     }
+    if let Some(last) = revisions.last()
+        && let Some((one, nearer)) = one_for_all(lens, base, &motion, last, options, stop)?
+    {
+        revisions.truncate(1);
+        revisions.push(nearer);
+        motion = one;
+    }
     Ok((revisions, motion, None))
+}
+
+/// The law that explains most alone in place of several, where trajectories are as near to it and the price of the numbers that
+/// the several have more is paid: what one leaves may be taken up by another with a rival beside.
+fn one_for_all(
+    lens: &Lens,
+    base: &[Model],
+    motion: &FreeMotion,
+    several: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(FreeMotion, Revision)>, FitError> {
+    let Some((_, law)) = motion.ranked.first().filter(|_| motion.found.len() > 1) else { return Ok(None) };
+    let name = law.entry.spec.name;
+    if motion.found.iter().any(|c| c.entry.spec.name == name) {
+        return Ok(None);
+    }
+    let one = instead(lens, base, motion, law, stop)?;
+    let revision = revise(lens, &one.models, Some(name), options, stop)?;
+    let more = motion.added().saturating_sub(law.added) as f64 * motion.degrees_of_freedom.ln();
+    let nearer = proof::distance(&revision.fit) < proof::distance(&several.fit) + more;
+    Ok(nearer.then_some((one, revision)))
 }
 
 /// Numbers of an unseen thing by trajectories that are followed; as uncertain as short films have them, and as far as these
@@ -472,47 +452,4 @@ fn begun_where_followed(
     let begun: Vec<Option<&Model>> = (0..farther.len()).map(|k| Some(stands(k))).collect();
     let again = revise_from(lens, models, &begun, after.effect.as_deref(), options, stop)?;
     Ok((proof::distance(&again.fit) < proof::distance(&after.fit)).then_some(again))
-}
-
-/// Whether the number of one object is still there in trajectories, which may follow better for another reason.
-fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
-    let Some(p) = c.entry.spec.params.first().filter(|_| c.object.is_some()) else { return true };
-    let told = pooled(&estimates_of(&found.fit, c.entry.spec.name, p.name));
-    told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::revise::chi_squares;
-    use super::super::screen::with_nuisance;
-    use super::super::tests::{DISC, film, heavier_than_believed, models};
-    use super::*;
-    use crate::effects::effect;
-    use crate::num::never;
-
-    #[test]
-    fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
-        let meet = [vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])]];
-        for (scenes, is_wrong) in [(heavier_than_believed(), true), (film(&meet, None), false)] {
-            let (lens, region) = (Lens::new(&scenes), region(&scenes));
-            let entry = effect("mass_change").expect("it is in the library");
-            let models = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.3], Some(1), &region);
-            let options = DiscoverOptions::default().fit;
-            let found =
-                revise(&lens, &models, Some(entry.spec.name), &options, &never).expect("it can be fitted");
-            let law = ContactCandidate {
-                entry,
-                values: vec![0.3],
-                sd: vec![0.01],
-                object: Some(1),
-                added: 1,
-                score: 200.0,
-                before: 1000.0,
-                after: chi_squares(&found.fit).iter().sum(),
-                remains: 1.0,
-                gained: 2,
-            };
-            assert_eq!(keeps(&law, &found), is_wrong);
-        }
-    }
 }

@@ -4,6 +4,7 @@ mod account;
 mod alone;
 mod central;
 mod change;
+mod choice;
 mod compare;
 mod conclude;
 mod contact;

@@ -71,6 +71,12 @@ impl Found {
     pub fn of(entry: &EffectEntry, parameters: Vec<Reported>) -> Found {
         Found { kind: entry.kind.into(), effect: entry.spec.name.into(), parameters, text: None }
     }
+
+    /// The number that a parameter has.
+    pub fn number(&self, parameter: &str) -> Option<f64> {
+        let told = self.parameters.iter().find(|p| p.name == parameter)?;
+        if let Value::Number(number) = told.value { Some(number) } else { None }
+    }
 }
 
 /// One parameter with its 95 % interval.

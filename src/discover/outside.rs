@@ -9,7 +9,7 @@ use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, leaves_something};
 use crate::effects::formula::Formula;
-use crate::fit::{Begin, FitError, FitOptions, estimate};
+use crate::fit::{Begin, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
 use crate::world::Model;
 
@@ -22,6 +22,8 @@ const SIMPLER_PROOF: f64 = 10.0;
 /// The same of one that trajectories are asked about: what the best of 21 terms, as forces and as accelerations, has by chance
 /// (2 ln 42).
 const WORTH_ASKING: f64 = 7.5;
+/// By how much chaos alone makes the error on later frames larger, where a law halves that on the fitted ones.
+const CHAOS: f64 = 1.5;
 
 /// The sparse law beside what the models have, of at most so many terms. What the library has about a place tells where a law may
 /// have its centre.
@@ -37,7 +39,7 @@ fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<Residu
     let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
     // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
     // that more than one object shows.
-    let added = added(motion);
+    let added = motion.added();
     let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
     law_beside(lens, base, motion, terms)
 }
@@ -52,10 +54,10 @@ pub fn compromise(
     stop: Stop,
 ) -> Result<Option<ResidualLaw>, FitError> {
     let Some(law) = simple_law(lens, base, motion) else { return Ok(None) };
-    let added = added(motion);
+    let added = motion.added();
     let better = beats(&law, motion, proof_against(&law, motion))
         || (added > 0
-            && beats(&law, motion, WORTH_ASKING)
+            && beats(&law, motion, worth_asking(&law, motion))
             && followed_better(lens, &law, base, revisions, added, options, stop)?);
     Ok((better && (added > 0 || shared(&law, motion))).then_some(law))
 }
@@ -74,20 +76,21 @@ pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> 
         law.foreign
             && law.cost < (1.0 + CLEAN) * motion.degrees_of_freedom
             && beats(law, motion, proof)
-            && (added(motion) > 0 || shared(law, motion))
+            && (motion.added() > 0 || shared(law, motion))
     };
     simple_law(lens, base, motion).filter(far).map(|law| priced(&law, motion))
-}
-
-/// How many numbers the laws of the library have that were found.
-fn added(motion: &FreeMotion) -> usize {
-    motion.found.iter().map(|c| c.added).sum()
 }
 
 /// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be
 /// better by as much.
 fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    if motion.found.len() > 1 && law.numbers < added(motion) { SIMPLER_PROOF } else { FORMULA_PROOF }
+    if motion.found.len() > 1 && law.numbers < motion.added() { SIMPLER_PROOF } else { FORMULA_PROOF }
+}
+
+/// What trajectories are asked about must beat the library's by: two laws of the library take up more of what the lens does not
+/// know than a single one that it lacks, of which they are the image.
+fn worth_asking(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
+    if motion.found.len() > 1 && law.numbers < motion.added() { -FORMULA_PROOF } else { WORTH_ASKING }
 }
 
 /// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's, by a `proof`.
@@ -108,7 +111,11 @@ fn followed_better(
 ) -> Result<bool, FitError> {
     let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
     let Some(written) = written(lens, &law.text, base, options, stop)? else { return Ok(false) };
-    if !proof::nearer(&library.fit, &written.fit)
+    // The library's pays for the numbers that it has more.
+    let more = added.saturating_sub(law.numbers) as f64 * (lens.degrees_of_freedom().max(1) as f64).ln();
+    let nearer =
+        |known: &Fit| proof::much_nearer(proof::distance(known) + more, proof::distance(&written.fit));
+    if !nearer(&library.fit)
         || !proof::borne_out(library, &written, law.numbers.saturating_sub(added))
         || written.held_out_rmse >= library.held_out_rmse
         || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
@@ -121,7 +128,7 @@ fn followed_better(
         model.effects.extend(laws.collect::<Vec<_>>());
     }
     let near = FitOptions { begin: Begin::Near, ..options.fit };
-    Ok(proof::nearer(&estimate(lens.scenes, &there, &near, stop)?, &written.fit))
+    Ok(nearer(&estimate(lens.scenes, &there, &near, stop)?))
 }
 
 /// Whether a law has its proof without the object on which it shows most, which may have met something, and against the laws
@@ -150,9 +157,10 @@ fn halves(before: f64, after: f64, noise: f64) -> bool {
 /// Whether a law halves the error on frames that it has not seen: on later ones, or, where chaos leaves these little to say, on
 /// those of videos left out.
 pub fn foretells(before: &Revision, after: &Revision, noise: f64) -> bool {
+    let later = after.held_out_rmse / before.held_out_rmse;
     halves(before.held_out_rmse, after.held_out_rmse, noise)
         || (halves(before.left_out_rmse, after.left_out_rmse, noise)
-            && after.held_out_rmse < before.held_out_rmse)
+            && (later < 1.0 || (later < CHAOS && halves(before.rmse, after.rmse, noise))))
 }
 
 /// The models with a law that is written so, as a revision; `None` where it has no value.

@@ -91,7 +91,12 @@ pub fn distance(fit: &Fit) -> f64 {
 
 /// Whether a fit is much nearer than another.
 pub fn nearer(before: &Fit, after: &Fit) -> bool {
-    distance(after) < distance(before) - MUCH
+    much_nearer(distance(before), distance(after))
+}
+
+/// The same of distances.
+pub fn much_nearer(before: f64, after: f64) -> bool {
+    after < before - MUCH
 }
 
 /// The same by the scenes that one of them follows, if there are any: by how much others are lost is a matter of chaos.

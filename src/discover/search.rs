@@ -71,10 +71,14 @@ impl FreeMotion {
         (least / self.degrees_of_freedom).clamp(1.0, f64::MAX)
     }
 
+    /// How many numbers the laws have that were found.
+    pub fn added(&self) -> usize {
+        self.found.iter().map(|c| c.added).sum()
+    }
+
     /// Cost with the price of all added parameters.
     pub fn priced(&self) -> f64 {
-        let added: usize = self.found.iter().map(|c| c.added).sum();
-        self.seen.cost + added as f64 * self.degrees_of_freedom.ln()
+        self.seen.cost + self.added() as f64 * self.degrees_of_freedom.ln()
     }
 }
 
@@ -141,14 +145,13 @@ fn as_pair(
     most: usize,
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
-    let numbers = |motion: &FreeMotion| motion.found.iter().map(|c| c.added).sum::<usize>();
-    let (rich, mut least) = (numbers(&found), found.priced() + RICHER);
+    let (rich, mut least) = (found.added(), found.priced() + RICHER);
     let mut best = found;
     let simple = ranked.iter().filter(|(_, c)| c.added <= SIMPLE && c.added + 1 < rich && c.certain());
     for (_, first) in simple.take(FIRST_CHOICES) {
         let room = SIMPLE.min(rich - 1 - first.added);
         let pair = laws_of(room, lens, models, most.min(2), slice::from_ref(first), stop)?;
-        if numbers(&pair) < rich && pair.priced() < least {
+        if pair.added() < rich && pair.priced() < least {
             (least, best) = (pair.priced(), pair);
         }
     }
@@ -170,6 +173,18 @@ pub fn fewer(
         less.alike.clone_from(&motion.alike);
     }
     Ok(less)
+}
+
+/// One law in place of all that were found.
+pub fn instead(
+    lens: &Lens,
+    models: &[Model],
+    motion: &FreeMotion,
+    law: &Candidate,
+    stop: Stop,
+) -> Result<FreeMotion, Stopped> {
+    let one = one_after_another(lens, models, 1, slice::from_ref(law), stop)?;
+    Ok(FreeMotion { ranked: motion.ranked.clone(), ..one })
 }
 
 /// Whether what was found leaves noise, or explains most of what noise does not: where a model is far from the noise

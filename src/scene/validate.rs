@@ -1,7 +1,7 @@
 //! Checks a scene and reports everything that is wrong with it at once.
 
 use super::{
-    CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Track, Violation,
+    CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Table, Track, Violation,
 };
 use std::collections::BTreeMap;
 
@@ -172,6 +172,7 @@ impl Scene {
         if self.objects.len() <= MAX_OBJECTS {
             self.check_overlaps(steady, r);
         }
+        self.check_cushions(steady, r);
         report.finish()
     }
 
@@ -234,6 +235,32 @@ impl Scene {
                         format!("is from {low} to {high}, which is empty; give low, then high"),
                     );
                 }
+            }
+        }
+    }
+
+    /// Cushions in another unit than the tracks leave most of them outside; an object may leave the table in the end.
+    fn check_cushions(&self, tracks: &[Track], r: &mut Report) {
+        let Some(Table { x, y }) = self.table else { return };
+        for (object, Track { samples }) in self.objects.iter().zip(tracks) {
+            let beyond = |[low, high]: [f64; 2], at: f64| match low < high {
+                true => (low - at).max(at - high),
+                false => f64::NEG_INFINITY,
+            };
+            let outside = |s: &&Sample| {
+                beyond(x, s.position.x).max(beyond(y, s.position.y)) > object.shape.inscribed_radius()
+            };
+            if let Some(first) = samples.iter().find(outside)
+                && 2 * samples.iter().filter(outside).count() > samples.len()
+            {
+                let (id, frame, at) = (object.id, first.frame, first.position);
+                let message = format!(
+                    "leaves object {id} outside most of the time (in frame {frame} it is at {:.3}, {:.3} m); give the \
+                     cushions where the tracks have them, in the same unit",
+                    at.x, at.y
+                );
+                r.add("table", message);
+                return;
             }
         }
     }
@@ -333,7 +360,7 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CLEVRER_CAMERA, Camera, Sample, Table, WorldKind};
+    use super::super::{CLEVRER_CAMERA, Camera, WorldKind};
     use super::*;
     use crate::num::vec2;
     use proptest::prelude::*;
@@ -359,7 +386,7 @@ mod tests {
             fps: 25.0,
             times: (0..5).map(|f| f as f64 / 25.0).collect(),
             camera: Some(Camera { matrix: CLEVRER_CAMERA.matrix, image_size: [480.0, 320.0] }),
-            table: Some(Table { x: [0.0, 1.0], y: [0.0, 1.0] }),
+            table: Some(Table { x: [-1.0, 5.0], y: [-1.0, 3.0] }),
             noise_sigma: Some(0.005),
             objects: (0..3).map(object).collect(),
             tracks: (0..3).map(|i| track(i as f64)).collect(),
@@ -377,6 +404,7 @@ mod tests {
         |s| (s.times[3] = s.times[2], "times[3]").1,
         |s| (s.times.iter_mut().for_each(|t| *t *= 1000.0), "times").1,
         |s| (s.table.as_mut().unwrap().x = [2.0, 1.0], "table.x").1,
+        |s| (s.table.as_mut().unwrap().y = [-0.3, 0.7], "table").1,
         |s| (s.camera.as_mut().unwrap().matrix[1][2] = f64::INFINITY, "camera.matrix[1][2]").1,
         |s| (s.camera.as_mut().unwrap().image_size[1] = 0.0, "camera.image_size[1]").1,
         |s| (s.objects[2].id = 0, "objects[2].id").1,

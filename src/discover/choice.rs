@@ -1,0 +1,142 @@
+//! The law of contact that short films name, or another choice to which trajectories are nearer.
+
+use super::contact::ContactCandidate;
+use super::contact_law::{estimates_of, pooled, with_contact};
+use super::force::Lens;
+use super::proof;
+use super::revise::{Revision, TRIED_EFFORT, revise, trajectories};
+use super::screen::{CERTAIN, region};
+use super::search::{ALIKE, CLEAN, FreeMotion};
+use super::whole::balls_roll;
+use crate::effects::Hook;
+use crate::fit::{FitError, FitOptions};
+use crate::num::Stop;
+use crate::world::Model;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that; of unseen things that lose
+/// a scene, any other that they prove: what was struck may be a wall or an object.
+pub fn as_good<'c>(
+    lens: &Lens,
+    law: &ContactCandidate,
+    all: &'c [ContactCandidate],
+    motion: &FreeMotion,
+    revisions: &[Revision],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(&'c ContactCandidate, Revision)>, FitError> {
+    let [.., without, known] = revisions else { return Ok(None) };
+    let unseen = |c: &ContactCandidate| c.entry.uses(Hook::Bodies);
+    let struck = unseen(law) && proof::loses(&known.fit);
+    let near = |c: &&ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
+    let other = all.iter().find(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
+    let Some(c) = other else { return Ok(None) };
+    let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region(lens.scenes));
+    let revision = revise(lens, &models, Some(c.entry.spec.name), options, stop)?;
+    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit)
+        && proof::borne_out(without, &revision, c.added);
+    Ok(nearer.then_some((c, revision)))
+}
+
+/// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.
+pub fn otherwise(
+    lens: &Lens,
+    law: &ContactCandidate,
+    models: &[Model],
+    known: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    if law.object.is_some() {
+        return of_another(lens, law, models, known, options, stop);
+    }
+    // Seeds of an unseen thing are places, and no choice.
+    let asks = balls_roll(models) && !law.entry.uses(Hook::Bodies) && known.reduced_chi_square > 1.0 + CLEAN;
+    let region = region(lens.scenes);
+    let mut best = None;
+    let mut nearest = proof::distance(&known.fit);
+    for values in law.entry.choices(&law.values, &region).into_iter().filter(|_| asks) {
+        let with = with_contact(models, law.entry, &values, None, &region);
+        let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
+        let distance = proof::distance(&revision.fit);
+        if distance < nearest {
+            nearest = distance;
+            best = Some((ContactCandidate { values, ..law.clone() }, revision));
+        }
+    }
+    Ok(best)
+}
+
+/// What befalls one object befalling another, where that which short films name loses a scene.
+fn of_another(
+    lens: &Lens,
+    law: &ContactCandidate,
+    models: &[Model],
+    known: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    let name = law.entry.spec.name;
+    let ids: BTreeSet<u32> = models.iter().flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
+    let others = ids.into_iter().filter(|&id| proof::loses(&known.fit) && law.object != Some(id));
+    let (region, none) = (region(lens.scenes), vec![0.0; law.values.len()]);
+    let less = FitOptions { effort: TRIED_EFFORT, ..*options };
+    let tried = others.collect::<Vec<_>>().into_par_iter().map(|id| {
+        let with = with_contact(models, law.entry, &none, Some(id), &region);
+        let (fit, _) = trajectories(lens, &with, Some(name), &less, stop)?;
+        Ok((proof::distance(&fit), id, with))
+    });
+    let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+    let Some((_, id, with)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(None) };
+    let revision = revise(lens, &with, Some(name), options, stop)?;
+    let of = |p: &str| pooled(&estimates_of(&revision.fit, name, p)).unwrap_or_default();
+    let (values, sd) = law.entry.spec.params.iter().map(|p| of(p.name)).unzip();
+    let other = ContactCandidate { object: Some(id), values, sd, ..law.clone() };
+    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit);
+    Ok((nearer && keeps(&other, &revision)).then_some((other, revision)))
+}
+
+/// Whether the number of one object is still there in trajectories, which may follow better for another reason.
+pub fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
+    let Some(p) = c.entry.spec.params.first().filter(|_| c.object.is_some()) else { return true };
+    let told = pooled(&estimates_of(&found.fit, c.entry.spec.name, p.name));
+    told.is_none_or(|(value, sd)| value.abs() > CERTAIN * sd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::conclude::DiscoverOptions;
+    use super::super::revise::chi_squares;
+    use super::super::screen::with_nuisance;
+    use super::super::tests::{DISC, film, heavier_than_believed, models};
+    use super::*;
+    use crate::effects::effect;
+    use crate::num::never;
+
+    #[test]
+    fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
+        let meet = [vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])]];
+        for (scenes, is_wrong) in [(heavier_than_believed(), true), (film(&meet, None), false)] {
+            let (lens, region) = (Lens::new(&scenes), region(&scenes));
+            let entry = effect("mass_change").expect("it is in the library");
+            let models = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.3], Some(1), &region);
+            let options = DiscoverOptions::default().fit;
+            let found =
+                revise(&lens, &models, Some(entry.spec.name), &options, &never).expect("it can be fitted");
+            let law = ContactCandidate {
+                entry,
+                values: vec![0.3],
+                sd: vec![0.01],
+                object: Some(1),
+                added: 1,
+                score: 200.0,
+                before: 1000.0,
+                after: chi_squares(&found.fit).iter().sum(),
+                remains: 1.0,
+                gained: 2,
+            };
+            assert_eq!(keeps(&law, &found), is_wrong);
+        }
+    }
+}
