@@ -42,6 +42,8 @@ const SOFT_FRAMES: f64 = 2.0;
 const LENGTHENED: f64 = 0.1;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
 const PROMISING: f64 = 10.0;
+/// The same from which it need not foretell later frames.
+const BEYOND_DOUBT: f64 = 160.0;
 /// How many deviations the number of a law that is tried whole must be from none, and the iterations of one trial.
 const WHOLE_CERTAIN: f64 = 5.0;
 const TRIED_ITERATIONS: usize = 30;
@@ -157,6 +159,8 @@ pub fn asked(
         || (best.entry.spec.name == FADING && shows_elsewhere(base, &found));
     let Numbers { law, names } = numbers_of(best.entry);
     let added = names.iter().map(|name| estimates_of(&found.fit, law, name).len()).sum();
+    // One late contact that goes another way makes all later frames worse.
+    let beyond_doubt = proof::distance(&found.fit) < proof::distance(&base.fit) - BEYOND_DOUBT;
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
@@ -167,7 +171,7 @@ pub fn asked(
             && !proof::lessens(&base.fit, &found.fit))
         || proof::loses_most(&found.fit)
         || !often
-        || found.held_out_rmse > base.held_out_rmse
+        || (found.held_out_rmse > base.held_out_rmse && !beyond_doubt)
         || !proof::borne_out(base, &found, added)
     {
         return Ok(None);
