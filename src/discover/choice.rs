@@ -53,10 +53,13 @@ pub fn otherwise(
     }
     // Seeds of an unseen thing are places, and no choice.
     let asks = balls_roll(models) && !law.entry.uses(Hook::Bodies) && known.reduced_chi_square > 1.0 + CLEAN;
+    if !asks {
+        return Ok(None);
+    }
     let region = region(lens.scenes);
     let mut best = None;
     let mut nearest = proof::distance(&known.fit);
-    for values in law.entry.choices(&law.values, &region).into_iter().filter(|_| asks) {
+    for values in law.entry.choices(&law.values, &region) {
         let with = with_contact(models, law.entry, &values, None, &region);
         let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
         let distance = proof::distance(&revision.fit);
@@ -77,12 +80,15 @@ fn of_another(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+    if !proof::loses(&known.fit) {
+        return Ok(None);
+    }
     let name = law.entry.spec.name;
-    let ids: BTreeSet<u32> = models.iter().flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
-    let others = ids.into_iter().filter(|&id| proof::loses(&known.fit) && law.object != Some(id));
+    let mut others: BTreeSet<u32> = models.iter().flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
+    others.retain(|id| law.object != Some(*id));
     let (region, none) = (region(lens.scenes), vec![0.0; law.values.len()]);
     let less = FitOptions { effort: TRIED_EFFORT, ..*options };
-    let tried = others.collect::<Vec<_>>().into_par_iter().map(|id| {
+    let tried = others.into_par_iter().map(|id| {
         let with = with_contact(models, law.entry, &none, Some(id), &region);
         let (fit, _) = trajectories(lens, &with, Some(name), &less, stop)?;
         Ok((proof::distance(&fit), id, with))

@@ -416,8 +416,7 @@ fn one_for_all(
     }
     let one = instead(lens, base, motion, law, stop)?;
     let revision = revise(lens, &one.models, Some(name), options, stop)?;
-    let more = motion.added().saturating_sub(law.added) as f64 * motion.degrees_of_freedom.ln();
-    let nearer = proof::distance(&revision.fit) < proof::distance(&several.fit) + more;
+    let nearer = proof::distance(&revision.fit) < proof::distance(&several.fit) + motion.dearer(law.added);
     Ok(nearer.then_some((one, revision)))
 }
 

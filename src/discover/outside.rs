@@ -58,7 +58,7 @@ pub fn compromise(
     let better = beats(&law, motion, proof_against(&law, motion))
         || (added > 0
             && beats(&law, motion, worth_asking(&law, motion))
-            && followed_better(lens, &law, base, revisions, added, options, stop)?);
+            && followed_better(lens, &law, base, motion, revisions, options, stop)?);
     Ok((better && (added > 0 || shared(&law, motion))).then_some(law))
 }
 
@@ -104,19 +104,18 @@ fn followed_better(
     lens: &Lens,
     law: &ResidualLaw,
     base: &[Model],
+    motion: &FreeMotion,
     revisions: &[Revision],
-    added: usize,
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<bool, FitError> {
     let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
     let Some(written) = written(lens, &law.text, base, options, stop)? else { return Ok(false) };
     // The library's pays for the numbers that it has more.
-    let more = added.saturating_sub(law.numbers) as f64 * (lens.degrees_of_freedom().max(1) as f64).ln();
-    let nearer =
-        |known: &Fit| proof::much_nearer(proof::distance(known) + more, proof::distance(&written.fit));
+    let priced = |known: &Fit| proof::distance(known) + motion.dearer(law.numbers);
+    let nearer = |known: &Fit| proof::much_nearer(priced(known), proof::distance(&written.fit));
     if !nearer(&library.fit)
-        || !proof::borne_out(library, &written, law.numbers.saturating_sub(added))
+        || !proof::borne_out(library, &written, law.numbers.saturating_sub(motion.added()))
         || written.held_out_rmse >= library.held_out_rmse
         || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
     {

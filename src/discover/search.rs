@@ -76,6 +76,11 @@ impl FreeMotion {
         self.found.iter().map(|c| c.added).sum()
     }
 
+    /// The price of the numbers that the laws found have beyond so many.
+    pub fn dearer(&self, numbers: usize) -> f64 {
+        self.added().saturating_sub(numbers) as f64 * self.degrees_of_freedom.ln()
+    }
+
     /// Cost with the price of all added parameters.
     pub fn priced(&self) -> f64 {
         self.seen.cost + self.added() as f64 * self.degrees_of_freedom.ln()
