@@ -11,7 +11,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use vrdp::fit::{Fit, FitOptions, drawn, estimate};
-use vrdp::num::{Jet, Real, Vec2, never, vec2};
+use vrdp::num::{Differential, Jet, Real, Vec2, never, vec2};
 use vrdp::reason::{Imagined, Request, imagine};
 use vrdp::scene::{Camera, Scene, parse};
 use vrdp::world::{BODY_VALUES, EventKind, Intervention, Limits, MASS, Model, Preset, simulate, trace};

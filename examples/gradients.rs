@@ -6,7 +6,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use vrdp::fit::{FitOptions, fit};
-use vrdp::num::{Jet, LANES, Real, Vec2, never};
+use vrdp::num::{Differential, Jet, LANES, Real, Vec2, never};
 use vrdp::scene::parse;
 use vrdp::world::{Limits, Model, Preset, Rollout, simulate};
 

@@ -1,4 +1,4 @@
-//! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64` and [`Jet`].
+//! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64`, [`Jet`] and [`Swift`].
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Derivatives that one [`Jet`] carries; N parameters take `ceil(N / LANES)` passes.
 pub const LANES: usize = 8;
 
-/// A scalar the physics can be computed in: exactly `f64` and [`Jet`].
+/// A scalar the physics can be computed in: exactly `f64`, [`Jet`] and [`Swift`].
 pub trait Real:
     Copy
     + Debug
@@ -110,71 +110,123 @@ impl Real for f64 {
     }
 }
 
-/// A value with its derivatives in [`LANES`] directions (forward-mode automatic differentiation).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jet {
-    pub v: f64,
-    d: [f64; LANES],
+/// The precision of a derivative.
+pub trait Lane:
+    Copy
+    + Debug
+    + Default
+    + PartialEq
+    + Send
+    + Sync
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + MulAssign
+{
+    fn of(value: f64) -> Self;
+    fn wide(self) -> f64;
 }
-
-impl Default for Jet {
-    fn default() -> Self {
-        Jet::constant(0.0)
+impl Lane for f64 {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn of(value: f64) -> f64 {
+        value
     }
-}
-
-impl Jet {
-    /// The variable of lane `lane`: derivative one in that lane.
-    pub fn variable(value: f64, lane: usize) -> Self {
-        Jet::constant(value).with_derivative(lane, 1.0)
-    }
-
-    /// The same value with another derivative in lane `lane`.
-    pub fn with_derivative(mut self, lane: usize, derivative: f64) -> Self {
-        self.d[lane] = derivative;
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn wide(self) -> f64 {
         self
     }
-
-    pub fn derivative(&self, lane: usize) -> f64 {
-        self.d[lane]
+}
+impl Lane for f32 {
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn of(value: f64) -> f32 {
+        value as f32
     }
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    fn wide(self) -> f64 {
+        self.into()
+    }
+}
 
-    pub fn derivatives(&self) -> [f64; LANES] {
-        self.d
+/// A value with its derivatives in N directions (forward-mode automatic differentiation).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dual<D, const N: usize> {
+    pub v: f64,
+    d: [D; N],
+}
+
+/// Derivatives as exact as the value.
+pub type Jet = Dual<f64, LANES>;
+/// Derivatives of single precision, twice as many in the same time: where a search looks, not what is told.
+pub type Swift = Dual<f32, { 2 * LANES }>;
+
+/// A scalar with derivatives.
+pub trait Differential: Real {
+    /// How many it carries.
+    const LANES: usize;
+
+    /// The same value with another derivative in lane `lane`.
+    fn with_derivative(self, lane: usize, derivative: f64) -> Self;
+    fn derivative(&self, lane: usize) -> f64;
+}
+
+impl<D: Lane, const N: usize> Default for Dual<D, N> {
+    fn default() -> Self {
+        Dual::constant(0.0)
+    }
+}
+
+impl<D: Lane, const N: usize> Dual<D, N> {
+    /// The variable of lane `lane`: derivative one in that lane.
+    pub fn variable(value: f64, lane: usize) -> Self {
+        Dual::constant(value).with_derivative(lane, 1.0)
     }
 
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn zip(self, o: Self, v: f64, f: impl Fn(f64, f64) -> f64) -> Self {
-        let mut d = [0.0; LANES];
+    fn zip(self, o: Self, v: f64, f: impl Fn(D, D) -> D) -> Self {
+        let mut d = [D::default(); N];
         for (i, d) in d.iter_mut().enumerate() {
             *d = f(self.d[i], o.d[i]);
         }
-        Jet { v, d }
+        Dual { v, d }
     }
 
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn scaled(mut self, v: f64, slope: f64) -> Self {
+        let slope = D::of(slope);
         for d in &mut self.d {
             *d *= slope;
         }
-        Jet { v, d: self.d }
+        Dual { v, d: self.d }
     }
 }
 
-impl Real for Jet {
+impl<D: Lane, const N: usize> Differential for Dual<D, N> {
+    const LANES: usize = N;
+
+    fn with_derivative(mut self, lane: usize, derivative: f64) -> Self {
+        self.d[lane] = D::of(derivative);
+        self
+    }
+    fn derivative(&self, lane: usize) -> f64 {
+        self.d[lane].wide()
+    }
+}
+
+impl<D: Lane, const N: usize> Real for Dual<D, N> {
     const DIFFERENTIATES: bool = true;
     fn infinitesimal(self) -> Self {
-        Jet { v: 0.0, d: self.d }
+        Dual { v: 0.0, d: self.d }
     }
     fn is_finite(self) -> bool {
-        self.v.is_finite() && self.d.iter().all(|d| d.is_finite())
+        self.v.is_finite() && self.d.iter().all(|d| d.wide().is_finite())
     }
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn is_constant(self) -> bool {
-        self.d == [0.0; LANES]
+        self.d == [D::default(); N]
     }
     fn constant(value: f64) -> Self {
-        Jet { v: value, d: [0.0; LANES] }
+        Dual { v: value, d: [D::default(); N] }
     }
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn value(self) -> f64 {
@@ -186,96 +238,98 @@ impl Real for Jet {
     }
 }
 
-impl Neg for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Neg for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn neg(self) -> Jet {
+    fn neg(self) -> Self {
         self.scaled(-self.v, -1.0)
     }
 }
-impl Add for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Add for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn add(self, o: Jet) -> Jet {
+    fn add(self, o: Self) -> Self {
         self.zip(o, self.v + o.v, |a, b| a + b)
     }
 }
-impl Sub for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Sub for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn sub(self, o: Jet) -> Jet {
+    fn sub(self, o: Self) -> Self {
         self.zip(o, self.v - o.v, |a, b| a - b)
     }
 }
-impl Mul for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Mul for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
     #[allow(clippy::suspicious_arithmetic_impl)] // the product rule
-    fn mul(self, o: Jet) -> Jet {
-        self.zip(o, self.v * o.v, |a, b| a * o.v + self.v * b)
+    fn mul(self, o: Self) -> Self {
+        let (x, y) = (D::of(self.v), D::of(o.v));
+        self.zip(o, self.v * o.v, |a, b| a * y + x * b)
     }
 }
-impl Div for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Div for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn div(self, o: Jet) -> Jet {
-        let (v, inverse) = (self.v / o.v, 1.0 / o.v);
-        self.zip(o, v, |a, b| (a - v * b) * inverse)
+    fn div(self, o: Self) -> Self {
+        let v = self.v / o.v;
+        let (ratio, inverse) = (D::of(v), D::of(1.0 / o.v));
+        self.zip(o, v, |a, b| (a - ratio * b) * inverse)
     }
 }
-impl Add<f64> for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Add<f64> for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn add(self, o: f64) -> Jet {
-        Jet { v: self.v + o, d: self.d }
+    fn add(self, o: f64) -> Self {
+        Dual { v: self.v + o, d: self.d }
     }
 }
-impl Sub<f64> for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Sub<f64> for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn sub(self, o: f64) -> Jet {
-        Jet { v: self.v - o, d: self.d }
+    fn sub(self, o: f64) -> Self {
+        Dual { v: self.v - o, d: self.d }
     }
 }
-impl Mul<f64> for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Mul<f64> for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn mul(self, o: f64) -> Jet {
+    fn mul(self, o: f64) -> Self {
         self.scaled(self.v * o, o)
     }
 }
-impl Div<f64> for Jet {
-    type Output = Jet;
+impl<D: Lane, const N: usize> Div<f64> for Dual<D, N> {
+    type Output = Self;
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn div(self, o: f64) -> Jet {
+    fn div(self, o: f64) -> Self {
         self.scaled(self.v / o, 1.0 / o)
     }
 }
-impl AddAssign for Jet {
+impl<D: Lane, const N: usize> AddAssign for Dual<D, N> {
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn add_assign(&mut self, o: Jet) {
+    fn add_assign(&mut self, o: Self) {
         *self = *self + o;
     }
 }
-impl SubAssign for Jet {
+impl<D: Lane, const N: usize> SubAssign for Dual<D, N> {
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn sub_assign(&mut self, o: Jet) {
+    fn sub_assign(&mut self, o: Self) {
         *self = *self - o;
     }
 }
-impl MulAssign for Jet {
+impl<D: Lane, const N: usize> MulAssign for Dual<D, N> {
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn mul_assign(&mut self, o: Jet) {
+    fn mul_assign(&mut self, o: Self) {
         *self = *self * o;
     }
 }
-impl DivAssign for Jet {
+impl<D: Lane, const N: usize> DivAssign for Dual<D, N> {
     #[cfg_attr(not(debug_assertions), inline(always))]
-    fn div_assign(&mut self, o: Jet) {
+    fn div_assign(&mut self, o: Self) {
         *self = *self / o;
     }
 }
-impl MulAssign<f64> for Jet {
+impl<D: Lane, const N: usize> MulAssign<f64> for Dual<D, N> {
     #[cfg_attr(not(debug_assertions), inline(always))]
     fn mul_assign(&mut self, o: f64) {
         *self = *self * o;
@@ -473,6 +527,10 @@ mod tests {
             prop_assert!((j.d[0] - g[0]).abs() < 1e-10 * (1.0 + g[0].abs()));
             prop_assert!((j.d[5] - g[1]).abs() < 1e-10 * (1.0 + g[1].abs()));
             prop_assert_eq!(j.d[1], 0.0);
+            let swift = ours(Swift::variable(x, 0), Swift::variable(y, 5));
+            prop_assert_eq!(swift.v, j.v);
+            let size: f64 = 1e-5 * (1.0 + g[0].abs() + g[1].abs());
+            prop_assert!((swift.derivative(0) - g[0]).abs() < size && (swift.derivative(5) - g[1]).abs() < size);
         }
     }
 

@@ -16,8 +16,13 @@ pub const AT_NOISE: f64 = 1.5;
 /// Most objects of a film in which chaos has no time to lead a fit astray.
 const FEW: usize = 3;
 /// How the fit of one short film begins.
-pub const OPTIONS: FitOptions =
-    FitOptions { max_iterations: 40, method: Method::GaussNewton, begin: Begin::Turned, effort: 1.0 };
+pub const OPTIONS: FitOptions = FitOptions {
+    max_iterations: 40,
+    method: Method::GaussNewton,
+    begin: Begin::Turned,
+    effort: 1.0,
+    swift: true,
+};
 
 /// The films with a fit of each.
 pub struct Alone {

@@ -7,7 +7,7 @@ use super::stretch::{Stretch, instants, integral};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Field, Kinematics, Model, Snapshot};
+use crate::world::{Field, Kinematics, Model, Snapshot, Written};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -128,20 +128,21 @@ impl<'a> Lens<'a> {
     }
 
     fn write_scene(&self, scene: usize, field: &Field, out: &mut DVector<f64>) {
-        self.each_stretch(scene, field, None, |s, rows| {
+        self.each_stretch(scene, field, None, None, |s, rows| {
             out.rows_mut(s.first_row, rows.len()).copy_from(&rows)
         });
     }
 
-    /// Calls `f(stretch, its rows of the residual)` for one scene, or for some of its bodies.
+    /// Calls `f(stretch, its rows of the residual)` for one scene, or for some of its bodies; what formulas do may be `known`.
     fn each_stretch(
         &self,
         scene: usize,
         field: &Field,
         of: Option<&[bool]>,
+        known: Option<&Written>,
         mut f: impl FnMut(&Stretch, DVector<f64>),
     ) {
-        let accelerations = field.accelerations(&self.instants[scene], of);
+        let accelerations = field.accelerations(&self.instants[scene], of, known);
         let written = |s: &&Stretch| s.scene == scene && of.is_none_or(|of| of[s.body]);
         for s in self.stretches.iter().filter(written) {
             let felt = s.measured.iter().map(|m| m.at.map_or(Vec2::zero(), |at| accelerations[at]));
@@ -251,6 +252,8 @@ impl<'a> Lens<'a> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
         let fields: Vec<Field> = models.iter().zip(&flats).map(|(m, flat)| Field::new(m, flat)).collect();
+        let written: Vec<Written> =
+            fields.iter().zip(&self.instants).map(|(field, instants)| field.written(instants)).collect();
         for (k, f) in free.iter().enumerate() {
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
@@ -271,14 +274,15 @@ impl<'a> Lens<'a> {
                     let too = below.differs(&fields[scene]);
                     moves.iter_mut().zip(too).for_each(|(moves, too)| *moves |= too);
                 }
+                let written = Some(&written[scene]);
                 let mut column = jacobian.column_mut(k);
-                self.each_stretch(scene, &above, Some(&moves), |s, rows| {
+                self.each_stretch(scene, &above, Some(&moves), written, |s, rows| {
                     let from = residual.rows(s.first_row, rows.len());
                     let rise = if below.is_some() { rows } else { rows - from };
                     column.rows_mut(s.first_row, rise.len()).copy_from(&(rise / (up - down)));
                 });
                 if let Some(below) = below {
-                    self.each_stretch(scene, &below, Some(&moves), |s, rows| {
+                    self.each_stretch(scene, &below, Some(&moves), written, |s, rows| {
                         let mut slope = column.rows_mut(s.first_row, rows.len());
                         slope -= rows / (up - down);
                     });

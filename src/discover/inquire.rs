@@ -51,6 +51,7 @@ pub fn discover(
     if too_little(&lens).is_some() {
         return Ok(not_identifiable(&lens));
     }
+    let options = &DiscoverOptions { fit: FitOptions { swift: true, ..options.fit }, ..*options };
     if options.max_effects > 0
         && let Some(found) = spinning(&lens, models, &options.fit, &part(stop, SPINNING))?
     {

@@ -112,6 +112,8 @@ pub fn revise_from(
     let begun: Vec<Option<&Model>> =
         (0..models.len()).map(|k| begun[k].or_else(|| follows(&shown[k], &first.scenes[k]))).collect();
     let led = led(models, effect, &free, &seen);
+    // What others are compared with is what a fit would give.
+    let options = &FitOptions { swift: options.swift && effect.is_some(), ..*options };
     let (fit_all, apart) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {

@@ -419,7 +419,8 @@ fn what_turns_brakes_less_unless_its_foot_is_a_point() {
         roll: vec2(0.0, 0.0),
     };
     let instant = [Snapshot { time: 0.0, bodies: vec![(0, turning)] }];
-    let braking = |model: &Model| -Field::new(model, &model.flatten()).accelerations(&instant, None)[0].x;
+    let braking =
+        |model: &Model| -Field::new(model, &model.flatten()).accelerations(&instant, None, None)[0].x;
     let full = 0.03 * GRAVITY;
     assert!(braking(&model) < 0.8 * full, "{}", braking(&model));
     for p in model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.name == "foot") {
@@ -450,7 +451,7 @@ fn a_law_along_a_direction_is_told_along_it() {
         let zero = vec2(0.0, 0.0);
         let moving = Kinematics { position: zero, yaw: 0.0, velocity, spin: 0.0, roll: zero };
         let instant = [Snapshot { time: 0.0, bodies: vec![(0, moving)] }];
-        Field::new(&bare, &bare.flatten()).accelerations(&instant, None)[0].scaled(bare.bodies[0].mass)
+        Field::new(&bare, &bare.flatten()).accelerations(&instant, None, None)[0].scaled(bare.bodies[0].mass)
     };
     let (along, across) = (acceleration(vec2(0.8, 0.6)), acceleration(vec2(-0.6, 0.8)));
     assert!((along + vec2(0.24, 0.18)).norm() < 0.02 && across.norm() < 0.02, "{along:?} {across:?}");

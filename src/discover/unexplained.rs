@@ -34,7 +34,7 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
         let noise = estimate_noise(scene);
         let paths = paths(scene, &noise);
         let instants = instants(scene, &paths);
-        let accelerations = Field::new(model, &model.flatten()).accelerations(&instants, None);
+        let accelerations = Field::new(model, &model.flatten()).accelerations(&instants, None, None);
         let mut left = accelerations.into_iter();
         let accelerations: Vec<Vec<Vec2>> =
             instants.iter().map(|i| left.by_ref().take(i.bodies.len()).collect()).collect();

@@ -1,11 +1,9 @@
-//! The user's own law: formulas for accelerations, forces and torque, read from text and evaluated in any scalar.
+//! The user's own law: formulas for accelerations, forces and torque, read from text.
 
 use super::parser::Parser;
+use super::program::{Program, Step};
 use super::unit::{SYMBOLS, is_unit};
-use crate::body::{Body, Wrench};
-use crate::num::{Real, Vec2, vec2};
 use serde::{Deserialize, Serialize};
-use smallvec::SmallVec;
 
 /// Longest text (bytes): a page.
 pub const LONGEST: usize = 2_000;
@@ -13,8 +11,6 @@ pub const LONGEST: usize = 2_000;
 pub const DEEPEST: usize = 64;
 /// Most parameters: as many as any law of the table has, and some.
 pub const MOST_PARAMETERS: usize = 16;
-/// Largest acceleration that counts as one (m/s^2, rad/s^2): beyond, the formula has run away.
-const LARGEST: f64 = 1e6;
 /// Bounds of a parameter that is given none, in units of its start or of 1, whichever is larger.
 pub const BOUND: f64 = 1e3;
 
@@ -73,47 +69,22 @@ pub enum Problem {
     Parameter { name: String, problem: &'static str },
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Step {
-    Number(f64),
-    /// Index among [`VARIABLES`].
-    Variable(usize),
-    Parameter(usize),
-    Negate,
-    Add,
-    Subtract,
-    Multiply,
-    Divide,
-    Power,
-    /// Index among [`FUNCTIONS`].
-    Call(usize),
-}
-
 pub(super) const VARIABLES: [&str; 10] = ["x", "y", "vx", "vy", "speed", "yaw", "spin", "t", "m", "r"];
-const TIME: usize = 7;
-/// Shortest time in which a law of the time may change much (s).
-const PACE: f64 = 0.02;
-/// Names and numbers of arguments.
-pub(super) const FUNCTIONS: [(&str, usize); 11] = [
-    ("sin", 1),
-    ("cos", 1),
-    ("tan", 1),
-    ("exp", 1),
-    ("ln", 1),
-    ("sqrt", 1),
-    ("tanh", 1),
-    ("abs", 1),
-    ("sign", 1),
-    ("min", 2),
-    ("max", 2),
+/// Names, numbers of arguments, and what they do.
+pub(super) const FUNCTIONS: [(&str, usize, Step); 11] = [
+    ("sin", 1, Step::Sin),
+    ("cos", 1, Step::Cos),
+    ("tan", 1, Step::Tan),
+    ("exp", 1, Step::Exp),
+    ("ln", 1, Step::Ln),
+    ("sqrt", 1, Step::Sqrt),
+    ("tanh", 1, Step::Tanh),
+    ("abs", 1, Step::Abs),
+    ("sign", 1, Step::Sign),
+    ("min", 2, Step::Min),
+    ("max", 2, Step::Max),
 ];
 pub(super) const TARGETS: [&str; 5] = ["ax", "ay", "fx", "fy", "torque"];
-
-/// A formula that has been read: for each target, its steps in postfix order.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Program {
-    pub(super) steps: [Vec<Step>; 5],
-}
 
 impl Formula {
     /// The law of a text with these parameters and those that the text declares.
@@ -204,105 +175,11 @@ impl FormulaParameter {
     }
 }
 
-impl Program {
-    /// The shortest time in which the law may change much by itself (s).
-    pub fn pace(&self) -> f64 {
-        let steady = !self.steps.iter().flatten().any(|s| *s == Step::Variable(TIME));
-        if steady { f64::INFINITY } else { PACE }
-    }
-
-    /// Adds to the wrench on `body`; `false`, and nothing added, where a formula has no finite value.
-    #[must_use]
-    pub fn force<T: Real>(&self, p: &[T], time: T, body: &Body<T>, out: &mut Wrench<T>) -> bool {
-        let radius = T::constant(body.shape.bounding_radius());
-        let Vec2 { x, y } = body.position;
-        let v = body.velocity;
-        let variables = [x, y, v.x, v.y, v.norm(), body.yaw, body.spin, time, body.mass, radius];
-        let values = [0, 1, 2, 3, 4].map(|target| run(&self.steps[target], &variables, p));
-        let [ax, ay, fx, fy, torque] = values;
-        let force = vec2(ax, ay) * body.mass + vec2(fx, fy);
-        let (mass, inertia) = (body.mass.value(), body.inertia().value());
-        let parts = [force.x.value() / mass, force.y.value() / mass, torque.value() / inertia];
-        if !parts.iter().all(|a| a.abs() <= LARGEST) {
-            return false;
-        }
-        // At a kink there is a value without a slope.
-        let smooth = |v: T| if v.is_finite() { v } else { T::constant(v.value()) };
-        out.force += vec2(smooth(force.x), smooth(force.y));
-        out.torque += smooth(torque);
-        true
-    }
-}
-
-/// The value of steps in postfix order; zero where there are none.
-fn run<T: Real>(steps: &[Step], variables: &[T], parameters: &[T]) -> T {
-    let mut stack = SmallVec::<[T; 8]>::new();
-    let missing = T::constant(f64::NAN);
-    for step in steps {
-        let mut pop = || stack.pop().unwrap_or(missing);
-        let value = match *step {
-            Step::Number(v) => T::constant(v),
-            Step::Variable(i) => variables.get(i).copied().unwrap_or(missing),
-            Step::Parameter(i) => parameters.get(i).copied().unwrap_or(missing),
-            Step::Negate => -pop(),
-            Step::Call(i) if FUNCTIONS.get(i).is_some_and(|f| f.1 == 1) => call(FUNCTIONS[i].0, pop()),
-            _ => {
-                let (b, a) = (pop(), pop());
-                match *step {
-                    Step::Add => a + b,
-                    Step::Subtract => a - b,
-                    Step::Multiply => a * b,
-                    Step::Divide => a / b,
-                    Step::Power => power(a, b),
-                    Step::Call(i) if FUNCTIONS.get(i).is_some_and(|f| f.0 == "min") => a.min(b),
-                    _ => a.max(b),
-                }
-            }
-        };
-        stack.push(value);
-    }
-    stack.pop().unwrap_or_default()
-}
-
-fn call<T: Real>(name: &str, v: T) -> T {
-    match name {
-        "sin" => v.sin(),
-        "cos" => v.cos(),
-        "tan" => v.sin() / v.cos(),
-        "exp" => v.exp(),
-        "ln" => v.ln(),
-        "sqrt" if v.value() == 0.0 => T::zero(),
-        "sqrt" => v.sqrt(),
-        "tanh" => v.tanh(),
-        "abs" => v.abs(),
-        _ if v.value() == 0.0 => T::zero(),
-        _ => T::constant(v.value().signum()),
-    }
-}
-
-/// a^b; the slope by the exponent is ln(a) a^b.
-fn power<T: Real>(a: T, b: T) -> T {
-    let (x, n) = (a.value(), b.value());
-    // Squares and cubes are most of them.
-    let raised = |n: f64| if n.fract() == 0.0 && n.abs() <= 4.0 { x.powi(n as i32) } else { x.powf(n) };
-    let value = raised(n);
-    if !T::DIFFERENTIATES {
-        return T::constant(value);
-    }
-    if b.is_constant() {
-        let slope = n * raised(n - 1.0);
-        return if slope.is_finite() { a.chain(value, slope) } else { T::constant(value) };
-    }
-    if x <= 0.0 {
-        return T::constant(value);
-    }
-    a.chain(value, n * raised(n - 1.0)) + b.infinitesimal() * (value * x.ln())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::num::{Jet, LANES};
+    use crate::body::{Body, Wrench};
+    use crate::num::{Differential, Jet, LANES, Real, Vec2, vec2};
     use crate::scene::Shape;
     use proptest::prelude::*;
 

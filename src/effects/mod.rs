@@ -23,6 +23,7 @@ mod off_centre_marker;
 mod pair_attraction;
 mod pair_repulsion;
 mod parser;
+pub mod program;
 mod quadratic_drag;
 mod report;
 mod restitution;
@@ -49,7 +50,7 @@ pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
 use crate::body::{Body, Contact, ContactLaw, Matter, Obstacle, View, Wrench};
-use crate::num::{Jet, Real, Vec2};
+use crate::num::{Jet, Real, Swift, Vec2};
 
 /// Every effect there is. A new one is its file and a line here.
 pub static EFFECTS: &[EffectEntry] = &[
@@ -288,6 +289,7 @@ pub struct EffectEntry {
     pub report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
     real: Hooks<f64>,
     jet: Hooks<Jet>,
+    swift: Hooks<Swift>,
 }
 
 impl EffectEntry {
@@ -301,6 +303,7 @@ impl EffectEntry {
             report: E::report,
             real: Hooks::of::<E>(),
             jet: Hooks::of::<E>(),
+            swift: Hooks::of::<E>(),
         }
     }
 
@@ -314,7 +317,7 @@ impl EffectEntry {
     }
 }
 
-/// The two scalars that effects are compiled for.
+/// The scalars that effects are compiled for.
 pub trait Scalar: Real {
     fn hooks(entry: &EffectEntry) -> &Hooks<Self>;
 }
@@ -326,5 +329,10 @@ impl Scalar for f64 {
 impl Scalar for Jet {
     fn hooks(entry: &EffectEntry) -> &Hooks<Jet> {
         &entry.jet
+    }
+}
+impl Scalar for Swift {
+    fn hooks(entry: &EffectEntry) -> &Hooks<Swift> {
+        &entry.swift
     }
 }

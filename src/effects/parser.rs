@@ -1,8 +1,7 @@
 //! Reads the text of formulas into steps in postfix order (precedence climbing, Pratt 1973).
 
-use super::formula::{
-    DEEPEST, FUNCTIONS, FormulaParameter, Problem, Program, Step, TARGETS, VARIABLES, known_units,
-};
+use super::formula::{DEEPEST, FUNCTIONS, FormulaParameter, Problem, TARGETS, VARIABLES, known_units};
+use super::program::{Program, Step};
 use super::unit::is_unit;
 
 pub(super) struct Parser<'a> {
@@ -197,11 +196,11 @@ impl<'a> Parser<'a> {
                 self.at += 1;
             }
             self.take(')', "')' or ','")?;
-            let (name, wanted) = FUNCTIONS[i];
+            let (name, wanted, step) = FUNCTIONS[i];
             if found != wanted {
                 return Err((at, Problem::Arguments { name, wanted, found }));
             }
-            out.push(Step::Call(i));
+            out.push(step);
         } else {
             let own = self.parameters.iter().map(|p| p.name.as_str());
             let all = own.chain(VARIABLES).chain(["pi"]).chain(FUNCTIONS.map(|f| f.0));

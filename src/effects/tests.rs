@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::body::Outline;
-use crate::num::vec2;
+use crate::num::{Differential, vec2};
 use crate::scene::Shape;
 
 /// Numbers of a body's state: x, y, yaw, vx, vy, spin, roll_x, roll_y, mass.

@@ -1,7 +1,8 @@
 //! One scene linearised at a point: its residuals with their Jacobian, in as few passes as the meetings of its bodies allow.
 
 use super::problem::{Coordinate, Followed, Free, HUBER, LIMITS, Normal, Part, Window, rho};
-use crate::num::{Jet, LANES, Real, Stop};
+use crate::effects::Scalar;
+use crate::num::{Differential, Jet, LANES, Stop, Swift};
 use crate::world::{Event, Owner, Rollout, film};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -36,37 +37,20 @@ impl Part<'_> {
         // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
-        let pass = |first: usize| -> Vec<(usize, [f64; LANES])> {
-            if stop(0.0).is_err() {
-                return vec![];
-            }
-            let mut jets: Vec<Jet> = flat.iter().map(|&v| Jet::constant(v)).collect();
-            for lane in lanes.iter().filter(|l| (first..first + LANES).contains(&l.number)) {
-                let (slot, k) = self.slots[lane.slot];
-                let slope = if free[k].log { flat[slot] } else { 1.0 };
-                jets[slot] = jets[slot].with_derivative(lane.number - first, slope);
-            }
-            let run = film(&self.model, &jets, self.times(window), &LIMITS);
-            self.worked(&run, JET);
-            let mut rows = Vec::with_capacity(residuals.len());
-            self.each_sample(window, |m, row| {
-                let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
-                let (mut xs, mut ys) = (k.position.x.derivatives(), k.position.y.derivatives());
-                for (x, y) in xs.iter_mut().zip(&mut ys) {
-                    [*x, *y] = m.whitener.apply(*x, *y);
-                }
-                rows.extend([(row, xs), (row + 1, ys)]);
-                rows.extend(m.yaw.map(|(_, sigma)| (row + 2, k.yaw.derivatives().map(|d| d / sigma))));
-            });
-            rows
+        // What one pass carries is as quick in double precision.
+        let swift = self.swift && width > LANES;
+        let firsts: Vec<usize> = (0..width).step_by(if swift { Swift::LANES } else { LANES }).collect();
+        let slopes = |first: usize| match swift {
+            _ if stop(0.0).is_err() => Slopes::default(),
+            true => self.slopes::<Swift>(free, &flat, &lanes, first, window),
+            false => self.slopes::<Jet>(free, &flat, &lanes, first, window),
         };
-        let firsts: Vec<usize> = (0..width).step_by(LANES).collect();
-        let passes: Vec<Vec<(usize, [f64; LANES])>> = firsts.par_iter().map(|&first| pass(first)).collect();
-        for (&first, rows) in firsts.iter().zip(&passes) {
-            let count = LANES.min(width - first);
-            for (row, derivatives) in rows {
+        let passes: Vec<Slopes> = firsts.par_iter().map(|&first| slopes(first)).collect();
+        for (&first, Slopes { rows, slopes }) in firsts.iter().zip(&passes) {
+            let count = slopes.len() / rows.len().max(1);
+            for (row, slopes) in rows.iter().zip(slopes.chunks_exact(count.max(1))) {
                 let at = row * width + first;
-                jacobian[at..at + count].copy_from_slice(&derivatives[..count]);
+                jacobian[at..at + count].copy_from_slice(slopes);
             }
         }
         // Each body's rows meet only the parameters of its component and the shared ones.
@@ -77,6 +61,41 @@ impl Part<'_> {
             })
             .collect();
         Linear { residuals, bodies, jacobian, width, columns }
+    }
+
+    /// Of all residuals, one pass: their derivatives by the lanes that begin with number `first`.
+    fn slopes<J: Differential + Scalar>(
+        &self,
+        free: &[Free],
+        flat: &[f64],
+        lanes: &[Lane],
+        first: usize,
+        window: Window,
+    ) -> Slopes {
+        let mut jets: Vec<J> = flat.iter().map(|&v| J::constant(v)).collect();
+        let mut count = 0;
+        for lane in lanes.iter().filter(|l| (first..first + J::LANES).contains(&l.number)) {
+            let (slot, k) = self.slots[lane.slot];
+            let slope = if free[k].log { flat[slot] } else { 1.0 };
+            jets[slot] = jets[slot].with_derivative(lane.number - first, slope);
+            count = count.max(lane.number - first + 1);
+        }
+        let run = film(&self.model, &jets, self.times(window), &LIMITS);
+        // As much for a derivative in whichever precision: a search that ends for want of work ends where it would.
+        self.worked(&run, JET * (J::LANES / LANES) as u64);
+        let (mut rows, mut slopes) = (vec![], vec![]);
+        self.each_sample(window, |m, row| {
+            let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
+            let place = |lane| m.whitener.apply(k.position.x.derivative(lane), k.position.y.derivative(lane));
+            rows.extend([row, row + 1]);
+            slopes.extend((0..count).map(|lane| place(lane)[0]));
+            slopes.extend((0..count).map(|lane| place(lane)[1]));
+            if let Some((_, sigma)) = m.yaw {
+                rows.push(row + 2);
+                slopes.extend((0..count).map(|lane| k.yaw.derivative(lane) / sigma));
+            }
+        });
+        Slopes { rows, slopes }
     }
 
     /// How many measurements of this part tell as much as one that is independent: residuals that go together,
@@ -295,10 +314,45 @@ impl Linear {
     }
 }
 
+/// Derivatives of one pass: for each of the rows, as many.
+#[derive(Default)]
+struct Slopes {
+    rows: Vec<usize>,
+    slopes: Vec<f64>,
+}
+
 /// Where the derivative by one slot is carried.
 struct Lane {
     slot: usize,
     /// The bodies it can reach; `None`: all.
     component: Option<usize>,
     number: usize,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noise;
+    use super::super::problem::Problem;
+    use super::super::tests::film;
+    use super::*;
+    use crate::num::never;
+
+    #[test]
+    fn derivatives_of_single_precision_are_those_of_double() {
+        let (scene, model) = film("swift", 5, [1.0, 1.6, 0.7]);
+        let (noise, scenes) = (noise::estimate(&scene), std::slice::from_ref(&scene));
+        let mut problem = Problem::new(scenes, vec![model], &[noise], &never);
+        let (point, frames) = (problem.start(), scene.times.len());
+        let exact = problem.linearised(&point, frames, None).remove(0);
+        problem.hurry(true);
+        let swift = problem.linearised(&point, frames, None).remove(0);
+        assert!(exact.width > LANES, "one pass is of double precision anyway");
+        assert_eq!((&exact.residuals, &exact.columns), (&swift.residuals, &swift.columns));
+        assert_ne!(exact.jacobian, swift.jacobian);
+        for (exact, swift) in exact.rows().zip(swift.rows()) {
+            let size = exact.1.iter().fold(1.0, |a: f64, b| a.max(b.abs()));
+            let off = exact.1.iter().zip(swift.1).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-4 * size, "{off} of {size}");
+        }
+    }
 }

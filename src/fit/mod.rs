@@ -42,6 +42,10 @@ pub struct FitOptions {
     /// Share of its work limit that the search may take: less where many models are tried of which most are wrong.
     #[serde(default = "all", skip_serializing_if = "is_all")]
     pub effort: f64,
+    /// Whether it searches with derivatives of single precision, where many models are tried; deviations are of double precision
+    /// always.
+    #[serde(skip)]
+    pub swift: bool,
 }
 
 fn all() -> f64 {
@@ -81,7 +85,13 @@ pub enum Method {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        FitOptions { max_iterations: 200, method: Method::default(), begin: Begin::default(), effort: all() }
+        FitOptions {
+            max_iterations: 200,
+            method: Method::default(),
+            begin: Begin::default(),
+            effort: all(),
+            swift: false,
+        }
     }
 }
 
@@ -228,6 +238,7 @@ pub fn estimate(
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
     problem.allow(options.effort);
+    problem.hurry(options.swift);
     let frames = longest(scenes);
     let best = match options.method {
         Method::GaussNewton => {
@@ -236,7 +247,10 @@ pub fn estimate(
                 _ => of_set_up(&problem, frames, scenes, start, options, stop)?,
             };
             let released = problem.release();
-            if released.contains(&true) {
+            problem.hurry(false);
+            if options.swift || released.contains(&true) {
+                let linear = found.linear.filter(|_| !options.swift);
+                let found = Solution { linear, ..found };
                 refined(&problem, found, &released, frames, options.max_iterations, stop)?
             } else {
                 found

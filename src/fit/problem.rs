@@ -64,6 +64,8 @@ pub(super) struct Part<'a> {
     work: AtomicU64,
     /// Index in [`Model::flatten`] and the free parameter that stands there.
     pub slots: Vec<(usize, usize)>,
+    /// Whether its derivatives are of single precision.
+    pub swift: bool,
 }
 
 pub(super) struct Problem<'a> {
@@ -229,7 +231,8 @@ impl<'a> Problem<'a> {
                 }
             }
             let base = model.flatten();
-            parts.push(Part { scene, model, noise: *noise, base, slots, work: AtomicU64::default() });
+            let work = AtomicU64::default();
+            parts.push(Part { scene, model, noise: *noise, base, slots, work, swift: false });
         }
         Problem { allowed: AtomicU64::new(most(&parts)), stop, parts, free }
     }
@@ -243,9 +246,15 @@ impl<'a> Problem<'a> {
             base: p.base.clone(),
             work: AtomicU64::default(),
             slots: p.slots.clone(),
+            swift: p.swift,
         };
         let parts: Vec<Part> = self.parts.iter().zip(scenes).map(part).collect();
         Problem { allowed: AtomicU64::new(most(&parts)), stop: self.stop, parts, free: self.free.clone() }
+    }
+
+    /// Whether derivatives are of single precision from now on.
+    pub fn hurry(&mut self, swift: bool) {
+        self.parts.iter_mut().for_each(|part| part.swift = swift);
     }
 
     /// Frees what was held for now; which parameters were.

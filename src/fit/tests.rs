@@ -21,7 +21,7 @@ fn objects() -> Vec<Object> {
 }
 
 /// A video of three objects, two of which meet the third; `masses` and the effects' values are as given.
-fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
+pub(super) fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
     let mut scene = Scene {
         name: name.into(),
         setup: None,

@@ -5,7 +5,9 @@ use super::model::Model;
 use super::motion::{Kinematics, Laws, Mode};
 use super::simulate::Few;
 use crate::body::Wrench;
+use crate::effects::program::Push;
 use crate::num::Vec2;
+use std::borrow::Cow;
 
 /// Where some bodies were at one instant.
 #[derive(Debug, Clone)]
@@ -23,6 +25,13 @@ pub struct Field<'m> {
     views: Views,
 }
 
+/// What formulas do at the numbers of a field.
+pub struct Written<'f, 'm> {
+    of: &'f Field<'m>,
+    /// By body, in the order of the instants in which it is.
+    pushes: Vec<Vec<Push>>,
+}
+
 impl<'m> Field<'m> {
     /// Under the numbers `flat` ([`Model::flatten`]).
     pub fn new(model: &'m Model, flat: &[f64]) -> Self {
@@ -37,20 +46,54 @@ impl<'m> Field<'m> {
         (0..self.model.bodies.len()).map(|i| pulls || !same(i)).collect()
     }
 
+    /// What formulas do to each body of the instants, for other numbers of the rest.
+    pub fn written<'f>(&'f self, instants: &[Snapshot]) -> Written<'f, 'm> {
+        let all = (0..self.model.bodies.len()).map(|i| self.written_on(i, instants));
+        Written { of: self, pushes: all.collect() }
+    }
+
+    /// To body `i` in those of the instants in which it is; empty without formulas.
+    fn written_on(&self, i: usize, instants: &[Snapshot]) -> Vec<Push> {
+        if !self.laws.has_formulas() {
+            return vec![];
+        }
+        let here = |s: &Snapshot| s.bodies.iter().find(|b| b.0 == i).map(|b| (s.time, b.1));
+        self.laws.written(i, &instants.iter().filter_map(here).collect::<Vec<_>>())
+    }
+
     /// Acceleration (m/s^2) of each body of each instant, one after the other. Balls that begin to roll are taken to roll. Those of
-    /// bodies that are not in `which` are zero.
-    pub fn accelerations(&self, instants: &[Snapshot], which: Option<&[bool]>) -> Vec<Vec2> {
+    /// bodies that are not in `which` are zero. What formulas do there at the same numbers may be `known`.
+    pub fn accelerations(
+        &self,
+        instants: &[Snapshot],
+        which: Option<&[bool]>,
+        known: Option<&Written>,
+    ) -> Vec<Vec2> {
         let laws = &self.laws;
         let wanted = |i: usize| which.is_none_or(|which| which[i]);
+        let written = |i: usize| match known {
+            _ if !wanted(i) => Cow::default(),
+            Some(known) if laws.same_written(&known.of.laws, i) => Cow::from(&known.pushes[i]),
+            _ => Cow::from(self.written_on(i, instants)),
+        };
+        let written: Vec<Cow<[Push]>> = (0..self.model.bodies.len()).map(written).collect();
+        let mut written: Vec<_> = written.iter().map(|pushes| pushes.iter()).collect();
         let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
             let rolls = self.model.bodies[i].start.rolling;
             laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
         };
         let mut all = Vec::with_capacity(instants.iter().map(|s| s.bodies.len()).sum());
         for Snapshot { time, bodies } in instants {
-            let wrench = |&(i, ref k): &(usize, Kinematics<f64>)| match wanted(i) {
-                true => laws.wrench(i, k, *time),
-                false => Wrench::zero(),
+            let wrench = |&(i, ref k): &(usize, Kinematics<f64>)| {
+                if !wanted(i) {
+                    return Wrench::zero();
+                }
+                let mut out = laws.of_library(i, k, *time);
+                if let Some((force, torque)) = written[i].next() {
+                    out.force += *force;
+                    out.torque += *torque;
+                }
+                out
             };
             let mut wrenches: Few<Wrench<f64>> = bodies.iter().map(wrench).collect();
             if laws.has_pair_forces() {
@@ -101,9 +144,9 @@ mod tests {
         let to = rougher.flatten();
         let [before, after] = [&flat, &to].map(|flat| Field::new(&model, flat));
         assert_eq!(after.differs(&before), rubber);
-        let before = before.accelerations(&instants, None);
+        let before = before.accelerations(&instants, None, None);
         let (all, some) =
-            (after.accelerations(&instants, None), after.accelerations(&instants, Some(&rubber)));
+            (after.accelerations(&instants, None, None), after.accelerations(&instants, Some(&rubber), None));
         for (i, rubber) in rubber.iter().enumerate() {
             assert_eq!(all[i] != before[i], *rubber);
             assert_eq!(some[i], if *rubber { all[i] } else { Vec2::zero() });

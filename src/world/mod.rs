@@ -25,9 +25,10 @@ mod rigid;
 mod setup;
 mod simulate;
 mod trace;
+mod written;
 
 pub use anchor::Anchor;
-pub use field::{Field, Snapshot};
+pub use field::{Field, Snapshot, Written};
 pub use film::{Views, film};
 pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};

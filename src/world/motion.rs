@@ -3,7 +3,7 @@
 use super::footprint::footprint;
 use super::model::{BODY_VALUES, MASS, Model};
 use crate::body::{Body, Matter, Wrench};
-use crate::effects::formula::Program;
+use crate::effects::program::Program;
 use crate::effects::{Hook, Hooks, Scalar};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
@@ -74,7 +74,7 @@ pub(super) struct Laws<T: Scalar> {
     forces: Vec<PerBody<T>>,
     pub(super) pairs: Vec<PerBody<T>>,
     /// Each with its parameters, body by body.
-    formulas: Vec<(Program, Vec<Vec<T>>)>,
+    pub(super) formulas: Vec<(Program, Vec<Vec<T>>)>,
     /// Whether a formula had no finite value since.
     pub undefined: Cell<bool>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
@@ -174,8 +174,7 @@ impl<T: Scalar> Laws<T> {
         T: PartialEq,
     {
         let forces = self.forces.iter().zip(&other.forces).all(|(a, b)| a.of(i) == b.of(i));
-        let formulas = self.formulas.iter().zip(&other.formulas).all(|(a, b)| a.1[i] == b.1[i]);
-        forces && formulas && self.mass[i] == other.mass[i] && self.shapes[i] == other.shapes[i]
+        forces && self.same_written(other, i)
     }
 
     pub fn body(&self, i: usize, k: &Kinematics<T>) -> Body<T> {
@@ -192,15 +191,17 @@ impl<T: Scalar> Laws<T> {
 
     /// What the force effects do to body `i`.
     pub fn wrench(&self, i: usize, k: &Kinematics<T>, time: T) -> Wrench<T> {
+        let mut out = self.of_library(i, k, time);
+        self.add_written(i, k, time, &mut out);
+        out
+    }
+
+    /// The same without formulas.
+    pub fn of_library(&self, i: usize, k: &Kinematics<T>, time: T) -> Wrench<T> {
         let body = self.body(i, k);
         let mut out = Wrench::zero();
         for law in &self.forces {
             (law.hooks.force)(law.of(i), time, &body, &mut out);
-        }
-        for (program, values) in &self.formulas {
-            if !program.force(&values[i], time, &body, &mut out) {
-                self.undefined.set(true);
-            }
         }
         if out.excess.value() != 0.0 || !out.excess.is_constant() {
             let factor = out.excess + 1.0;
