@@ -238,7 +238,7 @@ pub fn estimate(
     }
     let mut problem = Problem::new(scenes, models, &noises, stop);
     problem.allow(options.effort);
-    problem.hurry(options.swift);
+    problem.hurry(options.swift && options.method == Method::GaussNewton);
     let frames = longest(scenes);
     let best = match options.method {
         Method::GaussNewton => {

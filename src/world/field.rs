@@ -117,6 +117,7 @@ impl<'m> Field<'m> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::formula::Formula;
     use crate::num::vec2;
     use crate::world::{ActiveEffect, Preset};
 
@@ -151,6 +152,20 @@ mod tests {
             assert_eq!(all[i] != before[i], *rubber);
             assert_eq!(some[i], if *rubber { all[i] } else { Vec2::zero() });
         }
+        // What formulas do need not be found anew where their numbers are as they were.
+        let formula = Formula::new("let k = 0.3; fx = -k*x*vx; torque = k*t", vec![]).expect("it is one");
+        let formula = ActiveEffect::of_formula("drag", formula, &model.bodies).expect("it is one");
+        model.effects.push(formula);
+        let (flat, to) = (model.flatten(), [&to[..], &[0.3]].concat());
+        let other = to.iter().map(|v| if *v == 0.3 { 0.4 } else { *v }).collect::<Vec<_>>();
+        let [before, after, other] = [&flat, &to, &other].map(|flat| Field::new(&model, flat));
+        let known = before.written(&instants);
+        for field in [&after, &other] {
+            let anew = field.accelerations(&instants, None, None);
+            assert_eq!(field.accelerations(&instants, None, Some(&known)), anew);
+            assert_ne!(before.accelerations(&instants, None, None), anew);
+        }
+        assert!(after.accelerations(&instants, None, None) != other.accelerations(&instants, None, None));
         // Bodies that pull at each other feel what befalls any of them.
         let pulls = crate::effects::effect("pair_attraction").expect("an effect");
         model.effects.push(ActiveEffect::new(&pulls.spec, &model.bodies));
