@@ -252,8 +252,9 @@ impl<'a> Lens<'a> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
         let fields: Vec<Field> = models.iter().zip(&flats).map(|(m, flat)| Field::new(m, flat)).collect();
-        let written: Vec<Written> =
-            fields.iter().zip(&self.instants).map(|(field, instants)| field.written(instants)).collect();
+        let seen = fields.iter().zip(&self.instants).enumerate();
+        let written = seen.map(|(k, (field, at))| counted.contains(&k).then(|| field.written(at)));
+        let written: Vec<Option<Written>> = written.collect();
         for (k, f) in free.iter().enumerate() {
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
@@ -274,7 +275,7 @@ impl<'a> Lens<'a> {
                     let too = below.differs(&fields[scene]);
                     moves.iter_mut().zip(too).for_each(|(moves, too)| *moves |= too);
                 }
-                let written = Some(&written[scene]);
+                let written = written[scene].as_ref();
                 let mut column = jacobian.column_mut(k);
                 self.each_stretch(scene, &above, Some(&moves), written, |s, rows| {
                     let from = residual.rows(s.first_row, rows.len());

@@ -1,7 +1,7 @@
 //! The user's own law: formulas for accelerations, forces and torque, read from text.
 
 use super::parser::Parser;
-use super::program::{Program, Step};
+use super::program::{Program, Step, VARIABLES};
 use super::unit::{SYMBOLS, is_unit};
 use serde::{Deserialize, Serialize};
 
@@ -69,7 +69,6 @@ pub enum Problem {
     Parameter { name: String, problem: &'static str },
 }
 
-pub(super) const VARIABLES: [&str; 10] = ["x", "y", "vx", "vy", "speed", "yaw", "spin", "t", "m", "r"];
 /// Names, numbers of arguments, and what they do.
 pub(super) const FUNCTIONS: [(&str, usize, Step); 11] = [
     ("sin", 1, Step::Sin),

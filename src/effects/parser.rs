@@ -1,7 +1,7 @@
 //! Reads the text of formulas into steps in postfix order (precedence climbing, Pratt 1973).
 
-use super::formula::{DEEPEST, FUNCTIONS, FormulaParameter, Problem, TARGETS, VARIABLES, known_units};
-use super::program::{Program, Step};
+use super::formula::{DEEPEST, FUNCTIONS, FormulaParameter, Problem, TARGETS, known_units};
+use super::program::{Program, Step, VARIABLES};
 use super::unit::is_unit;
 
 pub(super) struct Parser<'a> {

@@ -4,7 +4,8 @@ use crate::body::{Body, Wrench};
 use crate::num::{Real, Vec2, vec2};
 use smallvec::SmallVec;
 
-/// Index of the time among the variables.
+pub(super) const VARIABLES: [&str; 10] = ["x", "y", "vx", "vy", "speed", "yaw", "spin", "t", "m", "r"];
+/// Index of the time among them.
 const TIME: usize = 7;
 /// Shortest time in which a law of the time may change much (s).
 const PACE: f64 = 0.02;
@@ -56,7 +57,7 @@ impl Program {
     #[must_use]
     pub fn force<T: Real>(&self, p: &[T], time: T, body: &Body<T>, out: &mut Wrench<T>) -> bool {
         let variables = variables(time, body);
-        let values = [0, 1, 2, 3, 4].map(|target| run(&self.steps[target], &variables, p));
+        let values = self.steps.each_ref().map(|steps| run(steps, &variables, p));
         let Some((force, torque)) = push(values, body) else { return false };
         out.force += force;
         out.torque += torque;
@@ -65,18 +66,18 @@ impl Program {
 
     /// What it does to one body at each of several instants; `None` where a formula has no finite value.
     pub fn pushes(&self, p: &[f64], instants: &[(f64, Body<f64>)]) -> Vec<Option<Push>> {
-        let rows: Vec<[f64; 10]> = instants.iter().map(|(time, body)| variables(*time, body)).collect();
+        let rows: Vec<_> = instants.iter().map(|(time, body)| variables(*time, body)).collect();
         let column = |k: usize| Column::Each(rows.iter().map(|row| row[k]).collect());
-        let variables = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9].map(column);
+        let variables: [Column; VARIABLES.len()] = std::array::from_fn(column);
         let p: Vec<Column> = p.iter().map(|&v| Column::Alike(v)).collect();
-        let values = [0, 1, 2, 3, 4].map(|target| run(&self.steps[target], &variables, &p));
-        let at = |k: usize| [0, 1, 2, 3, 4].map(|target| values[target].at(k));
+        let values = self.steps.each_ref().map(|steps| run(steps, &variables, &p));
+        let at = |k: usize| values.each_ref().map(|column| column.at(k));
         instants.iter().enumerate().map(|(k, (_, body))| push(at(k), body)).collect()
     }
 }
 
-/// In the order of their names.
-fn variables<T: Real>(time: T, body: &Body<T>) -> [T; 10] {
+/// In the order of [`VARIABLES`].
+fn variables<T: Real>(time: T, body: &Body<T>) -> [T; VARIABLES.len()] {
     let radius = T::constant(body.shape.bounding_radius());
     let (Vec2 { x, y }, v) = (body.position, body.velocity);
     [x, y, v.x, v.y, v.norm(), body.yaw, body.spin, time, body.mass, radius]

@@ -88,8 +88,9 @@ impl Part<'_> {
             let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
             let place = |lane| m.whitener.apply(k.position.x.derivative(lane), k.position.y.derivative(lane));
             rows.extend([row, row + 1]);
-            slopes.extend((0..count).map(|lane| place(lane)[0]));
-            slopes.extend((0..count).map(|lane| place(lane)[1]));
+            for axis in [0, 1] {
+                slopes.extend((0..count).map(|lane| place(lane)[axis]));
+            }
             if let Some((_, sigma)) = m.yaw {
                 rows.push(row + 2);
                 slopes.extend((0..count).map(|lane| k.yaw.derivative(lane) / sigma));
