@@ -1,6 +1,6 @@
 //! Reads the lines before the header of a CSV file, which hold for all of its rows.
 
-use super::{BALL, DISC, Kind, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
+use super::{BALL, DISC, Kind, LARGEST, LENGTHS, PIXELS, Report, SHAPES, kind, misspelt, size_of};
 use crate::scene::{DEFAULT_SIZE, Table, WorldKind};
 
 /// Keys of the lines before the header.
@@ -113,10 +113,14 @@ impl Notes {
         let metre = notes.unit.as_deref().and_then(|unit| notes.metres(unit)).unwrap_or(1.0);
         if let Some((at, size, unit)) = size {
             let own = unit.map_or(Some(metre), |unit| notes.metres(&unit));
+            notes.size = size * own.unwrap_or(1.0);
             if own.is_none() {
                 r.add(at, "size has an unknown unit; give m, cm or mm");
+            } else if notes.size > LARGEST {
+                let message =
+                    format!("size is {} m; write \"# size: {size} mm\" if it is in millimetres", notes.size);
+                r.add(at, message);
             }
-            notes.size = size * own.unwrap_or(1.0);
         }
         notes.table = cushions.map(|all: [f64; 4]| {
             let [x0, x1, y0, y1] = all.map(|v| v * metre);

@@ -57,6 +57,10 @@ fn frames_count_at_the_rate_and_pixels_need_a_scale() {
         let refused = parse_csv("s", &format!("{slip}\n{rows}")).expect_err(slip).to_string();
         assert!(refused.starts_with("line 1: write \"# size: VALUE\", a unit behind the value"), "{refused}");
     }
+    let vast = parse_csv("s", &format!("# size: 60\n{rows}")).expect_err("too large").to_string();
+    assert!(vast.starts_with("line 1: size is 60 m; write \"# size: 60 mm\""), "{vast}");
+    let seconds = parse_csv("s", "id,t [ms],x,y\n1,0,0,0\n1,0.04,0.1,0\n").expect_err("too fast").to_string();
+    assert!(seconds.starts_with("object 1: moves at 2500 m/s"), "{seconds}");
     assert!(parse_csv("s", &format!("# our table, size = 3\n{rows}")).is_ok());
     let refused = parse_csv("s", &format!("# unit: px\n{rows}")).expect_err("no scale").to_string();
     assert!(refused.starts_with("header, column 3 (x): is in pixels; give the scale"), "{refused}");
@@ -119,10 +123,11 @@ fn everything_wrong_is_told_with_its_place() {
         &["header, column 3 (x [ft]): has the unit \"ft\"; known: m, cm, mm"],
     );
     check(
-        "# ftp: 50\nid,frame,x,y,massa,vx,coulor,note\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
+        "# ftp: 50\nid,frame,x,y,massa,vx,coulor,yaww\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
         &[
             "header, column 5 (massa): is no known column; did you mean mass?",
             "header, column 7 (coulor): is no known column; did you mean color?",
+            "header, column 8 (yaww): is no known column; did you mean yaw?",
         ],
     );
     check(
