@@ -9,6 +9,9 @@ use serde_json::{Value, json};
 
 #[derive(clap::Args)]
 pub struct Args {
+    /// Shows these only [default: all].
+    #[arg(value_name = "EFFECT")]
+    effects: Vec<String>,
     /// Writes the result as JSON; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -16,7 +19,12 @@ pub struct Args {
 
 pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
-    let effects = connection.models().list_effects(ListEffectsRequest {}).await?.into_inner().effects;
+    let mut effects = connection.models().list_effects(ListEffectsRequest {}).await?.into_inner().effects;
+    if let Some(unknown) = args.effects.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
+        let known: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
+        return Err(Failure::input(format!("{unknown} is no effect of the catalogue: {}", known.join(", "))));
+    }
+    effects.retain(|e| args.effects.is_empty() || args.effects.contains(&e.name));
     match args.json.as_deref() {
         Some(target) => {
             output::json(target, &json!({ "effects": effects.iter().map(to_json).collect::<Vec<_>>() }))?;

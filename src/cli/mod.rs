@@ -42,6 +42,7 @@ struct Cli {
 
 /// Where the service is.
 #[derive(clap::Args, Clone, Default)]
+#[command(next_help_heading = "Options of all commands")]
 struct Target {
     /// A running service, such as http://127.0.0.1:50051 [default: one inside this process]
     #[arg(long, global = true, value_name = "URL")]

@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_name = "KIND")]
     add: Option<String>,
     /// Adds a law of your own: see below.
-    #[arg(long, value_name = "TEXT|FILE")]
+    #[arg(long, visible_alias = "formula", value_name = "TEXT|FILE")]
     add_formula: Option<String>,
     /// Name of the law that --add-formula adds [default: the file's, or `formula`].
     #[arg(long, value_name = "NAME", requires = "add_formula")]
