@@ -56,7 +56,17 @@ pub(super) fn minimise_from(
     let mut damping = FIRST_DAMPING;
     let mut cost = f64::INFINITY;
     let mut losses = vec![];
-    let mut there: Option<Vec<Followed>> = None;
+    // What a simulation that is cut short does not reach costs nothing: no search begins with one.
+    let mut there = match known {
+        Some(_) => None,
+        None => match problem.followed(&point, window) {
+            None => {
+                let outcome = Outcome::IterationLimit;
+                return Ok(Solution { point, cost, iterations: 0, outcome, losses, linear: None });
+            }
+            there => there,
+        },
+    };
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
         let linear = known.take().unwrap_or_else(|| problem.linearised(&point, window, there.as_deref()));
@@ -190,4 +200,33 @@ fn step(
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noise;
+    use super::super::tests::film;
+    use super::*;
+    use crate::effects::formula::Formula;
+    use crate::num::never;
+    use crate::world::{ActiveEffect, Prior};
+
+    /// Frames that a simulation does not reach leave no residuals, which would look like the best of fits.
+    #[test]
+    fn where_a_formula_loses_its_value_is_no_minimum() {
+        let (scene, mut model) = film("s", 1, [1.0; 3]);
+        let formula = Formula::new("let k = 0; ax = 0.001*k*sqrt(1 - k*t)", vec![]).expect("it is one");
+        let mut active = ActiveEffect::of_formula("f", formula, &model.bodies).expect("it is one");
+        active.parameters[0].prior = Prior { mean: 0.0, sd: 1.0 };
+        model.effects.push(active);
+        let (noises, scenes) = ([noise::estimate(&scene)], [scene]);
+        let problem = Problem::new(&scenes, vec![model], &noises, &never);
+        let cost = |k: f64| {
+            let mut start = problem.start();
+            let at = problem.free.iter().position(|f| f.name == "f.k").expect("it is free");
+            start[at] = k;
+            minimise(&problem, &start, 100, NEGLIGIBLE, 5, &never).expect("nobody stops it").cost
+        };
+        assert!(cost(0.1).is_finite() && cost(3.0).is_infinite());
+    }
 }
