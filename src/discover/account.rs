@@ -2,7 +2,7 @@
 
 use super::contact::ContactCandidate;
 use super::contact_law::estimates_of;
-use super::force::Lens;
+use super::force::{Lens, fit_forces};
 use super::jackknife::Shared;
 use super::outcome::{
     Found, NINETY_FIVE, Owner, Ranked, Reported, Smallest, Value, Verdict, reported, widened,
@@ -13,6 +13,7 @@ use super::screen::{Candidate, Stand, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use crate::effects::{EffectEntry, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
+use crate::world::Model;
 use std::collections::BTreeSet;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
@@ -25,6 +26,10 @@ const SURFACE: f64 = 0.5;
 /// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
 /// derivatives grow without end, and a fit's own deviation says what nobody can know.
 const NO_NEARER: f64 = 0.02;
+
+/// How many times better than free motion trajectories may tell a number. Beyond, it hangs on a contact whose derivatives grow
+/// without end: a narrow minimum, one of many.
+const NARROW: f64 = 10.0;
 
 /// What was added first, then the others by evidence.
 pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
@@ -79,6 +84,23 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
         }
     }
     Found::of(c.entry, reported(c.entry, &values, &sd))
+}
+
+/// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): free motion's, where that is
+/// followed, of those that are too narrow, with how far it is from them.
+pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64, f64)]) -> Vec<f64> {
+    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let (free, seen) = fit_forces(lens, &models);
+    let reduced = seen.chi_square / lens.degrees_of_freedom().max(1) as f64;
+    let scatter = lens.scatter(&models, &free, &seen.values).filter(|_| reduced < super::MISFIT);
+    let one = |(name, &(value, sd)): (&&str, &(f64, f64))| {
+        let at = free.iter().position(|f| f.name == format!("{law}.{name}"));
+        let known = at.zip(scatter.as_ref()).map(|(at, scatter)| {
+            widened(seen.sd[at] * reduced.max(1.0).sqrt(), scatter[at]).hypot(value - seen.values[at])
+        });
+        known.filter(|known| sd > 0.0 && NARROW * sd < *known).unwrap_or(sd)
+    };
+    names.iter().zip(told).map(one).collect()
 }
 
 /// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
@@ -240,4 +262,27 @@ pub fn unfollowed(last: &Revision) -> String {
          model's, or its law is another; compare shows where",
         worst.name, worst.reduced_chi_square
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::change::{Change, Origin, change};
+    use super::super::conclude::DiscoverOptions;
+    use super::super::tests::{CUBE, DISC, film, models};
+    use super::*;
+    use crate::num::never;
+
+    #[test]
+    fn a_number_that_trajectories_know_far_too_well_is_as_uncertain_as_by_free_motion() {
+        let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
+        let scenes = film(&[launch(1.0), launch(1.6)], Some(("linear_drag", &[("c", 0.3)])));
+        let (base, options) = (models(&scenes), DiscoverOptions::default().fit);
+        let asked = Change::Add("linear_drag".into());
+        let made = change(&scenes, &Origin::Start(&base), &asked, &options, &never).expect("it runs");
+        let lens = Lens::new(&scenes);
+        let sd = |told| plausible(&lens, &made.after.fit, "linear_drag", &["c"], &[told])[0];
+        assert_eq!([sd((0.3, 0.01)), sd((0.3, 0.0))], [0.01, 0.0], "what is fixed stays so");
+        let (near, far) = (sd((0.3, 1e-9)), sd((0.5, 1e-9)));
+        assert!((1e-3..0.1).contains(&near) && far > 0.1, "{near} {far}");
+    }
 }

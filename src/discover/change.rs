@@ -1,6 +1,6 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
-use super::account::by_object;
+use super::account::{by_object, plausible};
 use super::alone::Alone;
 use super::contact::screen_contacts;
 use super::contact_law::{estimates_of, shows_at_contacts, with_contact};
@@ -439,7 +439,9 @@ pub fn found(
         let fixed = || (value(fit, name, numbers.names[k]).unwrap_or(*default), 0.0);
         largest.map_or_else(fixed, |e| (e.value, e.sd.max(scatter)))
     };
-    let (values, sd): (Vec<f64>, Vec<f64>) = defaults.iter().enumerate().map(told).unzip();
+    let told: Vec<(f64, f64)> = defaults.iter().enumerate().map(told).collect();
+    let sd = plausible(lens, fit, name, &numbers.names, &told);
+    let values: Vec<f64> = told.iter().map(|t| t.0).collect();
     if let Some(entry) = entry {
         return Ok(Found::of(entry, reported(entry, &values, &sd)));
     }
