@@ -13,7 +13,7 @@ use super::formula::{MOST_TERMS, ResidualLaw};
 use super::jackknife::{Shared, numbers_of, of_videos};
 use super::outcome::{Discovery, Found, Verdict, may_be_none};
 use super::outside::{compromise, foretells, law_beside, once, written};
-use super::proof;
+use super::proof::{self, at_noise, explains_all};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
 use super::screen::region;
 use super::search::{CLEAN, FreeMotion, fewer, instead};
@@ -21,7 +21,7 @@ use super::whole::{STICKING, asked, mended, sticking, sticks};
 use super::written::with_numbers;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect};
-use crate::fit::{FitError, FitOptions, SceneFit};
+use crate::fit::{FitError, FitOptions};
 use crate::num::{Stop, counted, part};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -313,23 +313,6 @@ pub fn conclude(
         noise_sigma,
         revisions,
     })
-}
-
-/// Whether an effect follows every trajectory to the noise, with numbers in common.
-fn explains_all(revision: &Revision) -> bool {
-    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
-}
-
-/// Whether a trajectory is followed to the noise.
-fn is_clean(scene: &SceneFit) -> bool {
-    scene.reduced_chi_square <= 1.0 + CLEAN
-}
-
-/// Whether trajectories are followed to the noise, or three of four of them.
-fn at_noise(revision: &Revision) -> bool {
-    let scenes = &revision.fit.scenes;
-    let near = scenes.iter().filter(|s| is_clean(s)).count();
-    revision.reduced_chi_square <= 1.0 + CLEAN || (4 * near >= 3 * scenes.len() && revision.effect.is_some())
 }
 
 /// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the

@@ -4,7 +4,7 @@ use super::change::{Change, FORMULA, propose};
 use super::conclude::DiscoverOptions;
 use super::force::{Lens, fit_forces};
 use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::proof;
+use super::proof::{self, explains_all};
 use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, leaves_something};
@@ -55,7 +55,9 @@ pub fn compromise(
 ) -> Result<Option<ResidualLaw>, FitError> {
     let Some(law) = simple_law(lens, base, motion) else { return Ok(None) };
     let added = motion.added();
-    let better = beats(&law, motion, proof_against(&law, motion))
+    // What the library's follows to the noise only trajectories can take from it: the lens may be misled.
+    let plain = !revisions.last().is_some_and(explains_all);
+    let better = (plain && beats(&law, motion, proof_against(&law, motion)))
         || (added > 0
             && beats(&law, motion, worth_asking(&law, motion))
             && followed_better(lens, &law, base, motion, revisions, options, stop)?);

@@ -3,6 +3,7 @@
 use super::account::FOLLOWED;
 use super::cost::Cost;
 use super::revise::Revision;
+use super::search::CLEAN;
 use crate::fit::{Fit, SceneFit};
 use crate::world::ActiveEffect;
 
@@ -36,6 +37,23 @@ pub fn losses(fit: &Fit) -> usize {
 /// Whether a fit loses one of its scenes.
 pub fn loses(fit: &Fit) -> bool {
     losses(fit) > 0
+}
+
+/// Whether an effect follows every trajectory to the noise, with numbers in common.
+pub fn explains_all(revision: &Revision) -> bool {
+    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
+}
+
+/// Whether a trajectory is followed to the noise.
+fn is_clean(scene: &SceneFit) -> bool {
+    scene.reduced_chi_square <= 1.0 + CLEAN
+}
+
+/// Whether trajectories are followed to the noise, or three of four of them.
+pub fn at_noise(revision: &Revision) -> bool {
+    let scenes = &revision.fit.scenes;
+    let near = scenes.iter().filter(|s| is_clean(s)).count();
+    revision.reduced_chi_square <= 1.0 + CLEAN || (4 * near >= 3 * scenes.len() && revision.effect.is_some())
 }
 
 /// Whether the trajectories of `after` are nearer to what was measured than those of `before`, and bend beliefs less, the
