@@ -29,7 +29,7 @@ A formula is a text, or the name of a file that holds it:
 Left of = stand ax ay (m/s^2), fx fy (N) or torque (N m); right of it numbers, pi, parameters, the variables x y (m),
 vx vy speed (m/s), yaw (rad), spin (rad/s), t (s), m (kg), r (m, of the circle around the shape), the operators
 + - * / ^ and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or ; part the formulas. `let` declares
-a number that the fit finds: unit (SI symbols with * / ^), start and bounds may be left out.
+a number that the fit finds: unit (SI symbols with * / ^), start (0) and bounds (1000 times the start, or 1000) may be left out.
 
 Revisions are kept in the --data-dir, or at the --server. Without --on the one that nothing was built on is revised; to
 go back, name an older one with --on and build on that.";

@@ -86,13 +86,14 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
     Found::of(c.entry, reported(c.entry, &values, &sd))
 }
 
-/// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): free motion's, where that is
-/// followed, of those that are too narrow, with how far it is from them.
+/// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): of those that are too narrow free
+/// motion's, with how far it is from them, where that is followed or trajectories are not.
 pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64, f64)]) -> Vec<f64> {
     let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
     let (free, seen) = fit_forces(lens, &models);
     let reduced = seen.chi_square / lens.degrees_of_freedom().max(1) as f64;
-    let scatter = lens.scatter(&models, &free, &seen.values).filter(|_| reduced < super::MISFIT);
+    let lost = fit.scenes.iter().any(proof::lost);
+    let scatter = lens.scatter(&models, &free, &seen.values).filter(|_| lost || reduced < super::MISFIT);
     let one = |(name, &(value, sd)): (&&str, &(f64, f64))| {
         let at = free.iter().position(|f| f.name == format!("{law}.{name}"));
         let known = at.zip(scatter.as_ref()).map(|(at, scatter)| {

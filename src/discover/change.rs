@@ -52,7 +52,9 @@ pub enum Change {
 pub enum ChangeError {
     #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` have all", alike(.name))]
     Unknown { name: String },
-    #[error("{name} is in the model already; remove it first, or give another law another name")]
+    #[error(
+        "{name} is in the model already; build on a revision without it (`--on`), remove it first, or give another law another `--name`"
+    )]
     There { name: String },
     #[error("{name:?} is not in the model, which has {present}")]
     Absent { name: String, present: String },

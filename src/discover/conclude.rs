@@ -10,6 +10,7 @@ use super::experiment::tell_apart;
 use super::film::contacts;
 use super::force::Lens;
 use super::formula::{MOST_TERMS, ResidualLaw};
+use super::hearing::heard;
 use super::jackknife::{Shared, numbers_of, of_videos};
 use super::outcome::{Discovery, Found, Verdict, may_be_none};
 use super::outside::{compromise, foretells, law_beside, once, written};
@@ -111,8 +112,15 @@ pub fn conclude(
     }
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
-    let (mut revisions, motion, mut proven) =
+    let (mut revisions, mut motion, mut proven) =
         borne_out(lens, &base, revisions, motion, proven, &options.fit, stop)?;
+    if proven.is_none()
+        && room
+        && let Some((law, revision)) = heard(lens, &base, &motion, &revisions[0], &options.fit, stop)?
+    {
+        motion = law;
+        revisions.push(revision);
+    }
     if let Some(c) = proven
         && let Some((other, nearer)) =
             as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?

@@ -16,6 +16,7 @@ mod film;
 mod force;
 mod formula;
 mod free;
+mod hearing;
 mod inquire;
 mod jackknife;
 mod outcome;

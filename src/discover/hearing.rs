@@ -1,0 +1,77 @@
+//! Before motion is called unexplained, whole trajectories hear the laws that free motion ranks first: of one film, or of few
+//! objects, it may be too short to prove any.
+
+use super::account::FOLLOWED;
+use super::force::Lens;
+use super::proof::{self, at_noise};
+use super::revise::{Revision, revise};
+use super::screen::Candidate;
+use super::search::{ALIKE, FreeMotion, instead};
+use crate::fit::{FitError, FitOptions};
+use crate::num::Stop;
+use crate::world::Model;
+use rayon::prelude::*;
+
+/// Most laws that are heard.
+const HEARD: usize = 4;
+
+/// The law of force with which trajectories follow what was filmed, where free motion leaves structure and proves none;
+/// with its revision. `first` is the revision without any.
+pub fn heard(
+    lens: &Lens,
+    base: &[Model],
+    motion: &FreeMotion,
+    first: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<(FreeMotion, Revision)>, FitError> {
+    if !motion.found.is_empty() || motion.typical <= super::MISFIT || at_noise(first) {
+        return Ok(None);
+    }
+    let one = |law: &Candidate| -> Result<_, FitError> {
+        let motion = instead(lens, base, motion, law, stop)?;
+        let revision = revise(lens, &motion.models, Some(law.entry.spec.name), options, stop)?;
+        let follows = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
+        let follows = follows && proof::borne_out(first, &revision, law.added);
+        let priced = proof::distance(&revision.fit) + law.added as f64 * motion.degrees_of_freedom.ln();
+        Ok(follows.then_some((priced, law.entry.kind, motion, revision)))
+    };
+    let laws: Vec<&Candidate> = motion.ranked.iter().map(|(_, law)| law).take(HEARD).collect();
+    let tried: Vec<Option<_>> = laws.into_par_iter().map(one).collect::<Result<_, FitError>>()?;
+    let mut follow: Vec<_> = tried.into_iter().flatten().collect();
+    follow.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let least = follow.first().map_or(0.0, |best| best.0);
+    let mut kinds: Vec<&'static str> =
+        follow.iter().take_while(|law| law.0 - least < ALIKE).map(|law| law.1).collect();
+    kinds.dedup();
+    let best = follow.into_iter().next().map(|(_, _, motion, revision)| {
+        let alike = if kinds.len() > 1 { vec![kinds] } else { vec![] };
+        (FreeMotion { alike, ..motion }, revision)
+    });
+    Ok(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::conclude::DiscoverOptions;
+    use super::super::inquire::discover;
+    use super::super::outcome::Verdict;
+    use super::super::tests::{DISC, film, models};
+    use crate::num::never;
+
+    /// Of three objects in one film the lightest alone shows the wind clearly.
+    #[test]
+    fn a_wind_in_one_film_of_few_objects_is_no_law_outside_the_library() {
+        let launches = [vec![
+            (DISC, 0.4, [-1.2, 0.8], [0.9, -0.4]),
+            (DISC, 1.2, [1.3, 0.2], [-0.7, 0.3]),
+            (DISC, 3.0, [0.1, -1.4], [0.2, 0.8]),
+        ]];
+        let wind: &[(&str, f64)] = &[("F_x", 0.07), ("F_y", -0.04)];
+        let scenes = film(&launches, Some(("uniform_force", wind)));
+        let options = DiscoverOptions::default();
+        let found = discover(&scenes, &models(&scenes), &options, &never).expect("it runs");
+        let told = (found.verdict, found.effects.first().map(|e| e.kind.as_str()));
+        assert_eq!(told, (Verdict::EffectFound, Some("uniform_force")), "{}", found.reason);
+    }
+}
