@@ -56,19 +56,15 @@ mod tests {
     use super::super::conclude::DiscoverOptions;
     use super::super::inquire::discover;
     use super::super::outcome::Verdict;
-    use super::super::tests::{DISC, film, models};
+    use super::super::tests::models;
     use crate::num::never;
+    use crate::scene::parse_csv;
 
-    /// Of three objects in one film the lightest alone shows the wind clearly.
+    /// Of three discs in one film the lightest alone shows the wind of (.06, -.03) N clearly.
     #[test]
     fn a_wind_in_one_film_of_few_objects_is_no_law_outside_the_library() {
-        let launches = [vec![
-            (DISC, 0.4, [-1.2, 0.8], [0.9, -0.4]),
-            (DISC, 1.2, [1.3, 0.2], [-0.7, 0.3]),
-            (DISC, 3.0, [0.1, -1.4], [0.2, 0.8]),
-        ]];
-        let wind: &[(&str, f64)] = &[("F_x", 0.07), ("F_y", -0.04)];
-        let scenes = film(&launches, Some(("uniform_force", wind)));
+        let text = include_str!("../../tests/data/wind/video_1.csv");
+        let scenes = [parse_csv("video_1", text).expect("it is one")];
         let options = DiscoverOptions::default();
         let found = discover(&scenes, &models(&scenes), &options, &never).expect("it runs");
         let told = (found.verdict, found.effects.first().map(|e| e.kind.as_str()));
