@@ -3,6 +3,7 @@
 use super::contact::ContactCandidate;
 use super::contact_law::estimates_of;
 use super::force::{Lens, fit_forces};
+use super::free::free_parameters;
 use super::jackknife::Shared;
 use super::outcome::{
     Found, NINETY_FIVE, Owner, Ranked, Reported, Smallest, Value, Verdict, reported, widened,
@@ -68,7 +69,7 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
     let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
     let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
-    let followed = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
+    let followed = proof::follows(revision);
     for (k, p) in c.entry.spec.params.iter().enumerate() {
         let name = format!("{}.{}", c.entry.spec.name, p.name);
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
@@ -90,18 +91,23 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
 /// motion's, with how far it is from them, where that is followed or trajectories are not.
 pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64, f64)]) -> Vec<f64> {
     let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let own: Vec<String> = names.iter().map(|name| format!("{law}.{name}")).collect();
+    // Of a law of contact free motion has no number.
+    if !free_parameters(&models).iter().any(|f| own.contains(&f.name)) {
+        return told.iter().map(|t| t.1).collect();
+    }
     let (free, seen) = fit_forces(lens, &models);
     let reduced = seen.chi_square / lens.degrees_of_freedom().max(1) as f64;
     let lost = fit.scenes.iter().any(proof::lost);
     let scatter = lens.scatter(&models, &free, &seen.values).filter(|_| lost || reduced < super::MISFIT);
-    let one = |(name, &(value, sd)): (&&str, &(f64, f64))| {
-        let at = free.iter().position(|f| f.name == format!("{law}.{name}"));
+    let one = |(name, &(value, sd)): (&String, &(f64, f64))| {
+        let at = free.iter().position(|f| f.name == *name);
         let known = at.zip(scatter.as_ref()).map(|(at, scatter)| {
             widened(seen.sd[at] * reduced.max(1.0).sqrt(), scatter[at]).hypot(value - seen.values[at])
         });
         known.filter(|known| sd > 0.0 && NARROW * sd < *known).unwrap_or(sd)
     };
-    names.iter().zip(told).map(one).collect()
+    own.iter().zip(told).map(one).collect()
 }
 
 /// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more

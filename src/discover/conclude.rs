@@ -121,6 +121,7 @@ pub fn conclude(
         motion = law;
         revisions.push(revision);
     }
+    let room = room && options.max_effects > motion.found.len();
     if let Some(c) = proven
         && let Some((other, nearer)) =
             as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?
@@ -414,7 +415,7 @@ fn one_for_all(
 /// Numbers of an unseen thing by trajectories that are followed; as uncertain as short films have them, and as far as these
 /// disagree.
 fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shared>>> {
-    let all = (revision.reduced_chi_square < FOLLOWED && revision.apart.is_empty()) || at_noise(revision);
+    let all = proof::follows(revision) || at_noise(revision);
     let one = |(p, (known, own)): (&ParamSpec, (&f64, &f64))| {
         let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
         let apart = value - known;

@@ -1,7 +1,6 @@
 //! Before motion is called unexplained, whole trajectories hear the laws that free motion ranks first: of one film, or of few
 //! objects, it may be too short to prove any.
 
-use super::account::FOLLOWED;
 use super::force::Lens;
 use super::proof::{self, at_noise};
 use super::revise::{Revision, revise};
@@ -31,8 +30,7 @@ pub fn heard(
     let one = |law: &Candidate| -> Result<_, FitError> {
         let motion = instead(lens, base, motion, law, stop)?;
         let revision = revise(lens, &motion.models, Some(law.entry.spec.name), options, stop)?;
-        let follows = revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED;
-        let follows = follows && proof::borne_out(first, &revision, law.added);
+        let follows = proof::follows(&revision) && proof::borne_out(first, &revision, law.added);
         let priced = proof::distance(&revision.fit) + law.added as f64 * motion.degrees_of_freedom.ln();
         Ok(follows.then_some((priced, law.entry.kind, motion, revision)))
     };

@@ -44,6 +44,11 @@ pub fn explains_all(revision: &Revision) -> bool {
     revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
 }
 
+/// Whether trajectories are followed through their contacts, with numbers in common.
+pub fn follows(revision: &Revision) -> bool {
+    revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED
+}
+
 /// Whether a trajectory is followed to the noise.
 fn is_clean(scene: &SceneFit) -> bool {
     scene.reduced_chi_square <= 1.0 + CLEAN

@@ -56,17 +56,15 @@ pub(super) fn minimise_from(
     let mut damping = FIRST_DAMPING;
     let mut cost = f64::INFINITY;
     let mut losses = vec![];
-    // What a simulation that is cut short does not reach costs nothing: no search begins with one.
-    let mut there = match known {
-        Some(_) => None,
-        None => match problem.followed(&point, window) {
-            None => {
-                let outcome = Outcome::IterationLimit;
-                return Ok(Solution { point, cost, iterations: 0, outcome, losses, linear: None });
-            }
-            there => there,
-        },
-    };
+    let mut there: Option<Vec<Followed>> = None;
+    if known.is_none() {
+        there = problem.followed(&point, window);
+        // What a simulation that is cut short does not reach costs nothing: no search begins with one.
+        if there.is_none() {
+            let outcome = Outcome::IterationLimit;
+            return Ok(Solution { point, cost, iterations: 0, outcome, losses, linear: None });
+        }
+    }
     for iteration in 0..budget {
         stop(iteration as f64 / budget as f64)?;
         let linear = known.take().unwrap_or_else(|| problem.linearised(&point, window, there.as_deref()));
