@@ -110,7 +110,7 @@ fn measure(group: &Path, preset: Option<&Preset>) -> Result<Told, Box<dyn Error>
 
 /// The models of a revision.
 fn fitted(revision: &Revision) -> Vec<Model> {
-    revision.fit.scenes.iter().map(|s| s.model.clone()).collect()
+    revision.fit.models()
 }
 
 fn is_right(found: &Discovery, kind: Option<&str>) -> bool {

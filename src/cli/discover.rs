@@ -100,6 +100,9 @@ pub fn text(found: &Discovery) -> String {
         text += &format!("\n  {}\n", found.formula);
     }
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
+    if revisions.is_empty() {
+        return text;
+    }
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
     text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + refused(found) + &smallest(found)
@@ -124,7 +127,7 @@ fn smallest(found: &Discovery) -> String {
     let row = |s: &SmallestEffect| {
         let unit = if s.unit == "1" { "" } else { &s.unit };
         vec![
-            s.kind.clone(),
+            s.kind.clone() + &if s.effect == s.kind { String::new() } else { format!(" ({})", s.effect) },
             format!("{} {} {unit}", s.parameter, output::number(s.value)).trim_end().to_string(),
         ]
     };

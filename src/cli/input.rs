@@ -167,7 +167,7 @@ pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
     Ok(Formula { name, text, parameters: vec![] })
 }
 
-/// `--model`: the name of a preset, a model that the service keeps, or a model file.
+/// A model to begin with: the name of a preset, a model that the service keeps, or a model file.
 pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
     let Some(choice) = choice else { return Ok(None) };
     let kind = if Preset::named(choice).is_some() {
@@ -182,7 +182,7 @@ pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
         let text = read.map_err(|e| {
             let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
             let known = known.join(", ");
-            Failure::input(format!("--model {choice}: neither a preset ({known}) nor a readable file ({e})"))
+            Failure::input(format!("model {choice}: neither a preset ({known}) nor a readable file ({e})"))
         })?;
         model_choice::Choice::ModelJson(text)
     };

@@ -14,7 +14,6 @@ use super::screen::{Candidate, Stand, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use crate::effects::{EffectEntry, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
-use crate::world::Model;
 use std::collections::BTreeSet;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
@@ -90,7 +89,7 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
 /// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): of those that are too narrow free
 /// motion's, with how far it is from them, where that is followed or trajectories are not.
 pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64, f64)]) -> Vec<f64> {
-    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let models = fit.models();
     let own: Vec<String> = names.iter().map(|name| format!("{law}.{name}")).collect();
     // Of a law of contact free motion has no number.
     if !free_parameters(&models).iter().any(|f| own.contains(&f.name)) {

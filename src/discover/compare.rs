@@ -82,7 +82,7 @@ pub fn compare(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Comparison, FitError> {
-    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let models = fit.models();
     crate::fit::check(scenes, &models)?;
     let held_out = held_out(scenes, &models, None, options, stop)?;
     let compared: Vec<SceneComparison> = scenes

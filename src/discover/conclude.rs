@@ -266,7 +266,7 @@ pub fn conclude(
         .or_else(|| {
             (outside && once).then(|| law_beside(lens, &base, &motion, MOST_TERMS)).flatten().map(alone)
         });
-    let mut formula = None;
+    let (mut formula, mut strength) = (None, String::new());
     if let Some((text, kept)) = law
         && let models = if kept == 0 { &base } else { &motion.models }
         && let Some(with) = written(lens, &text, models, options, stop)?
@@ -274,6 +274,10 @@ pub fn conclude(
     {
         let law = Formula::new(&text, vec![]).map(|law| (FORMULA.to_string(), law)).into_iter();
         ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
+        // What the model's own numbers take back of it (a constant, by a tilt of the table) is no force.
+        let [typical, most] = lens.apart(&with.fit.models(), &revisions[kept].fit.models());
+        strength =
+            format!("; it changes accelerations by {typical:.3} m/s^2 (root mean square; at most {most:.3})");
         let mut text = text;
         if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
             let found = change::found(lens, &with, FORMULA, &options.fit, stop)?;
@@ -311,7 +315,7 @@ pub fn conclude(
         );
     }
     Ok(Discovery {
-        reason: reason + &aside,
+        reason: reason + &strength + &aside,
         verdict,
         effects,
         ranked,

@@ -111,7 +111,7 @@ pub fn screen_contacts(
     let near = FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..options };
     let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
     let mut before = chi_squares(&base);
-    let mut ended: Vec<Model> = base.scenes.iter().map(|s| s.model.clone()).collect();
+    let mut ended = base.models();
     let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
     let unfollowed =
         |base: &Fit| -> Vec<usize> { (0..base.scenes.len()).filter(|&k| off(base, k) > AT_NOISE).collect() };
@@ -207,7 +207,7 @@ pub fn screen_contacts(
             return Ok((vec![], lost));
         }
         before = chi_squares(&base);
-        ended = base.scenes.iter().map(|s| s.model.clone()).collect();
+        ended = base.models();
         begun.iter_mut().for_each(|b| b.models = followed.iter().map(|&k| b.models[k].clone()).collect());
     }
     let (films, unfollowed) = (&films, unfollowed(&base));
@@ -242,7 +242,7 @@ pub fn screen_contacts(
                 return Ok(tried);
             }
             let Tried { entry, start: values, object, fit: begun } = tried;
-            let models: Vec<Model> = begun.scenes.iter().map(|s| s.model.clone()).collect();
+            let models = begun.models();
             let mut found = lower(begun, estimate(&films.scenes, &models, &near, stop)?);
             // What is still lost begins anew with what the others agree on, and what has gone astray since.
             let after = Cost::of(&found, Some(entry.spec.name));
@@ -253,7 +253,7 @@ pub fn screen_contacts(
             let others = |cost: &Cost| cost.total() - lost.iter().map(|&k| cost.of_scene(k)).sum::<f64>();
             let gains = others(&after) < others(&known) - CHANCE;
             if (gains || entry.uses(Hook::Bodies)) && !lost.is_empty() && lost.len() < before.len() {
-                let mut models: Vec<Model> = found.scenes.iter().map(|s| s.model.clone()).collect();
+                let mut models = found.models();
                 for film in lost {
                     let begun = &films.models[film..=film];
                     let mut begun = with_contact(begun, entry, &values, object, region).remove(0);

@@ -123,6 +123,23 @@ impl<'a> Lens<'a> {
         out
     }
 
+    /// How far two readings of the scenes are apart in acceleration where bodies move freely (m/s^2): root mean square, and most.
+    pub fn apart(&self, models: &[Model], others: &[Model]) -> [f64; 2] {
+        let (mut squares, mut most, mut count) = (0.0, 0.0f64, 0.0);
+        for (scene, (model, other)) in models.iter().zip(others).enumerate() {
+            let [here, there] = [model, other].map(|m| {
+                let flat = m.flatten();
+                Field::new(m, &flat).accelerations(&self.instants[scene], None, None)
+            });
+            let measured = self.stretches.iter().filter(|s| s.scene == scene).flat_map(|s| &s.measured);
+            for at in measured.filter_map(|m| m.at) {
+                let square = (here[at] - there[at]).norm_squared();
+                (squares, most, count) = (squares + square, most.max(square), count + 1.0);
+            }
+        }
+        [(squares / f64::max(count, 1.0)).sqrt(), most.sqrt()]
+    }
+
     fn row_count(&self) -> usize {
         self.stretches.last().map_or(0, |s| s.span().end)
     }
@@ -453,4 +470,28 @@ pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
     let free = free_parameters(models);
     let seen = lens.solve(models, &free, &values_of(models, &free), ITERATIONS, &[]);
     (free, seen)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+    use crate::effects::effect;
+    use crate::world::ActiveEffect;
+
+    #[test]
+    fn readings_are_apart_by_the_force_that_one_lacks() {
+        let scenes = film(&[vec![(DISC, 1.0, [-1.0, 0.0], [1.0, 0.0])]], None);
+        let (without, mut with) = (models(&scenes), models(&scenes));
+        let wind = &effect("uniform_force").expect("it is in the library").spec;
+        let mut active = ActiveEffect::new(wind, &with[0].bodies);
+        active.parameters.iter_mut().zip([0.03, 0.04]).for_each(|(p, force)| p.values.fill(force));
+        with[0].effects.push(active);
+        let lens = Lens::new(&scenes);
+        let expected = 0.05 / with[0].bodies[0].mass;
+        for told in lens.apart(&with, &without) {
+            assert!((told - expected).abs() < 1e-9, "{told} is not {expected}");
+        }
+        assert_eq!(lens.apart(&with, &with), [0.0, 0.0]);
+    }
 }

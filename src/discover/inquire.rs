@@ -271,7 +271,7 @@ pub fn diagnose(
     stop: Stop,
 ) -> Result<Diagnosis, FitError> {
     let comparison = compare(scenes, fit, &options.fit, stop)?;
-    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let models = fit.models();
     let lens = Lens::new(scenes);
     let begun = with_nuisance(&models);
     let motion = search(&lens, &begun, stop)?;

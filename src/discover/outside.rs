@@ -219,6 +219,7 @@ mod tests {
             let last = found.revisions.last().expect("there is the first");
             assert!(last.reduced_chi_square < 1.2, "{power}: {}", last.reduced_chi_square);
             if outside {
+                assert!(found.reason.contains("it changes accelerations by 0."), "{}", found.reason);
                 assert_eq!(
                     (&found.effects[..1], found.ranked[0].kind.as_str()),
                     (&found.effects[..], FORMULA)

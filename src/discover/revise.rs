@@ -226,7 +226,7 @@ fn fit_set_up(
     let (mut joint, alone) = common(scenes, models, alone, begun, options, stop)?;
     if let Some(asked) = asked {
         joint.scenes.iter_mut().zip(asked).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
-        let found: Vec<Model> = joint.scenes.iter().map(|s| s.model.clone()).collect();
+        let found = joint.models();
         // What is lost has no say.
         let most = if proof::loses(&joint) { 0 } else { options.max_iterations.min(COMMON_ITERATIONS) };
         let near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
@@ -326,7 +326,7 @@ pub fn lower(known: Fit, tried: Fit) -> Fit {
 
 /// The models of a fit without one of their effects.
 pub fn without_effect(fit: &Fit, name: &str) -> Vec<Model> {
-    let mut models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let mut models = fit.models();
     models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != name));
     models
 }

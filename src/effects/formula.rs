@@ -247,7 +247,7 @@ mod tests {
         check("ax = 1; ax = 2", "line 1, column 9: ax is given twice");
         check("ax = 1.2.3", "line 1, column 6: expected a number, found '1'");
         check("é = 1", "line 1, column 1: \"'é'\" is no left side");
-        check("", "line 1, column 1: \"the end\" is no left side");
+        check("", "line 1, column 1: expected a formula, such as ax = -0.1*vx, found the end");
         check(&format!("ax = {}1", "(".repeat(500)), "line 1, column 71: nested deeper than 64");
         check(&"ax = 1;".repeat(999), "the formula has 6993 bytes");
         let named = |name: &str| {
@@ -291,7 +291,7 @@ mod tests {
         check("let k = z", "line 1, column 9: expected a number, found 'z'");
         check("let k from 1; ax = k", "line 1, column 13: expected 'to', found ';'");
         check("ax = k; let k", "line 1, column 6: \"k\" is no name here");
-        check("let k", "line 1, column 6: \"the end\" is no left side; known: ax ay fx fy torque let");
+        check("let k", "line 1, column 6: expected a formula, such as ax = -0.1*vx, found the end");
         check(
             "let k = 1; let n [ banana] = 1; ax = k",
             "line 1, column 20: \"banana\" is no unit; known: 1 m s kg",

@@ -40,6 +40,9 @@ impl<'a> Parser<'a> {
                 self.end()?;
                 continue;
             }
+            if self.at == self.text.len() && name.is_empty() {
+                return Err(self.unexpected("a formula, such as ax = -0.1*vx"));
+            }
             let target = TARGETS.iter().position(|t| *t == name).ok_or_else(|| {
                 let known = TARGETS.join(" ") + " let";
                 (at, Problem::Unknown { found: self.seen(at, name), wanted: "left side", known })

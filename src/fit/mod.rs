@@ -192,7 +192,7 @@ pub fn drawn(scenes: &[Scene], fit: Fit, stop: Stop) -> Result<Fit, FitError> {
         return Ok(fit);
     }
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
-    let models = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let models = fit.models();
     let mut problem = Problem::new(scenes, models, &noises, stop);
     problem.release();
     let posterior = fit.posterior.drawn(&mut problem, longest(scenes));

@@ -338,6 +338,11 @@ impl Blocks {
 }
 
 impl Fit {
+    /// The models with the numbers found, one a scene.
+    pub fn models(&self) -> Vec<Model> {
+        self.scenes.iter().map(|s| s.model.clone()).collect()
+    }
+
     /// What the fit says of one of its scenes alone.
     pub fn of_scene(&self, scene: usize) -> Fit {
         Fit {

@@ -99,7 +99,7 @@ impl Views {
 }
 
 fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
-    let models: Vec<Model> = fit.scenes.iter().map(|s| s.model.clone()).collect();
+    let models = fit.models();
     let run = |(scene, model): (&Scene, &Model)| {
         let times: Vec<f64> = (0..scene.times.len() + FUTURE).map(|f| scene.time_of(f)).collect();
         trace(model, &times).as_seen(model)
