@@ -100,7 +100,7 @@ pub fn text(found: &Discovery) -> String {
         text += &format!("\n  {}\n", found.formula);
     }
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
-    if revisions.is_empty() {
+    if found.verdict() == Verdict::NotIdentifiable {
         return text;
     }
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);

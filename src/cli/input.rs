@@ -179,11 +179,13 @@ pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
             Ok(found) if !found.is_file() => Err(std::io::Error::other("it is no file")),
             _ => std::fs::read_to_string(choice),
         };
-        let text = read.map_err(|e| {
+        let none = |e: &dyn std::fmt::Display| {
             let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
             let known = known.join(", ");
-            Failure::input(format!("model {choice}: neither a preset ({known}) nor a readable file ({e})"))
-        })?;
+            Failure::input(format!("model {choice}: neither a preset ({known}) nor a model file ({e})"))
+        };
+        let text = read.map_err(|e| none(&e))?;
+        serde_json::from_str::<serde::de::IgnoredAny>(&text).map_err(|e| none(&e))?;
         model_choice::Choice::ModelJson(text)
     };
     Ok(Some(ModelChoice { choice: Some(kind) }))

@@ -15,8 +15,12 @@ use crate::world::Model;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
+/// Most other laws that trajectories are asked about.
+const OTHERS: usize = 2;
+
 /// Another law of contact that short films speak for as clearly, where trajectories are nearer to that; of unseen things that lose
-/// a scene, any other that they prove: what was struck may be a wall or an object.
+/// a scene, any other that they prove: what was struck may be a wall or an object. Where one object's own leaves something, what
+/// all have may be it.
 pub fn as_good<'c>(
     lens: &Lens,
     law: &ContactCandidate,
@@ -29,14 +33,22 @@ pub fn as_good<'c>(
     let [.., without, known] = revisions else { return Ok(None) };
     let unseen = |c: &ContactCandidate| c.entry.uses(Hook::Bodies);
     let struck = unseen(law) && proof::loses(&known.fit);
-    let near = |c: &&ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
-    let other = all.iter().find(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
-    let Some(c) = other else { return Ok(None) };
-    let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region(lens.scenes));
-    let revision = revise(lens, &models, Some(c.entry.spec.name), options, stop)?;
-    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit)
-        && proof::borne_out(without, &revision, c.added);
-    Ok(nearer.then_some((c, revision)))
+    let leaves = law.object.is_some() && !proof::explains_all(known);
+    let alike = |c: &ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
+    let near = |c: &&ContactCandidate| alike(c) || (leaves && c.object.is_none() && !unseen(c));
+    let others = all.iter().filter(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
+    let region = region(lens.scenes);
+    let tried = others.take(OTHERS).collect::<Vec<_>>().into_par_iter().map(|c| {
+        let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region);
+        Ok((c, revise(lens, &models, Some(c.entry.spec.name), options, stop)?))
+    });
+    let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+    let distance = |r: &Revision| proof::distance(&r.fit);
+    let nearest = tried.into_iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
+    Ok(nearest.filter(|(c, r)| {
+        let nearer = if alike(c) { distance(r) < distance(known) } else { proof::nearer(&known.fit, &r.fit) };
+        nearer && proof::borne_out(without, r, c.added)
+    }))
 }
 
 /// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.

@@ -276,8 +276,9 @@ pub fn conclude(
         ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
         // What the model's own numbers take back of it (a constant, by a tilt of the table) is no force.
         let [typical, most] = lens.apart(&with.fit.models(), &revisions[kept].fit.models());
-        strength =
-            format!("; it changes accelerations by {typical:.3} m/s^2 (root mean square; at most {most:.3})");
+        strength = format!(
+            "; on these tracks it changes accelerations by {typical:.3} m/s^2 (root mean square; {most:.3} at most)"
+        );
         let mut text = text;
         if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
             let found = change::found(lens, &with, FORMULA, &options.fit, stop)?;
