@@ -95,7 +95,7 @@ fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
 fn worth_asking(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
     match motion.added() {
         added if law.numbers < added && motion.found.len() > 1 => -FORMULA_PROOF,
-        added if law.numbers <= added => 0.0,
+        added if law.foreign && law.numbers <= added => 0.0,
         _ => WORTH_ASKING,
     }
 }
