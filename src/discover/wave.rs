@@ -160,7 +160,7 @@ mod tests {
         for angle in [0.0, FRAC_PI_2, 0.7, 2.5] {
             for push in PUSHES {
                 let amplitudes = vec![0.5, -0.25];
-                let wave = Wave { angle, push, mean, number: 2.0, amplitudes: amplitudes.clone(), cost: 0.0 };
+                let wave = Wave { angle, push, number: 2.0, amplitudes: amplitudes.clone(), cost: 0.0 };
                 let along = Vec2::from_angle((1e4 * angle).round() / 1e4);
                 let along = if wave.turned() { along } else { Vec2::from_angle(angle) };
                 agrees(&wave.text(false), vec2(0.7, -1.2), vec2(0.3, 0.1), |k, _| {
