@@ -3,7 +3,6 @@
 use super::central::{central_laws, other_shapes};
 use super::force::{Lens, Projector, Seen};
 use super::free::Free;
-use super::wave::wave;
 use super::written::refitted;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
@@ -108,7 +107,7 @@ pub fn residual_law(
             let best = search.thinned(search.turn(best, step));
             search.law(if by_axes(&best) < by_axes(&upright) { best } else { upright })
         });
-        central_laws(search, place).into_iter().chain(along_axes).chain(wave(search))
+        central_laws(search, place).into_iter().chain(along_axes)
     });
     let cheaper =
         |a: &ResidualLaw, b: &ResidualLaw| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers));

@@ -33,7 +33,6 @@ mod struck;
 mod tests;
 mod unexplained;
 mod unseen;
-mod wave;
 mod whole;
 mod written;
 

@@ -19,8 +19,8 @@ const FORMULA_PROOF: f64 = 40.0;
 const PLAIN_PROOF: f64 = 200.0;
 /// The same of one that has fewer numbers than the two laws of the library that it stands against.
 const SIMPLER_PROOF: f64 = 10.0;
-/// The same of one that trajectories are asked about, if it has more numbers than the library's: what the best of 21 terms, as forces
-/// and as accelerations, has by chance (2 ln 42).
+/// The same of one that trajectories are asked about: what the best of 21 terms, as forces and as accelerations, has by chance
+/// (2 ln 42).
 const WORTH_ASKING: f64 = 7.5;
 /// By how much chaos alone makes the error on later frames larger, where a law halves that on the fitted ones.
 const CHAOS: f64 = 1.5;
@@ -90,14 +90,9 @@ fn proof_against(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
 }
 
 /// What trajectories are asked about must beat the library's by: two laws of the library take up more of what the lens does not
-/// know than a single one that it lacks, of which they are the image. Of laws as simple, trajectories tell which it is where free
-/// motion hardly does.
+/// know than a single one that it lacks, of which they are the image.
 fn worth_asking(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    match motion.added() {
-        added if law.numbers < added && motion.found.len() > 1 => -FORMULA_PROOF,
-        added if law.foreign && law.numbers <= added => 0.0,
-        _ => WORTH_ASKING,
-    }
+    if motion.found.len() > 1 && law.numbers < motion.added() { -FORMULA_PROOF } else { WORTH_ASKING }
 }
 
 /// Whether a sparse law of generic terms explains the free motion better, and more simply, than the library's, by a `proof`.
