@@ -99,10 +99,10 @@ pub fn text(found: &Discovery) -> String {
     if !found.formula.is_empty() {
         text += &format!("\n  {}\n", found.formula);
     }
-    let revisions: Vec<&Revision> = found.revisions.iter().collect();
     if found.verdict() == Verdict::NotIdentifiable {
         return text;
     }
+    let revisions: Vec<&Revision> = found.revisions.iter().collect();
     let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
     text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + refused(found) + &smallest(found)
