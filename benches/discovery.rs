@@ -94,6 +94,14 @@ const FORCES: [(&str, Law); 17] = [
     ("none", |_, _, _, _, _| Vec2::zero()),
 ];
 
+/// More that no library lists: forces and drags that change along one direction.
+const OF_PLACE: [(&str, Law); 4] = [
+    ("outside: swell", |k, _, _, all, i| vec2(0.1 * k * (3.0 * all[i].x.x).sin(), 0.0)),
+    ("outside: ridge", |k, _, _, all, i| vec2(0.0, 0.1 * k * all[i].x.y.abs())),
+    ("outside: hollow", |k, _, _, all, i| vec2(0.05 * k * all[i].x.x * all[i].x.x, 0.0)),
+    ("outside: drag off a line", |k, _, _, all, i| all[i].v.scaled(-0.3 * k * all[i].x.x.abs())),
+];
+
 /// Kinds that are no law of force.
 const OTHERS: [&str; 6] = [
     "friction_patch",
@@ -350,7 +358,7 @@ fn main() {
         after(list).is_none_or(|list| list.split(',').any(|wanted| name.contains(wanted)))
     };
     let none: Law = |_, _, _, _, _| Vec2::zero();
-    let all = FORCES.into_iter().chain(OTHERS.map(|kind| (kind, none)));
+    let all = FORCES.into_iter().chain(OTHERS.map(|kind| (kind, none))).chain(OF_PLACE);
     let mut wanted = vec![];
     for (which, (kind, law)) in all.enumerate().filter(|(_, (kind, _))| named("--kinds", kind)) {
         let control = kind == "none";

@@ -170,8 +170,8 @@ mod tests {
             });
             let (lens, models) = (Lens::new(&scenes), models(&scenes));
             let (free, seen) = fit_forces(&lens, &models);
-            let law =
-                residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS, None).expect("it proves itself");
+            let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS, true, None)
+                .expect("it proves itself");
             let found = Formula::new(&law.text, vec![]).expect("it is one").parameters;
             let number = |name: &str| found.iter().find(|p| p.name == name).expect(&law.text).default;
             for (name, truth) in [("c1", -0.2), ("cx", 0.4), ("cy", -0.3)] {

@@ -3,6 +3,7 @@
 use super::central::{central_laws, other_shapes};
 use super::force::{Lens, Projector, Seen};
 use super::free::Free;
+use super::wave::wave;
 use super::written::refitted;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
@@ -82,14 +83,15 @@ pub struct ResidualLaw {
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
-/// does not roll) of at most `most` terms, or about a centre, which `place` may be; `None` where no term proves
-/// itself.
+/// does not roll) of at most `most` terms, or about a centre, which `place` may be, or a wave if `waves` may be; `None` where
+/// no term proves itself.
 pub fn residual_law(
     lens: &Lens,
     models: &[Model],
     free: &[Free],
     seen: &Seen,
     most: usize,
+    waves: bool,
     place: Option<Vec2>,
 ) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, &seen.values)?;
@@ -107,7 +109,7 @@ pub fn residual_law(
             let best = search.thinned(search.turn(best, step));
             search.law(if by_axes(&best) < by_axes(&upright) { best } else { upright })
         });
-        central_laws(search, place).into_iter().chain(along_axes)
+        central_laws(search, place).into_iter().chain(along_axes).chain(waves.then(|| wave(search)).flatten())
     });
     let cheaper =
         |a: &ResidualLaw, b: &ResidualLaw| priced(a.cost, a.numbers).total_cmp(&priced(b.cost, b.numbers));

@@ -33,6 +33,7 @@ mod struck;
 mod tests;
 mod unexplained;
 mod unseen;
+mod wave;
 mod whole;
 mod written;
 

@@ -4,7 +4,7 @@ use super::change::{Change, FORMULA, propose};
 use super::conclude::DiscoverOptions;
 use super::force::{Lens, fit_forces};
 use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
-use super::proof::{self, explains_all};
+use super::proof;
 use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{Candidate, region};
 use super::search::{CLEAN, FreeMotion, leaves_something};
@@ -28,20 +28,32 @@ const CHAOS: f64 = 1.5;
 /// The sparse law beside what the models have, of at most so many terms. What the library has about a place tells where a law may
 /// have its centre.
 pub fn law_beside(lens: &Lens, models: &[Model], motion: &FreeMotion, most: usize) -> Option<ResidualLaw> {
-    let (free, seen) = fit_forces(lens, models);
-    let place = motion.ranked.iter().find_map(|(_, c)| c.place());
-    residual_law(lens, models, &free, &seen, most, place)
+    generic_law(lens, models, motion, most, true)
 }
 
-/// The sparse law that the library's must stand against.
-fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<ResidualLaw> {
+fn generic_law(
+    lens: &Lens,
+    models: &[Model],
+    motion: &FreeMotion,
+    most: usize,
+    waves: bool,
+) -> Option<ResidualLaw> {
+    let (free, seen) = fit_forces(lens, models);
+    let place = motion.ranked.iter().find_map(|(_, c)| c.place());
+    residual_law(lens, models, &free, &seen, most, waves, place)
+}
+
+/// The sparse law that the library's must stand against, of which trajectories may be followed to the noise.
+fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion, followed: bool) -> Option<ResidualLaw> {
     // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
     let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
     // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
     // that more than one object shows.
     let added = motion.added();
     let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    law_beside(lens, base, motion, terms)
+    // A wave about a mean holds a single law of force: what the lens alone sees beside that may be its own error.
+    let waves = motion.found.len() != 1 || (doubtful && !followed);
+    generic_law(lens, base, motion, terms, waves)
 }
 
 /// A sparse law of which what the library has is a compromise, the last of the revisions.
@@ -53,11 +65,12 @@ pub fn compromise(
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Option<ResidualLaw>, FitError> {
-    let Some(law) = simple_law(lens, base, motion) else { return Ok(None) };
+    let Some(last) = revisions.last() else { return Ok(None) };
+    let followed = last.effect.is_some() && last.apart.is_empty() && last.reduced_chi_square <= 1.0 + CLEAN;
+    let Some(law) = simple_law(lens, base, motion, followed) else { return Ok(None) };
     let added = motion.added();
     // What the library's follows to the noise only trajectories can take from it: the lens may be misled.
-    let plain = !revisions.last().is_some_and(explains_all);
-    let better = (plain && beats(&law, motion, proof_against(&law, motion)))
+    let better = (!followed && beats(&law, motion, proof_against(&law, motion)))
         || (added > 0
             && beats(&law, motion, worth_asking(&law, motion))
             && followed_better(lens, &law, base, motion, revisions, options, stop)?);
@@ -80,7 +93,7 @@ pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> 
             && beats(law, motion, proof)
             && (motion.added() > 0 || shared(law, motion))
     };
-    simple_law(lens, base, motion).filter(far).map(|law| priced(&law, motion))
+    simple_law(lens, base, motion, false).filter(far).map(|law| priced(&law, motion))
 }
 
 /// What a sparse law must beat the library's by. Where two laws of the library would be needed, a simpler one need not be

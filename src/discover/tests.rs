@@ -193,7 +193,8 @@ fn a_law_that_no_library_lists_is_given_as_a_formula() {
     let lens = Lens::new(&scenes);
     let base = with_nuisance(&models(&scenes));
     let (free, fitted) = fit_forces(&lens, &base);
-    let formula = residual_law(&lens, &base, &free, &fitted, 2, None).expect("something is missing").text;
+    let formula =
+        residual_law(&lens, &base, &free, &fitted, 2, true, None).expect("something is missing").text;
     assert!(formula.contains("(vx)") && formula.contains("(vy)") && !formula.contains("/m"), "{formula}");
     // It is added as it is printed.
     let asked = Change::Write("found".into(), Formula::new(&formula, vec![]).expect("it is one"));
@@ -441,7 +442,7 @@ fn a_law_along_a_direction_is_told_along_it() {
     let lens = Lens::new(&scenes);
     let base = with_nuisance(&models(&scenes));
     let (free, fitted) = fit_forces(&lens, &base);
-    let law = residual_law(&lens, &base, &free, &fitted, 1, None).expect("something is missing");
+    let law = residual_law(&lens, &base, &free, &fitted, 1, true, None).expect("something is missing");
     assert_eq!(law.numbers, 2, "{}", law.text);
     // What it says is the drag, also as text: brakes along the direction, and nothing across it.
     let mut bare = models(&scenes).remove(0);
