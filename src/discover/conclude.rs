@@ -259,12 +259,12 @@ pub fn conclude(
         .map(alone)
         .or_else(|| {
             (outside && misfit)
-                .then(|| law_beside(lens, &motion.models, &motion, MOST_TERMS))
+                .then(|| law_beside(lens, &motion.models, &motion, MOST_TERMS, true))
                 .flatten()
                 .map(beside)
         })
         .or_else(|| {
-            (outside && once).then(|| law_beside(lens, &base, &motion, MOST_TERMS)).flatten().map(alone)
+            (outside && once).then(|| law_beside(lens, &base, &motion, MOST_TERMS, true)).flatten().map(alone)
         });
     let (mut formula, mut strength) = (None, String::new());
     if let Some((text, kept)) = law

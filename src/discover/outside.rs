@@ -25,13 +25,9 @@ const WORTH_ASKING: f64 = 7.5;
 /// By how much chaos alone makes the error on later frames larger, where a law halves that on the fitted ones.
 const CHAOS: f64 = 1.5;
 
-/// The sparse law beside what the models have, of at most so many terms. What the library has about a place tells where a law may
-/// have its centre.
-pub fn law_beside(lens: &Lens, models: &[Model], motion: &FreeMotion, most: usize) -> Option<ResidualLaw> {
-    generic_law(lens, models, motion, most, true)
-}
-
-fn generic_law(
+/// The sparse law beside what the models have, of at most so many terms, or one of the waves. What the library has about a place
+/// tells where a law may have its centre.
+pub fn law_beside(
     lens: &Lens,
     models: &[Model],
     motion: &FreeMotion,
@@ -51,9 +47,9 @@ fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion, followed: bool) 
     // that more than one object shows.
     let added = motion.added();
     let terms = if doubtful || added == 0 { SIMPLE_TERMS } else { SIMPLE_TERMS.min(added) };
-    // A wave about a mean holds a single law of force: what the lens alone sees beside that may be its own error.
+    // A wave about a mean holds a single law of force: what the lens alone sees beside that may be the lens's error.
     let waves = motion.found.len() != 1 || (doubtful && !followed);
-    generic_law(lens, base, motion, terms, waves)
+    law_beside(lens, base, motion, terms, waves)
 }
 
 /// A sparse law of which what the library has is a compromise, the last of the revisions.
