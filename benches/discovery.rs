@@ -1,6 +1,7 @@
 //! Calibration of discovery on videos that an independent engine (rapier2d) made: false discoveries on controls, power by
 //! kind and strength, confusions, laws outside the library.
-//! `cargo bench --bench discovery -- --groups 20 --controls 200 [--kinds tilt,coriolis] [--strengths weak] [--first SEED]`
+//! `cargo bench --bench discovery -- --groups 20 --controls 200 [--kinds tilt,coriolis] [--strengths weak] [--first SEED]
+//! [--masses unknown]`
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -336,8 +337,11 @@ struct Trial {
     time: f64,
 }
 
-fn trial(kind: &'static str, law: Law, strength: (&'static str, f64), seed: u64) -> Trial {
-    let scenes = group(kind, law, strength.1, seed);
+fn trial(kind: &'static str, law: Law, strength: (&'static str, f64), seed: u64, weighed: bool) -> Trial {
+    let mut scenes = group(kind, law, strength.1, seed);
+    if !weighed {
+        scenes.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = None);
+    }
     let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
     let begun = Instant::now();
     let (said, reason) = match discover(&scenes, &models, &DiscoverOptions::default(), &never) {
@@ -357,7 +361,9 @@ fn main() {
     let named = |list: &str, name: &str| {
         after(list).is_none_or(|list| list.split(',').any(|wanted| name.contains(wanted)))
     };
+    let weighed = after("--masses").is_none_or(|masses| masses != "unknown");
     let none: Law = |_, _, _, _, _| Vec2::zero();
+    // Seeds go by the place in this list: what is new comes last.
     let all = FORCES.into_iter().chain(OTHERS.map(|kind| (kind, none))).chain(OF_PLACE);
     let mut wanted = vec![];
     for (which, (kind, law)) in all.enumerate().filter(|(_, (kind, _))| named("--kinds", kind)) {
@@ -368,7 +374,8 @@ fn main() {
             wanted.extend(seeds.map(|seed| (kind, law, strength, seed * 1000 + 10 * which as u64)));
         }
     }
-    let trials: Vec<Trial> = wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed)).collect();
+    let trials: Vec<Trial> =
+        wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed, weighed)).collect();
     let mut right: BTreeMap<(&str, &str), (u64, u64)> = BTreeMap::new();
     let mut confused: BTreeMap<(&str, &str, &str), u64> = BTreeMap::new();
     for t in &trials {

@@ -92,7 +92,7 @@ pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64
     let models = fit.models();
     let own: Vec<String> = names.iter().map(|name| format!("{law}.{name}")).collect();
     // Of a law of contact free motion has no number.
-    if !free_parameters(&models).iter().any(|f| own.contains(&f.name)) {
+    if !free_parameters(lens.scenes, &models).iter().any(|f| own.contains(&f.name)) {
         return told.iter().map(|t| t.1).collect();
     }
     let (free, seen) = fit_forces(lens, &models);

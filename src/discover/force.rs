@@ -215,8 +215,9 @@ impl<'a> Lens<'a> {
         }
         let sd = match normal.cholesky() {
             Some(c) => c.inverse().diagonal().iter().map(|v| v.max(0.0).sqrt()).collect(),
-            None => free.iter().map(|f| f.sd).collect(),
+            None => free.iter().map(|f| f.sd).collect::<Vec<f64>>(),
         };
+        let cost = cost + telling(free, &sd);
         Seen { chi_square: residual.norm_squared(), left_out: squares(&residual, without), values, sd, cost }
     }
 
@@ -282,7 +283,7 @@ impl<'a> Lens<'a> {
             for scene in scenes {
                 let at = |value: f64| {
                     let mut flat = flats[scene].clone();
-                    f.slots.iter().filter(|s| s.0 == scene).for_each(|s| flat[s.1] = value);
+                    f.slots.iter().filter(|s| s.0 == scene).for_each(|s| flat[s.1] = f.in_model(value));
                     Field::new(&models[scene], &flat)
                 };
                 let (above, below) = (at(up), (down != values[k]).then(|| at(down)));
@@ -431,6 +432,13 @@ fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
     rows.iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum()
 }
 
+/// What a law pays for masses that nobody gave and that it needs (twice the logarithm of the Occam factors; MacKay, Information
+/// Theory, Inference, and Learning Algorithms, 2003, 28.1): one that takes all for alike needs none.
+fn telling(free: &[Free], sd: &[f64]) -> f64 {
+    let masses = free.iter().zip(sd).filter(|(f, _)| f.log);
+    masses.map(|(f, sd)| 2.0 * (f.sd / sd).max(1.0).ln()).sum()
+}
+
 /// See [`Lens::projector`].
 pub struct Projector {
     pub residual: DVector<f64>,
@@ -467,7 +475,7 @@ fn damped_step(
 
 /// Fits the models' parameters as the lens sees them.
 pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
-    let free = free_parameters(models);
+    let free = free_parameters(lens.scenes, models);
     let seen = lens.solve(models, &free, &values_of(models, &free), ITERATIONS, &[]);
     (free, seen)
 }

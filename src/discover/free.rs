@@ -1,7 +1,8 @@
-//! Free parameters of a set-up's models as the force lens moves them: one a name, wherever it stands.
+//! Free parameters of a set-up's models as the force lens moves them: one a name, wherever it stands; and masses that nobody gave.
 
 use crate::effects::{EffectEntry, Hook, effect};
-use crate::world::{BODY_VALUES, Model};
+use crate::scene::Scene;
+use crate::world::{BODY_VALUES, MASS, MASS_BOUNDS, Model};
 
 /// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
 const STEP_SHARE: f64 = 1e-4;
@@ -23,6 +24,8 @@ pub struct Free {
     pub sd: f64,
     /// Step of its differences.
     pub step: f64,
+    /// A mass: all numbers here are of its logarithm.
+    pub log: bool,
 }
 
 impl Free {
@@ -31,6 +34,15 @@ impl Free {
         let rest = self.name.strip_prefix(entry.spec.name).and_then(|rest| rest.strip_prefix('.'));
         let whose = rest.and_then(|rest| rest.strip_prefix(parameter));
         whose.is_some_and(|whose| whose.is_empty() || whose.starts_with(['[', '@']))
+    }
+
+    /// The number that a model has for this value.
+    pub fn in_model(&self, value: f64) -> f64 {
+        if self.log { value.exp() } else { value }
+    }
+
+    fn of_model(&self, number: f64) -> f64 {
+        if self.log { number.ln() } else { number }
     }
 }
 
@@ -44,10 +56,22 @@ fn blind(effect: &str, parameter: &str) -> bool {
     BLIND.contains(&(effect, parameter))
 }
 
-/// Free parameters of all effects that show between contacts.
-pub fn free_parameters(models: &[Model]) -> Vec<Free> {
+/// Free parameters of all effects that show between contacts, and the masses that laws of force may tell.
+pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<Free> {
     let mut free: Vec<Free> = vec![];
     for (scene, model) in models.iter().enumerate() {
+        for (body, object) in scenes[scene].objects.iter().enumerate().filter(|(_, o)| o.mass.is_none()) {
+            free.push(Free {
+                name: format!("objects[{}].mass@{scene}", object.id),
+                slots: vec![(scene, body * BODY_VALUES.len() + MASS)],
+                min: MASS_BOUNDS[0].ln(),
+                max: MASS_BOUNDS[1].ln(),
+                mean: 0.0,
+                sd: model.mass_sd,
+                step: STEP_SHARE * model.mass_sd,
+                log: true,
+            });
+        }
         let mut at = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
             let entry = effect(&active.name);
@@ -69,6 +93,7 @@ pub fn free_parameters(models: &[Model]) -> Vec<Free> {
                                 mean: *mean,
                                 sd: parameter.prior.sd,
                                 step: (STEP_SHARE * parameter.prior.sd).min(STEP),
+                                log: false,
                             }),
                         }
                     }
@@ -97,7 +122,7 @@ pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
     let mut flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
     for (f, value) in free.iter().zip(values) {
         for &(scene, slot) in &f.slots {
-            flats[scene][slot] = *value;
+            flats[scene][slot] = f.in_model(*value);
         }
     }
     flats
@@ -106,10 +131,58 @@ pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
 /// Where the free parameters stand in the models.
 pub fn values_of(models: &[Model], free: &[Free]) -> Vec<f64> {
     let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
-    free.iter().map(|f| f.slots.first().map_or(f.mean, |&(scene, slot)| flats[scene][slot])).collect()
+    let value = |f: &Free| f.slots.first().map_or(f.mean, |&(scene, slot)| f.of_model(flats[scene][slot]));
+    free.iter().map(value).collect()
 }
 
 /// The models with the free parameters at these values.
 pub fn at_values(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Model> {
     models.iter().zip(flats(models, free, values)).map(|(m, flat)| m.with_values(&flat)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{CUBE, DISC, film, models};
+    use super::super::{DiscoverOptions, Lens, discover, fit_forces};
+    use crate::num::never;
+    use crate::scene::Scene;
+
+    /// Videos under a wind whose objects have masses that nobody gave.
+    fn windy() -> Vec<Scene> {
+        let launches = [
+            vec![(DISC, 0.5, [-2.0, 0.5], [1.3, 0.1]), (CUBE, 2.0, [1.5, -1.5], [-0.5, 0.9])],
+            vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4]), (DISC, 1.7, [-2.0, -1.0], [0.9, 0.0])],
+            vec![(DISC, 1.5, [-1.5, -1.5], [0.8, 0.9]), (DISC, 0.6, [1.8, 1.8], [-1.5, 0.2])],
+        ];
+        let mut scenes = film(&launches, Some(("uniform_force", &[("F_x", 0.15), ("F_y", -0.1)])));
+        scenes.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = None);
+        scenes
+    }
+
+    #[test]
+    fn a_force_tells_masses_that_nobody_gave() {
+        let scenes = windy();
+        let found =
+            discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
+        let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
+        assert_eq!(names, ["uniform_force"], "{}", found.reason);
+        let lens = Lens::new(&scenes);
+        let last = found.revisions.last().expect("there is the first").fit.models();
+        let (free, seen) = fit_forces(&lens, &last);
+        let masses: Vec<f64> =
+            free.iter().zip(&seen.values).filter(|(f, _)| f.log).map(|(f, v)| f.in_model(*v)).collect();
+        let ratio = masses[1] / masses[0];
+        assert!((3.0..5.0).contains(&ratio), "{masses:?}");
+    }
+
+    /// Without a force the masses say nothing, and cost nothing.
+    #[test]
+    fn masses_that_nobody_gave_cost_what_a_law_tells_of_them() {
+        let scenes = windy();
+        let mut given = scenes.clone();
+        given.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = Some(1.0));
+        let cost = |scenes: &[Scene]| fit_forces(&Lens::new(scenes), &models(scenes)).1.cost;
+        let (unknown, known) = (cost(&scenes), cost(&given));
+        assert!((unknown / known - 1.0).abs() < 1e-9, "{unknown} {known}");
+    }
 }

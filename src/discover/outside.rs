@@ -62,7 +62,7 @@ pub fn compromise(
     stop: Stop,
 ) -> Result<Option<ResidualLaw>, FitError> {
     let Some(last) = revisions.last() else { return Ok(None) };
-    let followed = last.effect.is_some() && last.apart.is_empty() && last.reduced_chi_square <= 1.0 + CLEAN;
+    let followed = proof::explains_together(last);
     let Some(law) = simple_law(lens, base, motion, followed) else { return Ok(None) };
     let added = motion.added();
     // What the library's follows to the noise only trajectories can take from it: the lens may be misled.
@@ -110,7 +110,7 @@ fn beats(law: &ResidualLaw, motion: &FreeMotion, proof: f64) -> bool {
 }
 
 /// Whether trajectories, which see more of a law than free motion does, are much nearer with a sparse law than with what the
-/// library has, the last of the revisions, and foretell more. A search that escaped a bad minimum proves nothing.
+/// library has, the last of the revisions, and foretell no less. A search that escaped a bad minimum proves nothing.
 fn followed_better(
     lens: &Lens,
     law: &ResidualLaw,
@@ -127,7 +127,7 @@ fn followed_better(
     let nearer = |known: &Fit| proof::much_nearer(priced(known), proof::distance(&written.fit));
     if !nearer(&library.fit)
         || !proof::borne_out(library, &written, law.numbers.saturating_sub(motion.added()))
-        || written.held_out_rmse >= library.held_out_rmse
+        || written.held_out_rmse > proof::LESS * library.held_out_rmse
         || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
     {
         return Ok(false);
@@ -164,11 +164,11 @@ fn halves(before: f64, after: f64, noise: f64) -> bool {
     4.0 * beyond(after) < beyond(before)
 }
 
-/// Whether a law halves the error on frames that it has not seen: on later ones, or, where chaos leaves these little to say, on
-/// those of videos left out.
+/// Whether a law halves the error on frames that it has not seen: on later ones where the videos left out bear it out, or, where
+/// chaos leaves these little to say, on those of videos left out.
 pub fn foretells(before: &Revision, after: &Revision, noise: f64) -> bool {
     let later = after.held_out_rmse / before.held_out_rmse;
-    halves(before.held_out_rmse, after.held_out_rmse, noise)
+    (halves(before.held_out_rmse, after.held_out_rmse, noise) && after.left_out_rmse <= before.left_out_rmse)
         || (halves(before.left_out_rmse, after.left_out_rmse, noise)
             && (later < 1.0 || (later < CHAOS && halves(before.rmse, after.rmse, noise))))
 }
@@ -242,6 +242,17 @@ mod tests {
                 assert!((*low..*high).contains(&-0.25), "{c1:?}");
             }
         }
+    }
+
+    #[test]
+    fn a_law_foretells_later_frames_only_where_other_videos_bear_it_out() {
+        let scenes = film_under(&[vec![(DISC, 0.6, [-2.0, 0.0], [1.5, 0.0])]], |_| {});
+        let base = models(&scenes);
+        let before = revise(&Lens::new(&scenes), &base, None, &DiscoverOptions::default().fit, &never);
+        let before = Revision { left_out_rmse: 0.08, held_out_rmse: 0.04, ..before.expect("it runs") };
+        let after = |left_out_rmse| Revision { left_out_rmse, held_out_rmse: 0.01, ..before.clone() };
+        assert!(foretells(&before, &after(0.07), 0.005));
+        assert!(!foretells(&before, &after(0.1), 0.005));
     }
 
     #[test]

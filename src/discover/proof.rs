@@ -17,7 +17,7 @@ const LOST: f64 = 4.0;
 /// A gain of one scene that is more than what an engine does at a contact (twice a log likelihood).
 const MUCH: f64 = 40.0;
 /// A model foretells less whose error is this many times as large; a law of contact changes nothing between contacts.
-const LESS: f64 = 1.01;
+pub const LESS: f64 = 1.01;
 /// A scene is mended that was off the noise by more than this, and is nearer by this factor (reduced chi-square); one that
 /// is still lost, by that.
 const WELL: f64 = 1.5;
@@ -42,6 +42,11 @@ pub fn loses(fit: &Fit) -> bool {
 /// Whether an effect follows every trajectory to the noise, with numbers in common.
 pub fn explains_all(revision: &Revision) -> bool {
     revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
+}
+
+/// Whether an effect follows the trajectories to the noise, all of them pooled, with numbers in common.
+pub fn explains_together(revision: &Revision) -> bool {
+    revision.effect.is_some() && revision.apart.is_empty() && revision.reduced_chi_square <= 1.0 + CLEAN
 }
 
 /// Whether trajectories are followed through their contacts, with numbers in common.

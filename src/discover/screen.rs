@@ -387,11 +387,11 @@ fn refine(
     region: &Region,
 ) -> (Vec<Free>, Seen, Vec<Model>) {
     let with = with_effect(models, entry, values, region);
-    let mut wide = free_parameters(&with);
+    let mut wide = free_parameters(lens.scenes, &with);
     stride(&mut wide, entry);
     let start = values_of(&with, &wide);
     let near = lens.solve(&with, &wide, &start, REFINEMENTS, &[]);
-    let free = free_parameters(&with);
+    let free = free_parameters(lens.scenes, &with);
     let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
     let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
     (free, seen, with)

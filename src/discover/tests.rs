@@ -392,7 +392,7 @@ fn a_video_left_out_changes_nothing_for_the_others() {
     let scenes = film(&launches(), None);
     let (all, others) = (Lens::new(&scenes), Lens::new(&scenes[1..]));
     let base = with_nuisance(&models(&scenes));
-    let (free, rest) = (free_parameters(&base), free_parameters(&base[1..]));
+    let (free, rest) = (free_parameters(&scenes, &base), free_parameters(&scenes[1..], &base[1..]));
     let start = |free: &[free::Free]| free.iter().map(|f| f.mean).collect::<Vec<_>>();
     let without = all.solve(&base, &free, &start(&free), 8, &all.folds[0]);
     let alone = others.solve(&base[1..], &rest, &start(&rest), 8, &[]);

@@ -6,7 +6,7 @@ use super::solve::{NEAR, NEGLIGIBLE};
 use crate::effects::{Hook, effect};
 use crate::num::{Stop, wrapped};
 use crate::scene::{Sample, Scene};
-use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, Model, Rollout, SPINS, film};
+use crate::world::{BODY_VALUES, BodySpec, Ending, Limits, MASS, MASS_BOUNDS, Model, Rollout, SPINS, film};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -186,8 +186,8 @@ impl<'a> Problem<'a> {
                         name: format!("objects[{}].mass", body.id),
                         unit: "1".into(),
                         log: true,
-                        min: (1e-3f64).ln(),
-                        max: (1e3f64).ln(),
+                        min: MASS_BOUNDS[0].ln(),
+                        max: MASS_BOUNDS[1].ln(),
                         mean: 0.0,
                         sd: model.mass_sd,
                         held: false,

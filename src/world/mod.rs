@@ -33,7 +33,8 @@ pub use film::{Views, film};
 pub use geometry::{Outline, gap};
 pub use intervene::{Intervention, InterventionError};
 pub use model::{
-    ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Owner, Parameter, Prior, SPINS, Start, Wall,
+    ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Owner, Parameter, Prior, SPINS, Start,
+    Wall,
 };
 pub use motion::Kinematics;
 pub use preset::{PRESETS, Preset};

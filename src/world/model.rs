@@ -130,6 +130,9 @@ pub const SPINS: std::ops::RangeInclusive<usize> = 5..=7;
 /// Index of the mass among [`BODY_VALUES`].
 pub const MASS: usize = 8;
 
+/// Of a mass that nobody gave (kg).
+pub const MASS_BOUNDS: [f64; 2] = [1e-3, 1e3];
+
 impl Model {
     pub fn body_index(&self, id: u32) -> Option<usize> {
         self.bodies.iter().position(|b| b.id == id)
