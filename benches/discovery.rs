@@ -95,12 +95,16 @@ const FORCES: [(&str, Law); 17] = [
     ("none", |_, _, _, _, _| Vec2::zero()),
 ];
 
-/// More that no library lists: forces and drags that change along one direction.
-const OF_PLACE: [(&str, Law); 4] = [
+/// More that no library lists: forces and drags that change along one direction, and a pull of what is spread around a centre.
+const OF_PLACE: [(&str, Law); 5] = [
     ("outside: swell", |k, _, _, all, i| vec2(0.1 * k * (3.0 * all[i].x.x).sin(), 0.0)),
     ("outside: ridge", |k, _, _, all, i| vec2(0.0, 0.1 * k * all[i].x.y.abs())),
     ("outside: hollow", |k, _, _, all, i| vec2(0.05 * k * all[i].x.x * all[i].x.x, 0.0)),
     ("outside: drag off a line", |k, _, _, all, i| all[i].v.scaled(-0.3 * k * all[i].x.x.abs())),
+    ("outside: spread pull", |k, u, _, all, i| {
+        let d = center(u) - all[i].x;
+        d.scaled(0.2 * k / (d.norm_squared() + 0.04))
+    }),
 ];
 
 /// Kinds that are no law of force.
