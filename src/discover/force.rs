@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Iterations of one search, and trials of the damping in each.
-const ITERATIONS: usize = 12;
+pub const ITERATIONS: usize = 12;
 const TRIALS: usize = 6;
 /// Iterations when numbers are proven on what was left out.
 pub const PROOFS: usize = 4;
@@ -217,8 +217,10 @@ impl<'a> Lens<'a> {
             Some(c) => c.inverse().diagonal().iter().map(|v| v.max(0.0).sqrt()).collect(),
             None => free.iter().map(|f| f.sd).collect::<Vec<f64>>(),
         };
-        let cost = cost + telling(free, &sd);
-        Seen { chi_square: residual.norm_squared(), left_out: squares(&residual, without), values, sd, cost }
+        let (chi_square, left_out) = (residual.norm_squared(), squares(&residual, without));
+        let rows: usize = self.counted_rows(without).iter().map(Range::len).sum();
+        let remains = ((chi_square - left_out) / f64::max(rows as f64, 1.0)).max(1.0);
+        Seen { chi_square, left_out, cost: cost + telling(free, &sd, remains), values, sd }
     }
 
     /// Sum of squares with the priors' terms.
@@ -432,11 +434,11 @@ fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
     rows.iter().map(|r| residual.rows(r.start, r.len()).norm_squared()).sum()
 }
 
-/// What a law pays for masses that nobody gave and that it needs (twice the logarithm of the Occam factors; MacKay, Information
-/// Theory, Inference, and Learning Algorithms, 2003, 28.1): one that takes all for alike needs none.
-fn telling(free: &[Free], sd: &[f64]) -> f64 {
+/// What a law pays for masses that nobody gave and that it needs, in units of what `remains` (twice the logarithm of the Occam
+/// factors; MacKay, Information Theory, Inference, and Learning Algorithms, 2003, 28.1): one that takes all for alike needs none.
+fn telling(free: &[Free], sd: &[f64], remains: f64) -> f64 {
     let masses = free.iter().zip(sd).filter(|(f, _)| f.log);
-    masses.map(|(f, sd)| 2.0 * (f.sd / sd).max(1.0).ln()).sum()
+    remains * masses.map(|(f, sd)| 2.0 * (f.sd / (sd * remains.sqrt())).max(1.0).ln()).sum::<f64>()
 }
 
 /// See [`Lens::projector`].

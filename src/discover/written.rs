@@ -1,8 +1,8 @@
 //! A written law as the force lens sees it: its numbers free beside the models' own.
 
-use super::force::{Lens, Seen, fit_forces};
+use super::force::{ITERATIONS, Lens, Seen, fit_forces};
 use super::formula::ResidualLaw;
-use super::free::Free;
+use super::free::{Free, free_parameters, values_of};
 use crate::effects::formula::Formula;
 use crate::world::{ActiveEffect, Model, Prior};
 
@@ -38,7 +38,10 @@ pub fn fit_written(
 pub fn refitted(lens: &Lens, models: &[Model], law: &ResidualLaw) -> Option<ResidualLaw> {
     const NAME: &str = "proposed";
     let formula = Formula::new(&law.text, vec![]).ok()?;
-    let (_, free, seen) = fit_written(lens, models, NAME, &formula);
+    let with = with_formula(models, NAME, &formula);
+    // With masses that suit it, any law would do.
+    let free: Vec<Free> = free_parameters(lens.scenes, &with).into_iter().filter(|f| !f.log).collect();
+    let seen = lens.solve(&with, &free, &values_of(&with, &free), ITERATIONS, &[]);
     let number = |name: &str| {
         let full = format!("{NAME}.{name}");
         Some(seen.values[free.iter().position(|f| f.name == full)?])
