@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Iterations of one search, and trials of the damping in each.
-pub const ITERATIONS: usize = 12;
+const ITERATIONS: usize = 12;
 const TRIALS: usize = 6;
 /// Iterations when numbers are proven on what was left out.
 pub const PROOFS: usize = 4;
@@ -168,6 +168,11 @@ impl<'a> Lens<'a> {
             let differences = differences.map(|(m, at)| field.undone(s.body, m.position, m.yaw) - *at);
             f(s, s.rows(differences, self.noises[scene].position));
         }
+    }
+
+    /// Fits the free parameters from where they stand in the models.
+    pub fn fit(&self, models: &[Model], free: &[Free]) -> Seen {
+        self.solve(models, free, &values_of(models, free), ITERATIONS, &[])
     }
 
     /// Fits the free parameters from `start`, priors counting; rows in `without` do not count.
@@ -478,7 +483,7 @@ fn damped_step(
 /// Fits the models' parameters as the lens sees them.
 pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
     let free = free_parameters(lens.scenes, models);
-    let seen = lens.solve(models, &free, &values_of(models, &free), ITERATIONS, &[]);
+    let seen = lens.fit(models, &free);
     (free, seen)
 }
 

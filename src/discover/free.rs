@@ -1,7 +1,7 @@
 //! Free parameters of a set-up's models as the force lens moves them: one a name, wherever it stands; and masses that nobody gave.
 
 use crate::effects::{EffectEntry, Hook, effect};
-use crate::scene::Scene;
+use crate::scene::{Object, Scene};
 use crate::world::{BODY_VALUES, MASS, MASS_BOUNDS, Model};
 
 /// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
@@ -59,8 +59,9 @@ fn blind(effect: &str, parameter: &str) -> bool {
 /// Free parameters of all effects that show between contacts, and the masses that laws of force may tell.
 pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<Free> {
     let mut free: Vec<Free> = vec![];
-    for (scene, model) in models.iter().enumerate() {
-        for (body, object) in scenes[scene].objects.iter().enumerate().filter(|(_, o)| o.mass.is_none()) {
+    for (scene, (model, filmed)) in models.iter().zip(scenes).enumerate() {
+        let unknown = |o: &Object| o.mass.is_none() && model.mass_sd > 0.0;
+        for (body, object) in filmed.objects.iter().enumerate().filter(|(_, o)| unknown(o)) {
             free.push(Free {
                 name: format!("objects[{}].mass@{scene}", object.id),
                 slots: vec![(scene, body * BODY_VALUES.len() + MASS)],
@@ -175,9 +176,8 @@ mod tests {
         assert!((3.0..5.0).contains(&ratio), "{masses:?}");
     }
 
-    /// Without a force the masses say nothing, and cost nothing.
     #[test]
-    fn masses_that_nobody_gave_cost_what_a_law_tells_of_them() {
+    fn masses_cost_nothing_where_no_force_tells_them() {
         let scenes = windy();
         let mut given = scenes.clone();
         given.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = Some(1.0));

@@ -1,8 +1,8 @@
 //! A written law as the force lens sees it: its numbers free beside the models' own.
 
-use super::force::{ITERATIONS, Lens, Seen, fit_forces};
+use super::force::{Lens, Seen, fit_forces};
 use super::formula::ResidualLaw;
-use super::free::{Free, values_of};
+use super::free::Free;
 use super::search::CLEAN;
 use crate::effects::formula::Formula;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -39,12 +39,11 @@ pub fn fit_written(
 pub fn refitted(lens: &Lens, models: &[Model], law: &ResidualLaw) -> Option<ResidualLaw> {
     const NAME: &str = "proposed";
     let formula = Formula::new(&law.text, vec![]).ok()?;
-    let with = with_formula(models, NAME, &formula);
-    let (mut free, mut seen) = fit_forces(lens, &with);
+    let (with, mut free, mut seen) = fit_written(lens, models, NAME, &formula);
     // Masses that nobody gave suit any law a little: they are told by one that leaves noise.
     if free.iter().any(|f| f.log) && seen.chi_square > (1.0 + CLEAN) * lens.degrees_of_freedom() as f64 {
         free.retain(|f| !f.log);
-        seen = lens.solve(&with, &free, &values_of(&with, &free), ITERATIONS, &[]);
+        seen = lens.fit(&with, &free);
     }
     let number = |name: &str| {
         let full = format!("{NAME}.{name}");
