@@ -13,7 +13,9 @@ use serde_json::Value as Json;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use vrdp::discover::{DiscoverOptions, Discovery, Found, Reported, Revision, Value, Verdict, discover};
+use vrdp::discover::{
+    DiscoverOptions, Discovery, FoundEffect, ParameterEstimate, ParameterValue, Revision, Verdict, discover,
+};
 use vrdp::effects::{Quantity, effect};
 use vrdp::fit::{Begin, FitOptions, estimate};
 use vrdp::num::{never, vec2};
@@ -79,7 +81,7 @@ fn measure(group: &Path, preset: Option<&Preset>) -> Result<Told, Box<dyn Error>
     let (mut inside, mut numbers) = (0, 0);
     let owner = hidden["params"]["object_id"].as_u64();
     // Of what each object has for itself, the truth tells one.
-    let of_it = |p: &&Reported| p.owner.zip(owner).is_none_or(|(o, id)| u64::from(o.object) == id);
+    let of_it = |p: &&ParameterEstimate| p.owner.zip(owner).is_none_or(|(o, id)| u64::from(o.object) == id);
     for p in law.iter().flat_map(|law| &law.parameters).filter(of_it) {
         let bounds = components(&p.low).into_iter().zip(components(&p.high));
         for (truth, (low, high)) in components_of(&hidden["params"][&p.name]).into_iter().zip(bounds) {
@@ -131,7 +133,7 @@ fn is_right(found: &Discovery, kind: Option<&str>) -> bool {
 fn with_truth(
     scenes: &[Scene],
     last: &Revision,
-    law: &Found,
+    law: &FoundEffect,
     truth: &Json,
 ) -> Result<Vec<Model>, Box<dyn Error>> {
     let entry = effect(&law.effect).ok_or("no effect of the library")?;
@@ -215,11 +217,11 @@ fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> Option<f64> {
     (count > 0).then(|| (squares / f64::from(count)).sqrt())
 }
 
-fn components(value: &Value) -> Vec<f64> {
+fn components(value: &ParameterValue) -> Vec<f64> {
     match value {
-        Value::Number(v) => vec![*v],
-        Value::Vector(v) => v.to_vec(),
-        Value::Word(_) => vec![],
+        ParameterValue::Number(v) => vec![*v],
+        ParameterValue::Vector(v) => v.to_vec(),
+        ParameterValue::Word(_) => vec![],
     }
 }
 

@@ -4,8 +4,8 @@ use super::reply::model_name;
 use super::request::{Report, model_ids};
 use super::v1;
 use crate::discover::{
-    Change, Comparison, Diagnosis, FORMULA, Found, Owner, Ranked, Reported, SceneComparison, Value, Verdict,
-    Worth, check_name,
+    ChangeVerdict, Comparison, Diagnosis, FORMULA, FoundEffect, ModelChange, ParameterEstimate,
+    ParameterOwner, ParameterValue, RankedEffect, SceneComparison, Verdict, check_name,
 };
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter, MOST_PARAMETERS};
 use crate::engine::{
@@ -87,14 +87,14 @@ pub fn addition(given: v1::AddEffectRequest) -> Result<(Vec<String>, Choice, Inq
     let mut report = Report::default();
     let (videos, choice) = subject(&mut report, given.study);
     let change = match given.addition {
-        Some(Addition::Effect(name)) => Change::Add(name),
+        Some(Addition::Effect(name)) => ModelChange::Add(name),
         Some(Addition::Formula(law)) => {
             let (name, law) = formula(&mut report, "formula", law);
-            Change::Write(name, law)
+            ModelChange::Write(name, law)
         }
         None => {
             report.add("addition", "is missing; give effect or formula");
-            Change::Add(String::new())
+            ModelChange::Add(String::new())
         }
     };
     report.finish((videos, choice, Inquiry::Change(change)))
@@ -102,7 +102,7 @@ pub fn addition(given: v1::AddEffectRequest) -> Result<(Vec<String>, Choice, Inq
 
 pub fn removal(given: v1::RemoveEffectRequest) -> Result<(Vec<String>, Choice, Inquiry), EngineError> {
     let (videos, choice) = request(given.study)?;
-    Ok((videos, choice, Inquiry::Change(Change::Remove(given.effect))))
+    Ok((videos, choice, Inquiry::Change(ModelChange::Remove(given.effect))))
 }
 
 /// A user's law with its name; what is wrong with it is told at `path`.
@@ -189,7 +189,7 @@ fn compared(videos: &[String], found: &Comparison, asked: &[String]) -> v1::Comp
 pub fn diagnosis(study: &Study, asked: &[String]) -> Option<v1::Diagnosis> {
     let Findings::Diagnosis(found) = &study.findings else { return None };
     let Diagnosis { comparison, free_motion, ranked, jumps, too_little } = found;
-    let jump = |(scene, j): &(usize, crate::discover::Jump)| v1::Jump {
+    let jump = |(scene, j): &(usize, crate::discover::ChangePoint)| v1::Jump {
         video: study.videos.get(*scene).map(|v| video_name(v)).unwrap_or_default(),
         frame: j.frame as u64,
         position: Some(vector(j.position)),
@@ -209,7 +209,7 @@ fn vector(v: Vec2) -> v1::Vector {
     v1::Vector { x: v.x, y: v.y }
 }
 
-fn ranking(r: &Ranked) -> v1::RankedEffect {
+fn ranking(r: &RankedEffect) -> v1::RankedEffect {
     v1::RankedEffect {
         kind: r.kind.clone(),
         effect: r.effect.clone(),
@@ -274,10 +274,10 @@ pub fn revised(study: &Study) -> Option<v1::RevisedModels> {
 pub fn revision(step: &Step) -> v1::Revision {
     let names = |ids: &[String]| step.videos.iter().zip(ids).map(|(v, m)| model_name(v, m)).collect();
     let worth = match step.weight.map(|w| w.worth) {
-        Some(Worth::Better) => v1::Worth::Better,
-        Some(Worth::NoDifference) => v1::Worth::NoDifference,
-        Some(Worth::Worse) => v1::Worth::Worse,
-        Some(Worth::NotIdentifiable) => v1::Worth::NotIdentifiable,
+        Some(ChangeVerdict::Better) => v1::Worth::Better,
+        Some(ChangeVerdict::NoDifference) => v1::Worth::NoDifference,
+        Some(ChangeVerdict::Worse) => v1::Worth::Worse,
+        Some(ChangeVerdict::NotIdentifiable) => v1::Worth::NotIdentifiable,
         None => v1::Worth::Unspecified,
     };
     v1::Revision {
@@ -298,23 +298,23 @@ pub fn revision(step: &Step) -> v1::Revision {
     }
 }
 
-fn found_effect(f: &Found, videos: &[String]) -> v1::FoundEffect {
+fn found_effect(f: &FoundEffect, videos: &[String]) -> v1::FoundEffect {
     let parameters = f.parameters.iter().map(|p| parameter(p, videos)).collect();
     let formula = f.text.clone().unwrap_or_default();
     v1::FoundEffect { kind: f.kind.clone(), effect: f.effect.clone(), parameters, formula }
 }
 
-fn parameter(p: &Reported, videos: &[String]) -> v1::FoundParameter {
-    let numbers = |v: &Value| match v {
-        Value::Number(v) => vec![*v],
-        Value::Vector(v) => v.to_vec(),
-        Value::Word(_) => vec![],
+fn parameter(p: &ParameterEstimate, videos: &[String]) -> v1::FoundParameter {
+    let numbers = |v: &ParameterValue| match v {
+        ParameterValue::Number(v) => vec![*v],
+        ParameterValue::Vector(v) => v.to_vec(),
+        ParameterValue::Word(_) => vec![],
     };
     let word = match &p.value {
-        Value::Word(word) => word.clone(),
+        ParameterValue::Word(word) => word.clone(),
         _ => String::new(),
     };
-    let owner = |o: Owner| v1::ParameterOwner {
+    let owner = |o: ParameterOwner| v1::ParameterOwner {
         object_id: o.object,
         video: o.scene.and_then(|k| videos.get(k)).map(|v| video_name(v)).unwrap_or_default(),
         identified: o.identified,

@@ -1,6 +1,6 @@
 //! A law about a centre that no library lists: what pulls, pushes or swirls by the distance from a place nobody told.
 
-use super::formula::{ResidualLaw, Search, Term};
+use super::formula::{FormulaSearch, ResidualLaw, Term};
 use super::screen::region;
 use crate::num::{Vec2, vec2};
 use crate::world::Kinematics;
@@ -56,7 +56,7 @@ struct Central {
 
 /// Each term about its best centre within the region of the data, if it proves itself. What pulls or pushes strongly bends the models'
 /// numbers far: the search, which is linear, may miss its centre, and a `place` that is known is tried beside.
-pub fn central_laws(search: &Search, place: Option<Vec2>) -> Vec<ResidualLaw> {
+pub fn central_laws(search: &FormulaSearch, place: Option<Vec2>) -> Vec<ResidualLaw> {
     let Some(none) = search.unexplained() else { return vec![] };
     let area = region(search.lens.scenes);
     let step = (area.high - area.low).scaled(1.0 / (PLACES - 1) as f64);
@@ -71,9 +71,10 @@ pub fn central_laws(search: &Search, place: Option<Vec2>) -> Vec<ResidualLaw> {
     };
     let here = |term: usize| about(search, term, place?);
     let law = |best: Central| {
-        let elsewhere = search.elsewhere(&column(search, best.term, best.centre), &[best.amplitude]);
+        let gain_without_best_track =
+            search.gain_without_best_track(&column(search, best.term, best.centre), &[best.amplitude]);
         let text = best.text(search.force);
-        ResidualLaw { text, numbers: NUMBERS, cost: best.cost, elsewhere, foreign: true }
+        ResidualLaw { text, numbers: NUMBERS, cost: best.cost, gain_without_best_track, not_in_library: true }
     };
     let found: Vec<Central> = (0..TERMS.len()).filter_map(of_term).collect();
     // Where no centre explains anything, none does there.
@@ -118,21 +119,21 @@ impl Central {
     }
 }
 
-fn column(search: &Search, term: usize, centre: Vec2) -> DMatrix<f64> {
+fn column(search: &FormulaSearch, term: usize, centre: Vec2) -> DMatrix<f64> {
     let value = |k: &Kinematics<f64>, t: f64| {
         (TERMS[term].value)(&Kinematics { position: k.position - centre, ..*k }, t)
     };
     DMatrix::from_columns(&[search.lens.column(search.models, search.force, value)])
 }
 
-fn about(search: &Search, term: usize, centre: Vec2) -> Option<Central> {
+fn about(search: &FormulaSearch, term: usize, centre: Vec2) -> Option<Central> {
     let (cost, amplitudes) =
         search.lens.joint(search.projector, search.start, &column(search, term, centre))?;
     Some(Central { term, centre, amplitude: amplitudes[0], cost })
 }
 
 /// The same term about centres that are nearer and nearer, while the cost falls.
-fn nearer_centre(search: &Search, mut best: Central, step: Vec2) -> Central {
+fn nearer_centre(search: &FormulaSearch, mut best: Central, step: Vec2) -> Central {
     for halving in 1..=HALVINGS {
         let step = step.scaled(0.5f64.powi(halving));
         let ways = [vec2(step.x, 0.0), vec2(-step.x, 0.0), vec2(0.0, step.y), vec2(0.0, -step.y)];
@@ -149,9 +150,9 @@ fn nearer_centre(search: &Search, mut best: Central, step: Vec2) -> Central {
 
 #[cfg(test)]
 mod tests {
-    use super::super::force::{Lens, fit_forces};
     use super::super::formula::{SIMPLE_TERMS, residual_law, tests::agrees};
     use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::super::weak_form::{WeakFormRegression, fit_forces};
     use super::*;
     use crate::effects::formula::Formula;
     use crate::world::ActiveEffect;
@@ -176,7 +177,7 @@ mod tests {
                 let active = ActiveEffect::of_formula("pull", formula, &model.bodies);
                 model.effects.push(active.expect("it is one"));
             });
-            let (lens, models) = (Lens::new(&scenes), models(&scenes));
+            let (lens, models) = (WeakFormRegression::new(&scenes), models(&scenes));
             let (free, seen) = fit_forces(&lens, &models);
             let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS, true, None)
                 .expect("it proves itself");

@@ -1,21 +1,25 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
-use super::account::{by_object, plausible};
-use super::alone::Alone;
 use super::contact::screen_contacts;
 use super::contact_law::{estimates_of, shows_at_contacts, with_contact};
-use super::film::contacts;
-use super::force::{Lens, fit_forces};
+use super::discovery::{nearest, readings, too_little};
 use super::free::at_values;
-use super::inquire::{nearest, readings, too_little};
-use super::jackknife::{Numbers, of_videos};
-use super::outcome::{Found, NINETY_FIVE, Ranked, Reported, Value, may_be_none, reported};
-use super::proof::{distance, lost};
+use super::intervals::{by_object, plausible};
+use super::jackknife::{LawParameters, of_videos};
+use super::outcome::{
+    FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterValue, RankedEffect, may_be_none, reported,
+};
+use super::proof::{deviance, lost};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
-use super::screen::{Base, anew, beginnings, region, screen, with_effect, with_nuisance};
+use super::screen::{
+    ScreenBase, beginnings, region, rescreen_from_prior, screen, with_effect, with_nuisance,
+};
 use super::search::leaves_something;
-use super::whole::stuck;
-use super::written::fit_written;
+use super::user_formula::fit_written;
+use super::weak_form::{WeakFormRegression, fit_forces};
+use super::whole_trajectory::stuck;
+use super::window_fits::WindowFits;
+use super::windows::contacts;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, effect};
 use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
@@ -38,7 +42,7 @@ const ALIKE: f64 = 0.02;
 
 /// What is to be done to a model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub enum Change {
+pub enum ModelChange {
     /// Puts an effect of the library in, by its name, or by its kind: then the form of it that does best.
     Add(String),
     /// Puts a user's law in, under the user's name.
@@ -83,12 +87,12 @@ fn named(name: &str) -> impl Iterator<Item = &'static EffectEntry> {
     EFFECTS.iter().filter(move |e| if exact { e.spec.name == name } else { e.kind == name })
 }
 
-impl Change {
+impl ModelChange {
     /// Whether it can be made to these models.
     pub fn check(&self, models: &[Model]) -> Result<(), ChangeError> {
         let present = |name: &str| models.iter().any(|m| m.effect(name).is_some());
         match self {
-            Change::Add(name) => {
+            ModelChange::Add(name) => {
                 if named(name).next().is_none() {
                     return Err(ChangeError::Unknown { name: name.clone() });
                 }
@@ -97,20 +101,20 @@ impl Change {
                     false => Ok(()),
                 }
             }
-            Change::Write(name, formula) => {
+            ModelChange::Write(name, formula) => {
                 check_name(name)?;
                 if present(name) {
                     return Err(ChangeError::There { name: name.clone() });
                 }
                 Ok(formula.read().map(|_| ())?)
             }
-            Change::Remove(name) if !present(name) => {
+            ModelChange::Remove(name) if !present(name) => {
                 let names: BTreeSet<&str> =
                     models.iter().flat_map(|m| &m.effects).map(|e| e.name.as_str()).collect();
                 let present = names.into_iter().collect::<Vec<_>>().join(", ");
                 Err(ChangeError::Absent { name: name.clone(), present })
             }
-            Change::Remove(_) => Ok(()),
+            ModelChange::Remove(_) => Ok(()),
         }
     }
 }
@@ -128,7 +132,7 @@ pub fn check_name(name: &str) -> Result<(), ChangeError> {
 /// Whether a change is worth making.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Worth {
+pub enum ChangeVerdict {
     /// The data speak for it, and it predicts what was not fitted at least as well.
     Better,
     /// The data do not tell: the simpler model is as good.
@@ -140,28 +144,28 @@ pub enum Worth {
 
 /// What one revision is worth against the one that it came from.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Weight {
+pub struct ChangeEvidence {
     /// Against the model before, the price of the parameters paid (BIC, nats).
     pub log_evidence: f64,
-    pub worth: Worth,
+    pub worth: ChangeVerdict,
 }
 
 /// Errors of a revision on frames that it was not fitted to, and on videos left out (m).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Unseen {
+pub struct PredictionErrors {
     pub held_out_rmse: f64,
     pub left_out_rmse: f64,
 }
 
 /// A revision that was asked for.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Changed {
+pub struct ChangeResult {
     /// The models as they were, where nobody had fitted them as a revision before.
     pub before: Option<Revision>,
     pub after: Revision,
     /// The effect that was added, with its parameters.
-    pub added: Option<Found>,
-    pub weight: Weight,
+    pub added: Option<FoundEffect>,
+    pub weight: ChangeEvidence,
     /// Why these videos cannot tell what it is worth, and what to film instead.
     pub too_little: Option<String>,
 }
@@ -171,23 +175,23 @@ pub enum Origin<'a> {
     /// Models that nobody has fitted: they become the first revision.
     Start(&'a [Model]),
     /// A revision: its fits, one a scene, and its errors.
-    Revision(&'a [&'a SceneFit], Unseen),
+    Revision(&'a [&'a SceneFit], PredictionErrors),
 }
 
-/// Makes a change that [`Change::check`] allows. Deterministic, whatever the number of threads.
+/// Makes a change that [`ModelChange::check`] allows. Deterministic, whatever the number of threads.
 pub fn change(
     scenes: &[Scene],
     origin: &Origin,
-    change: &Change,
+    change: &ModelChange,
     options: &FitOptions,
     stop: Stop,
-) -> Result<Changed, FitError> {
+) -> Result<ChangeResult, FitError> {
     let models: Vec<Model> = match origin {
         Origin::Start(models) => models.to_vec(),
         Origin::Revision(fits, _) => fits.iter().map(|f| f.model.clone()).collect(),
     };
     crate::fit::check(scenes, &models)?;
-    let lens = Lens::new(scenes);
+    let lens = WeakFormRegression::new(scenes);
     let readings = match origin {
         Origin::Start(models) => readings(scenes, models).iter().map(|m| with_nuisance(m)).collect(),
         Origin::Revision(..) => vec![models],
@@ -212,12 +216,12 @@ pub fn change(
             Ok((base, proposal))
         };
     let bases: Vec<(Option<Revision>, Proposal)> = read.into_iter().map(base).collect::<Result<_, _>>()?;
-    let off = |base: &Option<Revision>| base.as_ref().map_or(0.0, |base| distance(&base.fit));
+    let off = |base: &Option<Revision>| base.as_ref().map_or(0.0, |base| deviance(&base.fit));
     let best = bases.into_iter().min_by(|a, b| off(&a.0).total_cmp(&off(&b.0)));
     let Some((before, proposal)) = best else { return Err(FitError::NoScene) };
     let name = proposal.added.as_deref();
     let mut after = revise(&lens, &proposal.models, name, options, &half([0.55, 1.0], 1))?;
-    let (fits, unseen): (Vec<&SceneFit>, Unseen) = match (&before, origin) {
+    let (fits, unseen): (Vec<&SceneFit>, PredictionErrors) = match (&before, origin) {
         (Some(first), _) => (first.fit.scenes.iter().collect(), first.unseen()),
         (None, Origin::Revision(fits, unseen)) => (fits.to_vec(), *unseen),
         (None, Origin::Start(_)) => return Err(FitError::NoScene),
@@ -245,18 +249,18 @@ pub fn change(
     let better = again.is_some() && chi_square(&fair).0 < chi_square(&fits).0;
     let mut weight = weigh(if better { &fair } else { &fits }, unseen, &after);
     // A law that may well be none makes nothing better, whatever else the search found on its way.
-    if weight.worth == Worth::Better
+    if weight.worth == ChangeVerdict::Better
         && proposal.added.as_ref().is_some_and(|name| does_nothing(&after.fit, name))
     {
-        weight.worth = Worth::NoDifference;
+        weight.worth = ChangeVerdict::NoDifference;
     }
     let too_little = too_little(&lens);
     if too_little.is_some() {
-        weight.worth = Worth::NotIdentifiable;
+        weight.worth = ChangeVerdict::NotIdentifiable;
     }
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
-    Ok(Changed { before, after, added, weight, too_little })
+    Ok(ChangeResult { before, after, added, weight, too_little })
 }
 
 /// Whether the 95 % interval of each amplitude of a library's law, as the fit has it, holds none.
@@ -274,20 +278,25 @@ pub struct Proposal {
 }
 
 /// Puts the change where the lens that sees it finds it.
-pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Result<Proposal, FitError> {
+pub fn propose(
+    lens: &WeakFormRegression,
+    models: &[Model],
+    change: &ModelChange,
+    stop: Stop,
+) -> Result<Proposal, FitError> {
     let mut models = models.to_vec();
     match change {
-        Change::Remove(name) => {
+        ModelChange::Remove(name) => {
             models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
             Ok(Proposal { models, added: None })
         }
-        Change::Write(name, formula) => {
+        ModelChange::Write(name, formula) => {
             let (models, free, seen) = fit_written(lens, &models, name, formula);
             Ok(Proposal { models: at_values(&models, &free, &seen.values), added: Some(name.clone()) })
         }
-        Change::Add(name) => {
+        ModelChange::Add(name) => {
             let (free, seen) = fit_forces(lens, &models);
-            let base = Base::new(lens, &models, free, seen);
+            let base = ScreenBase::new(lens, &models, free, seen);
             let mut best: Option<(f64, Proposal)> = None;
             let absent = |e: &&EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
             for entry in named(name).filter(absent) {
@@ -303,8 +312,8 @@ pub fn propose(lens: &Lens, models: &[Model], change: &Change, stop: Stop) -> Re
 
 /// The models with an effect of the library where the lens that sees it finds it, and the fall of that lens's cost.
 fn with_library(
-    lens: &Lens,
-    base: &Base,
+    lens: &WeakFormRegression,
+    base: &ScreenBase,
     entry: &'static EffectEntry,
     stop: Stop,
 ) -> Result<(f64, Vec<Model>), FitError> {
@@ -313,7 +322,7 @@ fn with_library(
     let tried = beginnings(lens, fitted, entry, &region);
     if let Some(mut found) = tried.and_then(|tried| screen(lens, base, fitted, entry, &tried, &region)) {
         if leaves_something(found.chi_square, lens.degrees_of_freedom() as f64) {
-            anew(lens, base, &base.believed(lens), &region, &mut found);
+            rescreen_from_prior(lens, base, &base.believed(lens), &region, &mut found);
         }
         return Ok((found.gain, found.models));
     }
@@ -325,7 +334,8 @@ fn with_library(
     if !shows_at_contacts(entry) {
         return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
     }
-    let (found, _) = screen_contacts(&Alone::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
+    let (found, _) =
+        screen_contacts(&WindowFits::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
     // Contacts tell ratios of masses: where they name the one object that is heavier, its factor alone is asked for.
     let best = found.into_iter().next().map(|c| (c.before - c.after, c.values, c.object));
     let (gain, values, object) = best.unwrap_or_else(|| (0.0, seed(), None));
@@ -334,11 +344,11 @@ fn with_library(
 
 /// Users' laws as candidates beside those of the library; `unit` is what remains after the best of all.
 pub fn rank_formulas(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     formulas: &[(String, Formula)],
     unit: f64,
-) -> Vec<Ranked> {
+) -> Vec<RankedEffect> {
     let base = fit_forces(lens, models);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
     let one = |(name, formula): &(String, Formula)| {
@@ -347,7 +357,7 @@ pub fn rank_formulas(
         // A law without a number of its own has a price too.
         let added = (free.len() - base.0.len().min(free.len())).max(1);
         let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();
-        Ranked {
+        RankedEffect {
             kind: FORMULA.into(),
             effect: name.clone(),
             log_evidence: 0.5 * score,
@@ -367,7 +377,7 @@ fn chi_square(fits: &[&SceneFit]) -> (f64, f64) {
 
 /// Evidence of a revision against the fits that it came from, and whether it is better. A scene that both lose says nothing, if
 /// there are others: by how much is a matter of chaos.
-pub fn weigh(before: &[&SceneFit], unseen: Unseen, after: &Revision) -> Weight {
+pub fn weigh(before: &[&SceneFit], unseen: PredictionErrors, after: &Revision) -> ChangeEvidence {
     let pairs: Vec<(&SceneFit, &SceneFit)> = before.iter().copied().zip(&after.fit.scenes).collect();
     let told: Vec<_> = pairs.iter().copied().filter(|(b, a)| !(lost(b) && lost(a))).collect();
     let (judged, judged_after): (Vec<_>, Vec<_>) =
@@ -383,12 +393,12 @@ pub fn weigh(before: &[&SceneFit], unseen: Unseen, after: &Revision) -> Weight {
     let fails =
         grew(unseen.held_out_rmse, now.held_out_rmse) || grew(unseen.left_out_rmse, now.left_out_rmse);
     let worth = match () {
-        () if log_evidence > CERTAIN && !fails => Worth::Better,
-        () if log_evidence < -CERTAIN => Worth::Worse,
-        () if log_evidence < 0.0 && fails => Worth::Worse,
-        () => Worth::NoDifference,
+        () if log_evidence > CERTAIN && !fails => ChangeVerdict::Better,
+        () if log_evidence < -CERTAIN => ChangeVerdict::Worse,
+        () if log_evidence < 0.0 && fails => ChangeVerdict::Worse,
+        () => ChangeVerdict::NoDifference,
     };
-    Weight { log_evidence, worth }
+    ChangeEvidence { log_evidence, worth }
 }
 
 /// Numbers of the effects that a fit of all models together finds: a shared one counts once.
@@ -407,23 +417,23 @@ fn parameters<'m>(models: impl Iterator<Item = &'m Model>) -> usize {
 }
 
 impl Revision {
-    pub fn unseen(&self) -> Unseen {
-        Unseen { held_out_rmse: self.held_out_rmse, left_out_rmse: self.left_out_rmse }
+    pub fn unseen(&self) -> PredictionErrors {
+        PredictionErrors { held_out_rmse: self.held_out_rmse, left_out_rmse: self.left_out_rmse }
     }
 }
 
 /// The effect of a revision with its parameters as the fit has them; the intervals hold how far the videos disagree, too.
 pub fn found(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     revision: &Revision,
     name: &str,
     options: &FitOptions,
     stop: Stop,
-) -> Result<Found, FitError> {
+) -> Result<FoundEffect, FitError> {
     let fit = &revision.fit;
     let entry = named(name).find(|e| e.spec.name == name);
     if let Some(entry) = entry.filter(|entry| entry.of_objects()) {
-        return Ok(Found::of(entry, by_object(fit, entry)));
+        return Ok(FoundEffect::of(entry, by_object(fit, entry)));
     }
     let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
     let own = formula.map_or(&[][..], |f| &f.parameters);
@@ -431,7 +441,7 @@ pub fn found(
         Some(entry) => entry.spec.params.iter().map(|p| (p.name, p.default)).unzip(),
         None => own.iter().map(|p| (p.name.as_str(), p.default)).unzip(),
     };
-    let numbers = Numbers { law: name, names };
+    let numbers = LawParameters { law: name, names };
     let videos = of_videos(lens, revision, &numbers, options, stop)?;
     let told = |(k, default): (usize, &f64)| {
         // Where it differs by label the largest is told, and where it was not fitted its value.
@@ -445,16 +455,16 @@ pub fn found(
     let sd = plausible(lens, fit, name, &numbers.names, &told);
     let values: Vec<f64> = told.iter().map(|t| t.0).collect();
     if let Some(entry) = entry {
-        return Ok(Found::of(entry, reported(entry, &values, &sd)));
+        return Ok(FoundEffect::of(entry, reported(entry, &values, &sd)));
     }
     let one = |((p, at), sd): ((&FormulaParameter, &f64), &f64)| {
-        let number = |z: f64| Value::Number(at + z * NINETY_FIVE * sd);
+        let number = |z: f64| ParameterValue::Number(at + z * NINETY_FIVE * sd);
         let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
-        Reported { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
+        ParameterEstimate { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
     };
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
     let text = formula.map(|f| f.text.clone());
-    Ok(Found { kind: FORMULA.into(), effect: name.into(), parameters, text })
+    Ok(FoundEffect { kind: FORMULA.into(), effect: name.into(), parameters, text })
 }
 
 /// A number of a law as the first of a fit's scenes has it.
@@ -466,27 +476,28 @@ fn value(fit: &Fit, effect: &str, parameter: &str) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::super::discover;
-    use super::super::inquire::diagnose;
+    use super::super::discovery::diagnose;
     use super::super::tests::{CUBE, DISC, film, heavier_than_believed, models};
     use super::*;
-    use crate::discover::{DiscoverOptions, Owner, Verdict};
+    use crate::discover::{DiscoverOptions, ParameterOwner, Verdict};
     use crate::fit::fit;
     use crate::num::never;
 
-    fn added(scenes: &[Scene], name: &str) -> Changed {
+    fn added(scenes: &[Scene], name: &str) -> ChangeResult {
         let (base, options) = (models(scenes), DiscoverOptions::default().fit);
-        change(scenes, &Origin::Start(&base), &Change::Add(name.into()), &options, &never).expect("it runs")
+        change(scenes, &Origin::Start(&base), &ModelChange::Add(name.into()), &options, &never)
+            .expect("it runs")
     }
 
     #[test]
     fn a_mass_is_told_with_its_object_and_is_none_below_zero() {
         let scenes = heavier_than_believed();
         let made = added(&scenes, "mass_change");
-        assert_eq!(made.weight.worth, Worth::Better, "{:?}", made.weight);
+        assert_eq!(made.weight.worth, ChangeVerdict::Better, "{:?}", made.weight);
         let told = made.added.expect("it was added").parameters;
         let [factor] = &told[..] else { panic!("{told:?}") };
-        assert_eq!(factor.owner, Some(Owner { object: 1, scene: None, identified: true }));
-        let Value::Number(v) = factor.value else { panic!("{factor:?}") };
+        assert_eq!(factor.owner, Some(ParameterOwner { object: 1, scene: None, identified: true }));
+        let ParameterValue::Number(v) = factor.value else { panic!("{factor:?}") };
         assert!((v - 2.0).abs() < 0.15, "{factor:?}");
         // Of objects that never meet nothing is known; what is said of one is what a mass can be.
         let apart =
@@ -494,7 +505,7 @@ mod tests {
         let told = added(&apart, "mass_change").added.expect("it was added").parameters;
         let [factor] = &told[..] else { panic!("{told:?}") };
         assert!(factor.owner.is_some_and(|o| !o.identified), "{factor:?}");
-        let Value::Number(low) = factor.low else { panic!("{factor:?}") };
+        let ParameterValue::Number(low) = factor.low else { panic!("{factor:?}") };
         assert!(low > 0.0, "{factor:?}");
     }
 
@@ -506,8 +517,8 @@ mod tests {
             (does_nothing(&made.after.fit, "linear_drag"), made.weight.worth)
         };
         let (none, worth) = drag(None);
-        assert!(none && worth != Worth::Better, "{worth:?}");
-        assert_eq!(drag(Some(("linear_drag", &[("c", 0.3)]))), (false, Worth::Better));
+        assert!(none && worth != ChangeVerdict::Better, "{worth:?}");
+        assert_eq!(drag(Some(("linear_drag", &[("c", 0.3)]))), (false, ChangeVerdict::Better));
     }
 
     /// The lens, which does not know how balls spin, leads astray from where these are followed.
@@ -515,7 +526,7 @@ mod tests {
     fn with_one_law_more_a_revision_is_no_farther() {
         let scene = |k: usize| {
             let path = format!("tests/data/billiards/rolling/scene_0{k}/observed.json");
-            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+            let path = std::path::SmoothTrack::new(env!("CARGO_MANIFEST_DIR")).join(path);
             let text = std::fs::read_to_string(path).expect("it is there");
             crate::scene::parse(&k.to_string(), &text).expect("it is one")
         };
@@ -523,7 +534,7 @@ mod tests {
         let first = added(&scenes, "coriolis").before.expect("it was fitted");
         let fits: Vec<&SceneFit> = first.fit.scenes.iter().collect();
         let (origin, options) = (Origin::Revision(&fits, first.unseen()), DiscoverOptions::default().fit);
-        let made = change(&scenes, &origin, &Change::Add("coriolis".into()), &options, &never);
+        let made = change(&scenes, &origin, &ModelChange::Add("coriolis".into()), &options, &never);
         let after = made.expect("it runs").after.reduced_chi_square;
         assert!(after < 1.01 * first.reduced_chi_square, "{} {after}", first.reduced_chi_square);
     }
@@ -540,7 +551,7 @@ mod tests {
         let made = added(&scenes, "tilt");
         assert_eq!(
             (made.weight.worth, made.too_little),
-            (Worth::NotIdentifiable, Some(found.reason.clone()))
+            (ChangeVerdict::NotIdentifiable, Some(found.reason.clone()))
         );
         let fitted = fit(&scenes, &base, &options.fit, &never).expect("it fits");
         let told = diagnose(&scenes, &fitted, &[], &options, &never).expect("it runs");

@@ -1,8 +1,8 @@
 //! Residuals of a fit: per object, frame and regime, whether they are white, and what the model is worth on frames
 //! that it has not seen.
 
-use super::path::{Path, paths};
 use super::revise::held_out;
+use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Fit, FitError, FitOptions, estimate_noise};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -67,7 +67,7 @@ pub struct Regime {
 }
 
 /// One residual of a position.
-struct Residual {
+struct PositionResidual {
     object: usize,
     frame: usize,
     /// Simulated minus measured (m).
@@ -116,28 +116,28 @@ pub fn failures(scene: &Scene, model: &Model) -> Vec<Regime> {
     regimes(scene, &paths(scene, &noise), &residuals(scene, model), noise.position)
 }
 
-fn residuals(scene: &Scene, model: &Model) -> Vec<Residual> {
+fn residuals(scene: &Scene, model: &Model) -> Vec<PositionResidual> {
     let rollout = film::<f64>(model, &model.flatten(), &scene.times, &Limits::default());
     let of = |(object, track): (usize, &crate::scene::Track)| {
         let at = |s: &crate::scene::Sample| {
             let state = rollout.states.get(s.frame)?.get(object).copied().flatten()?;
             let d = state.position - s.position;
-            Some(Residual { object, frame: s.frame, x: d.x, y: d.y })
+            Some(PositionResidual { object, frame: s.frame, x: d.x, y: d.y })
         };
         track.samples.iter().filter_map(at).collect::<Vec<_>>()
     };
     scene.tracks.iter().enumerate().flat_map(of).collect()
 }
 
-fn rms<'r>(residuals: impl Iterator<Item = &'r Residual>) -> f64 {
+fn rms<'r>(residuals: impl Iterator<Item = &'r PositionResidual>) -> f64 {
     let (sum, count) = residuals.fold((0.0, 0.0), |(s, n), r| (s + r.x * r.x + r.y * r.y, n + 2.0));
     (sum / f64::max(count, 1.0)).sqrt()
 }
 
-fn objects(scene: &Scene, residuals: &[Residual], sigma: f64) -> Vec<ObjectComparison> {
+fn objects(scene: &Scene, residuals: &[PositionResidual], sigma: f64) -> Vec<ObjectComparison> {
     let one = |(index, object): (usize, &crate::scene::Object)| {
-        let own: Vec<&Residual> = residuals.iter().filter(|r| r.object == index).collect();
-        let size = |r: &Residual| r.x.hypot(r.y);
+        let own: Vec<&PositionResidual> = residuals.iter().filter(|r| r.object == index).collect();
+        let size = |r: &PositionResidual| r.x.hypot(r.y);
         let worst = own.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
         let rmse = rms(own.iter().copied());
         let products: f64 = own.windows(2).map(|w| w[0].x * w[1].x + w[0].y * w[1].y).sum();
@@ -157,7 +157,7 @@ fn objects(scene: &Scene, residuals: &[Residual], sigma: f64) -> Vec<ObjectCompa
 /// Whether something is in a regime: index of the object, frame.
 type Belongs<'a> = Box<dyn Fn(usize, usize) -> bool + 'a>;
 
-fn regimes(scene: &Scene, paths: &[Path], residuals: &[Residual], sigma: f64) -> Vec<Regime> {
+fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual], sigma: f64) -> Vec<Regime> {
     let near = |i: usize, f: usize| paths[i].near.iter().any(|n| n.0 == f);
     let after = |i: usize, f: usize| (1..=AFTERMATH).any(|k| f >= k && near(i, f - k)) && !near(i, f);
     let hit = |i: usize, f: usize| paths[i].jumps.iter().any(|j| (j.frame..j.frame + AFTERMATH).contains(&f));
@@ -189,7 +189,7 @@ fn regimes(scene: &Scene, paths: &[Path], residuals: &[Residual], sigma: f64) ->
         all.push((name, Box::new(is)));
     }
     let regime = |(name, belongs): (String, Belongs)| {
-        let own: Vec<&Residual> = residuals.iter().filter(|r| belongs(r.object, r.frame)).collect();
+        let own: Vec<&PositionResidual> = residuals.iter().filter(|r| belongs(r.object, r.frame)).collect();
         let rmse = rms(own.iter().copied());
         let reduced_chi_square = (rmse / sigma).powi(2);
         (own.len() >= FEWEST).then_some(Regime { regime: name, rmse, reduced_chi_square, frames: own.len() })

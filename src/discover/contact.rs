@@ -1,17 +1,17 @@
 //! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
-use super::alone::{AT_NOISE, Alone, FOLLOWED, OPTIONS};
 use super::contact_law::{HEAVIER, SCALE, estimates_of, pooled, with_contact};
 use super::cost::Cost;
-use super::fading::{FADING, as_met};
-use super::film::Contacts;
+use super::hidden_geometry::{discs_behind, walls};
 use super::jackknife::{numbers_of, scatter};
+use super::negligible::is_slight;
 use super::outcome::widened;
+use super::restitution_decay::{FADING, as_met};
 use super::revise::{TRIED_EFFORT, agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::certain;
-use super::slight::is_slight;
-use super::unseen::{discs_behind, walls};
+use super::window_fits::{AT_NOISE, FOLLOWED, OPTIONS, WindowFits};
+use super::windows::ContactWindows;
 use crate::effects::{EffectEntry, Hook, Region};
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, estimate, estimate_one};
 use crate::num::Stop;
@@ -98,12 +98,12 @@ impl ContactCandidate {
 /// Laws of contact and things that nobody saw, best first, and what the short films cost that nothing follows. Empty where
 /// nothing touches anything.
 pub fn screen_contacts(
-    alone: &Alone,
+    alone: &WindowFits,
     region: &Region,
     candidates: &[&'static EffectEntry],
     stop: Stop,
 ) -> Result<(Vec<ContactCandidate>, f64), FitError> {
-    let (Alone { mut films, fits }, mut lost) = alone.without_heaps(stop)?;
+    let (WindowFits { mut films, fits }, mut lost) = alone.without_heaps(stop)?;
     if films.scenes.is_empty() {
         return Ok((vec![], lost));
     }
@@ -146,7 +146,7 @@ pub fn screen_contacts(
     }
     // What the base fits goes on from there; the others begin anew, each alone: one that leads astray takes no other with
     // it, and is not searched again with all of them.
-    let begun: Result<Vec<Begun>, FitError> = trials
+    let begun: Result<Vec<StartedLaw>, FitError> = trials
         .into_par_iter()
         .enumerate()
         .map(|(k, (entry, values, object))| {
@@ -189,7 +189,7 @@ pub fn screen_contacts(
                     }
                 }
             }
-            Ok(Begun { entry, values, object, models, fall, least })
+            Ok(StartedLaw { entry, values, object, models, fall, least })
         })
         .collect();
     let mut begun = begun?;
@@ -197,8 +197,8 @@ pub fn screen_contacts(
     let least = |film: usize| begun.iter().map(|b| b.least[film]).fold(off(&base, film), f64::min);
     let mut followed = followed(&base, least);
     // Nor do those say much that are only nearer, where others are followed to the end.
-    let mended = |film: &usize| off(&base, *film) > FOLLOWED && least(*film) < FOLLOWED;
-    if followed.iter().any(mended) {
+    let recovers = |film: &usize| off(&base, *film) > FOLLOWED && least(*film) < FOLLOWED;
+    if followed.iter().any(recovers) {
         followed.retain(|&film| least(film) < FOLLOWED);
     }
     if followed.len() < films.scenes.len() {
@@ -212,22 +212,22 @@ pub fn screen_contacts(
     }
     let (films, unfollowed) = (&films, unfollowed(&base));
     let few = FitOptions { max_iterations: FIRST_ITERATIONS, ..near };
-    let first: Result<Vec<Tried>, FitError> = finalists(begun)
+    let first: Result<Vec<FittedLaw>, FitError> = finalists(begun)
         .into_par_iter()
-        .map(|Begun { entry, values, object, models, .. }| {
+        .map(|StartedLaw { entry, values, object, models, .. }| {
             let mut found = estimate(&films.scenes, &models, &few, stop)?;
             // A search that went astray begins where the models without the effect ended.
             if !unfollowed.is_empty() && sum(&chi_squares(&found)) > sum(&before) + CHANCE {
                 let models = with_contact(&ended, entry, &values, object, region);
                 found = lower(found, estimate(&films.scenes, &models, &few, stop)?);
             }
-            Ok(Tried { entry, start: values, object, fit: found })
+            Ok(FittedLaw { entry, start: values, object, fit: found })
         })
         .collect();
     let first = first?;
     let known = Cost::of(&base, None);
     // A film that has gone astray counts as it was: it begins anew.
-    let cost = |t: &Tried| {
+    let cost = |t: &FittedLaw| {
         let after = Cost::of(&t.fit, Some(t.entry.spec.name));
         let beyond = |k: usize| f64::max(after.of_scene(k) - known.of_scene(k), 0.0);
         after.total() - (0..films.scenes.len()).map(beyond).sum::<f64>()
@@ -241,7 +241,7 @@ pub fn screen_contacts(
             if costs.iter().filter(|c| *c < cost).count() >= FOLLOWED_UP {
                 return Ok(tried);
             }
-            let Tried { entry, start: values, object, fit: begun } = tried;
+            let FittedLaw { entry, start: values, object, fit: begun } = tried;
             let models = begun.models();
             let mut found = lower(begun, estimate(&films.scenes, &models, &near, stop)?);
             // What is still lost begins anew with what the others agree on, and what has gone astray since.
@@ -265,14 +265,14 @@ pub fn screen_contacts(
                 }
                 found = lower(found, estimate(&films.scenes, &models, &near, stop)?);
             }
-            Ok(Tried { entry, start: values, object, fit: found })
+            Ok(FittedLaw { entry, start: values, object, fit: found })
         })
         .collect();
     judged(films, base, fitted?, lost, &options, stop)
 }
 
 /// One law of contact, or an unseen thing, before all short films are fitted with it.
-struct Begun {
+struct StartedLaw {
     entry: &'static EffectEntry,
     values: Vec<f64>,
     object: Option<u32>,
@@ -292,13 +292,13 @@ fn followed(base: &Fit, least: impl Fn(usize) -> f64) -> Vec<usize> {
 
 /// The films that are `followed`, fitted without what pulled at them, and what the others cost beside what is `lost`.
 fn without_lost(
-    films: &Contacts,
+    films: &ContactWindows,
     base: &Fit,
     followed: &[usize],
     lost: f64,
     near: &FitOptions,
     stop: Stop,
-) -> Result<(Contacts, Fit, f64), FitError> {
+) -> Result<(ContactWindows, Fit, f64), FitError> {
     let left_out = (0..films.scenes.len()).filter(|film| !followed.contains(film));
     let lost =
         lost + left_out.map(|film| FOLLOWED * base.scenes[film].degrees_of_freedom as f64).sum::<f64>();
@@ -309,7 +309,7 @@ fn without_lost(
 
 /// The fit of some films, from where they stand in a fit of more.
 fn of_some(
-    films: &Contacts,
+    films: &ContactWindows,
     of_more: &Fit,
     which: &[usize],
     near: &FitOptions,
@@ -320,8 +320,8 @@ fn of_some(
 }
 
 /// Of places and objects that one law may befall, those that promise most; in the order given.
-fn finalists(begun: Vec<Begun>) -> Vec<Begun> {
-    let better = |b: &Begun| {
+fn finalists(begun: Vec<StartedLaw>) -> Vec<StartedLaw> {
+    let better = |b: &StartedLaw| {
         begun.iter().filter(|o| o.entry.spec.name == b.entry.spec.name && o.fall > b.fall).count()
     };
     let stays: Vec<bool> = begun.iter().map(|b| better(b) < FINALISTS).collect();
@@ -329,7 +329,7 @@ fn finalists(begun: Vec<Begun>) -> Vec<Begun> {
 }
 
 /// One law of contact, or an unseen thing, fitted to the short films.
-struct Tried {
+struct FittedLaw {
     entry: &'static EffectEntry,
     start: Vec<f64>,
     object: Option<u32>,
@@ -338,9 +338,9 @@ struct Tried {
 
 /// See [`screen_contacts`]; `lost` is the cost of films that were left out before.
 fn judged(
-    films: &Contacts,
+    films: &ContactWindows,
     base: Fit,
-    fitted: Vec<Tried>,
+    fitted: Vec<FittedLaw>,
     lost: f64,
     options: &FitOptions,
     stop: Stop,
@@ -355,9 +355,9 @@ fn judged(
         if followed.is_empty() {
             return Ok((vec![], lost));
         }
-        let fitted: Result<Vec<Tried>, FitError> = fitted
+        let fitted: Result<Vec<FittedLaw>, FitError> = fitted
             .into_par_iter()
-            .map(|t| Ok(Tried { fit: of_some(&rest, &t.fit, &followed, &near, stop)?, ..t }))
+            .map(|t| Ok(FittedLaw { fit: of_some(&rest, &t.fit, &followed, &near, stop)?, ..t }))
             .collect();
         return judged(&rest, base, fitted?, lost, options, stop);
     }
@@ -366,7 +366,7 @@ fn judged(
     let unit = (least / degrees.max(1) as f64).max(1.0);
     let all: Result<Vec<ContactCandidate>, FitError> = fitted
         .into_par_iter()
-        .map(|Tried { entry, start, object, fit }| {
+        .map(|FittedLaw { entry, start, object, fit }| {
             let after = Cost::of(&fit, Some(entry.spec.name));
             // What brings nothing against the one minimum brings nothing against the better of two.
             let before = match before.total() - after.total() > 0.5 * PROOF * unit {
@@ -421,7 +421,7 @@ fn judged(
 /// Cost of the short films without the effect, at the better of its own minimum and the one that the fit with
 /// the effect leads to: a search that escaped a bad minimum is no discovery.
 fn without(
-    films: &Contacts,
+    films: &ContactWindows,
     with: &Fit,
     entry: &EffectEntry,
     before: &Cost,
@@ -437,7 +437,7 @@ fn without(
 /// Ids of the objects that meet others, those of which the law promises most: each tried in the films that show it, from where
 /// these are followed best.
 fn odd_ones(
-    films: &Contacts,
+    films: &ContactWindows,
     ended: &[Model],
     before: &[f64],
     entry: &'static EffectEntry,
@@ -470,7 +470,7 @@ mod tests {
 
     #[test]
     fn two_of_each_law_are_tried_with_all_films() {
-        let begun = |name: &str, object: u32, fall: f64| Begun {
+        let begun = |name: &str, object: u32, fall: f64| StartedLaw {
             entry: effect(name).expect("it is there"),
             values: vec![],
             object: Some(object),

@@ -43,7 +43,7 @@ impl Cost {
     }
 
     pub fn total(&self) -> f64 {
-        sum(&self.misfit) + self.strain(|_| true)
+        sum(&self.misfit) + self.prior_penalty(|_| true)
     }
 
     /// Of one scene, without what it shares with others.
@@ -52,7 +52,7 @@ impl Cost {
     }
 
     /// What the beliefs of some scenes, and those that all share, cost.
-    pub fn strain(&self, counts: impl Fn(usize) -> bool) -> f64 {
+    pub fn prior_penalty(&self, counts: impl Fn(usize) -> bool) -> f64 {
         self.shared + (0..self.own.len()).filter(|&k| counts(k)).map(|k| self.own[k]).sum::<f64>()
     }
 }

@@ -1,9 +1,9 @@
 //! The launch that would tell two laws apart: simulate both, pick where they differ most.
 
-use super::force::Lens;
 use super::outcome::Experiment;
 use super::revise::pooled_noise;
 use super::search::FreeMotion;
+use super::weak_form::WeakFormRegression;
 use crate::num::{Vec2, vec2};
 use crate::world::{BodySpec, Model, Start, State, trace};
 
@@ -15,7 +15,7 @@ const TIME: f64 = 3.0;
 const MASSES: [f64; 3] = [1.0, 0.3, 3.0];
 
 /// The best launch of one object alone between the two best of the laws that cannot be told apart.
-pub fn tell_apart(lens: &Lens, motion: &FreeMotion) -> Option<Experiment> {
+pub fn tell_apart(lens: &WeakFormRegression, motion: &FreeMotion) -> Option<Experiment> {
     let kinds = motion.alike.first()?;
     let laws: Vec<&Model> = kinds
         .iter()

@@ -1,10 +1,10 @@
 //! A law that no library lists: a sparse sum of generic terms that explains the residual acceleration.
 
 use super::central::{central_laws, other_shapes};
-use super::force::{Lens, Projector, Seen};
-use super::free::Free;
+use super::free::FreeParameter;
+use super::user_formula::refitted;
 use super::wave::wave;
-use super::written::refitted;
+use super::weak_form::{LensFit, Projector, WeakFormRegression};
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
@@ -77,19 +77,19 @@ pub struct ResidualLaw {
     /// Chi-square that remains, with the priors' share.
     pub cost: f64,
     /// Fall of chi-square on all tracks but the one that gains most.
-    pub elsewhere: f64,
+    pub gain_without_best_track: f64,
     /// Whether the library has none of its terms.
-    pub foreign: bool,
+    pub not_in_library: bool,
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
 /// does not roll) of at most `most` terms, or about a centre, which `place` may be, or a wave if `waves` may be; `None` where
 /// no term proves itself.
 pub fn residual_law(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
-    free: &[Free],
-    seen: &Seen,
+    free: &[FreeParameter],
+    seen: &LensFit,
     most: usize,
     waves: bool,
     place: Option<Vec2>,
@@ -99,8 +99,13 @@ pub fn residual_law(
     let priced = |cost: f64, numbers: usize| cost + numbers as f64 * degrees.ln();
     let by_axes = |l: &Sparse| priced(l.cost, l.numbers());
     // The same law for all masses, or a force, along any axes or about any centre: the data say which.
-    let [of_mass, of_force] =
-        [false, true].map(|force| Search { lens, models, projector: &projector, start: seen.cost, force });
+    let [of_mass, of_force] = [false, true].map(|force| FormulaSearch {
+        lens,
+        models,
+        projector: &projector,
+        start: seen.cost,
+        force,
+    });
     let laws = [&of_mass, &of_force].map(|search| {
         let along_axes = search.select(0.0, most).map(|upright| {
             let step = FRAC_PI_2 / TURNS as f64;
@@ -209,8 +214,8 @@ fn along_own_axes(text: &str) -> String {
 }
 
 /// What the terms are fitted to.
-pub(super) struct Search<'a> {
-    pub lens: &'a Lens<'a>,
+pub(super) struct FormulaSearch<'a> {
+    pub lens: &'a WeakFormRegression<'a>,
     pub models: &'a [Model],
     pub projector: &'a Projector,
     pub start: f64,
@@ -218,7 +223,7 @@ pub(super) struct Search<'a> {
     pub force: bool,
 }
 
-impl Search<'_> {
+impl FormulaSearch<'_> {
     /// The column of a term along axes turned by `angle`.
     fn column(&self, term: &Term, angle: f64) -> DVector<f64> {
         let (s, c) = angle.sin_cos();
@@ -271,9 +276,16 @@ impl Search<'_> {
     }
 
     fn law(&self, law: Sparse) -> ResidualLaw {
-        let elsewhere = self.elsewhere(&self.columns(&law.terms, law.angle), &law.amplitudes);
-        let foreign = law.terms.iter().all(|k| !KNOWN.contains(k));
-        ResidualLaw { text: law.text(), numbers: law.numbers(), cost: law.cost, elsewhere, foreign }
+        let gain_without_best_track =
+            self.gain_without_best_track(&self.columns(&law.terms, law.angle), &law.amplitudes);
+        let not_in_library = law.terms.iter().all(|k| !KNOWN.contains(k));
+        ResidualLaw {
+            text: law.text(),
+            numbers: law.numbers(),
+            cost: law.cost,
+            gain_without_best_track,
+            not_in_library,
+        }
     }
 
     /// The same terms along axes that are turned further, by less and less, while the cost falls.
@@ -312,7 +324,7 @@ impl Search<'_> {
     }
 
     /// Fall of chi-square on all tracks but the one that gains most.
-    pub fn elsewhere(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> f64 {
+    pub fn gain_without_best_track(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> f64 {
         let none = DMatrix::zeros(self.projector.residual.len(), 0);
         let before = self.lens.by_track(&self.projector.moved(&none, &[]));
         let after = self.lens.by_track(&self.projector.moved(columns, amplitudes));
@@ -323,8 +335,8 @@ impl Search<'_> {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use super::super::force::fit_forces;
     use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::super::weak_form::fit_forces;
     use super::*;
     use crate::body::{Body, Wrench};
     use crate::effects::formula::Formula;
@@ -398,10 +410,10 @@ pub(super) mod tests {
             let active = ActiveEffect::of_formula("drag", formula, &model.bodies);
             model.effects.push(active.expect("it is one"));
         });
-        let (lens, models) = (Lens::new(&scenes), models(&scenes));
+        let (lens, models) = (WeakFormRegression::new(&scenes), models(&scenes));
         let (free, seen) = fit_forces(&lens, &models);
         let projector = &lens.projector(&models, &free, &seen.values).expect("it is determined");
-        let search = Search { lens: &lens, models: &models, projector, start: seen.cost, force: true };
+        let search = FormulaSearch { lens: &lens, models: &models, projector, start: seen.cost, force: true };
         let [drag, beside] = [14, 7];
         let law = search.thinned(search.fitted(vec![drag, beside], 0.58).expect("it is determined"));
         assert_eq!(law.terms, [drag], "{}", law.text());

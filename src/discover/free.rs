@@ -15,7 +15,7 @@ const BLIND: [(&str, &str); 2] = [("friction_offset", "lever"), ("wrong_scale", 
 
 /// One parameter that the lens can move, and where it stands in each model.
 #[derive(Debug, Clone)]
-pub struct Free {
+pub struct FreeParameter {
     pub name: String,
     pub slots: Vec<(usize, usize)>,
     pub min: f64,
@@ -28,7 +28,7 @@ pub struct Free {
     pub log: bool,
 }
 
-impl Free {
+impl FreeParameter {
     /// Whether it is this parameter of an effect, whoever shares it.
     pub fn is(&self, entry: &EffectEntry, parameter: &str) -> bool {
         let rest = self.name.strip_prefix(entry.spec.name).and_then(|rest| rest.strip_prefix('.'));
@@ -57,12 +57,12 @@ fn blind(effect: &str, parameter: &str) -> bool {
 }
 
 /// Free parameters of all effects that show between contacts, and the masses that laws of force may tell.
-pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<Free> {
-    let mut free: Vec<Free> = vec![];
+pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<FreeParameter> {
+    let mut free: Vec<FreeParameter> = vec![];
     for (scene, (model, filmed)) in models.iter().zip(scenes).enumerate() {
         let unknown = |o: &Object| o.mass.is_none() && model.mass_sd > 0.0;
         for (body, object) in filmed.objects.iter().enumerate().filter(|(_, o)| unknown(o)) {
-            free.push(Free {
+            free.push(FreeParameter {
                 name: format!("objects[{}].mass@{scene}", object.id),
                 slots: vec![(scene, body * BODY_VALUES.len() + MASS)],
                 min: MASS_BOUNDS[0].ln(),
@@ -86,7 +86,7 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<Free> {
                         let name = parameter.full_name(active, label) + &place;
                         match free.iter_mut().find(|f| f.name == name) {
                             Some(known) => known.slots.push((scene, at)),
-                            None => free.push(Free {
+                            None => free.push(FreeParameter {
                                 name,
                                 slots: vec![(scene, at)],
                                 min: bounds.map_or(f64::NEG_INFINITY, |b| b.1),
@@ -107,7 +107,7 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<Free> {
 }
 
 /// Wide differences by lengths, for the beginning of a search.
-pub fn stride(free: &mut [Free], entry: &EffectEntry) {
+pub fn stride(free: &mut [FreeParameter], entry: &EffectEntry) {
     for (k, p) in entry.spec.params.iter().enumerate().skip(entry.amplitudes) {
         let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
         if p.unit == "m"
@@ -119,7 +119,7 @@ pub fn stride(free: &mut [Free], entry: &EffectEntry) {
 }
 
 /// The numbers of each model with the free parameters at `values`.
-pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
+pub fn flats(models: &[Model], free: &[FreeParameter], values: &[f64]) -> Vec<Vec<f64>> {
     let mut flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
     for (f, value) in free.iter().zip(values) {
         for &(scene, slot) in &f.slots {
@@ -130,21 +130,22 @@ pub fn flats(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Vec<f64>> {
 }
 
 /// Where the free parameters stand in the models.
-pub fn values_of(models: &[Model], free: &[Free]) -> Vec<f64> {
+pub fn values_of(models: &[Model], free: &[FreeParameter]) -> Vec<f64> {
     let flats: Vec<Vec<f64>> = models.iter().map(Model::flatten).collect();
-    let value = |f: &Free| f.slots.first().map_or(f.mean, |&(scene, slot)| f.of_model(flats[scene][slot]));
+    let value =
+        |f: &FreeParameter| f.slots.first().map_or(f.mean, |&(scene, slot)| f.of_model(flats[scene][slot]));
     free.iter().map(value).collect()
 }
 
 /// The models with the free parameters at these values.
-pub fn at_values(models: &[Model], free: &[Free], values: &[f64]) -> Vec<Model> {
+pub fn at_values(models: &[Model], free: &[FreeParameter], values: &[f64]) -> Vec<Model> {
     models.iter().zip(flats(models, free, values)).map(|(m, flat)| m.with_values(&flat)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::tests::{CUBE, DISC, film, models};
-    use super::super::{DiscoverOptions, Lens, discover, fit_forces};
+    use super::super::{DiscoverOptions, WeakFormRegression, discover, fit_forces};
     use crate::num::never;
     use crate::scene::Scene;
 
@@ -167,7 +168,7 @@ mod tests {
             discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
         let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
         assert_eq!(names, ["uniform_force"], "{}", found.reason);
-        let lens = Lens::new(&scenes);
+        let lens = WeakFormRegression::new(&scenes);
         let last = found.revisions.last().expect("there is the first").fit.models();
         let (free, seen) = fit_forces(&lens, &last);
         let masses: Vec<f64> =
@@ -181,7 +182,7 @@ mod tests {
         let scenes = windy();
         let mut given = scenes.clone();
         given.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = Some(1.0));
-        let cost = |scenes: &[Scene]| fit_forces(&Lens::new(scenes), &models(scenes)).1.cost;
+        let cost = |scenes: &[Scene]| fit_forces(&WeakFormRegression::new(scenes), &models(scenes)).1.cost;
         let (unknown, known) = (cost(&scenes), cost(&given));
         assert!((unknown / known - 1.0).abs() < 1e-9, "{unknown} {known}");
     }

@@ -2,9 +2,9 @@
 //! (Tukey's jackknife; Efron and Stein, Ann. Statist. 9 (1981) 586).
 
 use super::contact_law::{estimates_of, pooled};
-use super::force::Lens;
 use super::proof;
 use super::revise::Revision;
+use super::weak_form::WeakFormRegression;
 use crate::effects::EffectEntry;
 use crate::fit::{Begin, Fit, FitError, FitOptions, estimate, estimate_each, together};
 use crate::num::Stop;
@@ -17,7 +17,7 @@ const ITERATIONS: usize = 30;
 
 /// One number of a law as several videos have it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shared {
+pub struct SharedEstimate {
     pub value: f64,
     /// Deviation by the noise.
     pub sd: f64,
@@ -26,24 +26,24 @@ pub struct Shared {
 }
 
 /// A law's parameters by their names.
-pub struct Numbers<'n> {
+pub struct LawParameters<'n> {
     pub law: &'n str,
     pub names: Vec<&'n str>,
 }
 
-pub fn numbers_of(entry: &'static EffectEntry) -> Numbers<'static> {
-    Numbers { law: entry.spec.name, names: entry.spec.params.iter().map(|p| p.name).collect() }
+pub fn numbers_of(entry: &'static EffectEntry) -> LawParameters<'static> {
+    LawParameters { law: entry.spec.name, names: entry.spec.params.iter().map(|p| p.name).collect() }
 }
 
 /// The numbers of a law, one for each of its parameters that is identified, as the videos have them that a revision follows;
 /// `None` where it follows one of several, or none.
 pub fn of_videos(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     revision: &Revision,
-    numbers: &Numbers,
+    numbers: &LawParameters,
     options: &FitOptions,
     stop: Stop,
-) -> Result<Option<Vec<Option<Shared>>>, FitError> {
+) -> Result<Option<Vec<Option<SharedEstimate>>>, FitError> {
     let all = &revision.fit.scenes;
     let followed: Vec<usize> = (0..all.len()).filter(|&k| !proof::lost(&all[k])).collect();
     if followed.len() < all.len().min(2) {
@@ -57,13 +57,14 @@ pub fn of_videos(
     let values: Vec<f64> = known.iter().map(|e| e.map_or(0.0, |e| e.0)).collect();
     let each: Vec<usize> = if scenes.len() > 1 { (0..scenes.len()).collect() } else { vec![] };
     let scatter = scatter(scenes, fit, numbers, &values, &each, &near, stop)?;
-    let shared = |(e, scatter): (Option<(f64, f64)>, f64)| e.map(|(value, sd)| Shared { value, sd, scatter });
+    let shared =
+        |(e, scatter): (Option<(f64, f64)>, f64)| e.map(|(value, sd)| SharedEstimate { value, sd, scatter });
     Ok(Some(known.into_iter().zip(scatter).map(shared).collect()))
 }
 
 /// Those of the scenes that common numbers follow, and their fit.
 fn in_common(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     revision: &Revision,
     which: &[usize],
     near: &FitOptions,
@@ -72,7 +73,7 @@ fn in_common(
     let all = &revision.fit.scenes;
     let (scenes, models): (Vec<Scene>, Vec<Model>) =
         which.iter().map(|&k| (lens.scenes[k].clone(), all[k].model.clone())).unzip();
-    if which.len() == all.len() && revision.apart.is_empty() {
+    if which.len() == all.len() && revision.unpooled.is_empty() {
         return Ok((scenes, revision.fit.clone()));
     }
     // From a mean of what they have no search of all of them finds back.
@@ -98,7 +99,7 @@ fn number(fit: &Fit, effect: &str, parameter: &str) -> Option<(f64, f64)> {
 pub fn scatter(
     scenes: &[Scene],
     with: &Fit,
-    numbers: &Numbers,
+    numbers: &LawParameters,
     values: &[f64],
     told: &[usize],
     options: &FitOptions,
@@ -124,11 +125,11 @@ pub fn scatter(
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::DiscoverOptions;
     use super::super::contact_law::with_contact;
     use super::super::revise::revise;
     use super::super::screen::{region, with_nuisance};
     use super::super::tests::{DISC, film, models};
+    use super::super::verdict::DiscoverOptions;
     use super::*;
     use crate::effects::effect;
     use crate::num::never;
@@ -146,7 +147,7 @@ mod tests {
                 film(&launches, Some((FADING, &[("inverse_v0", v0)])))
             };
             let scenes = [with(0.2, &[0.8, 1.2, 1.6]), with(of_last, &[1.0, 1.4])].concat();
-            let (lens, region) = (Lens::new(&scenes), region(&scenes));
+            let (lens, region) = (WeakFormRegression::new(&scenes), region(&scenes));
             let with = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.1], None, &region);
             let options = DiscoverOptions::default().fit;
             let revision = revise(&lens, &with, Some(FADING), &options, &never).expect("it can be fitted");

@@ -1,66 +1,68 @@
 //! Finds the physics that a model lacks: compare, locate, screen, refit, prove, add.
 
-mod account;
-mod alone;
+mod alternatives;
 mod central;
 mod change;
-mod choice;
 mod compare;
-mod conclude;
 mod contact;
 mod contact_law;
 mod cost;
+mod discovery;
 mod experiment;
-mod fading;
-mod film;
-mod force;
 mod formula;
+mod formula_test;
 mod free;
-mod hearing;
-mod inquire;
+mod hidden_geometry;
+mod intervals;
 mod jackknife;
+mod negligible;
 mod outcome;
-mod outside;
-mod path;
 mod proof;
+mod restitution_decay;
 mod revise;
 mod screen;
 mod search;
-mod slight;
-mod stretch;
-mod struck;
+mod segment;
+mod smooth_track;
 #[cfg(test)]
 mod tests;
+mod trajectory_check;
 mod unexplained;
-mod unseen;
+mod unexplained_impacts;
+mod user_formula;
+mod verdict;
 mod wave;
-mod whole;
-mod written;
+mod weak_form;
+mod whole_trajectory;
+mod window_fits;
+mod windows;
 
-pub use alone::Alone;
 pub use change::{
-    Change, ChangeError, Changed, FORMULA, Origin, Unseen, Weight, Worth, change, check_name, weigh,
+    ChangeError, ChangeEvidence, ChangeResult, ChangeVerdict, FORMULA, ModelChange, Origin, PredictionErrors,
+    change, check_name, weigh,
 };
 pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
 };
-pub use conclude::DiscoverOptions;
 pub use contact::{ContactCandidate, screen_contacts};
 pub use contact_law::with_contact;
 pub use cost::Cost;
-pub use film::{Contacts, contacts};
-pub use force::{Lens, fit_forces};
+pub use discovery::{Diagnosis, diagnose, discover};
 pub use formula::{ResidualLaw, residual_law};
 pub use free::{at_values, flats, free_parameters};
-pub use inquire::{Diagnosis, diagnose, discover};
 pub use outcome::{
-    Discovery, Experiment, Found, Owner, Ranked, Reported, Smallest, Value, Verdict, reported,
+    DetectionLimit, Discovery, Experiment, FoundEffect, ParameterEstimate, ParameterOwner, ParameterValue,
+    RankedEffect, Verdict, reported,
 };
-pub use path::{Jump, Path, paths};
 pub use revise::{Revision, revise};
-pub use screen::{Candidate, region, screen, sought, with_effect, with_nuisance};
+pub use screen::{ForceCandidate, candidates, region, screen, with_effect, with_nuisance};
 pub use search::{FreeMotion, search, search_on};
-pub use unexplained::{Unexplained, unexplained};
+pub use smooth_track::{ChangePoint, SmoothTrack, paths};
+pub use unexplained::{UnexplainedAcceleration, unexplained};
+pub use verdict::DiscoverOptions;
+pub use weak_form::{WeakFormRegression, fit_forces};
+pub use window_fits::WindowFits;
+pub use windows::{ContactWindows, contacts};
 
 /// Reduced chi-square of the free motion above which structure remains.
 pub const MISFIT: f64 = 1.3;

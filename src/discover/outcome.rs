@@ -30,9 +30,9 @@ pub enum Verdict {
 pub struct Discovery {
     pub verdict: Verdict,
     /// In the order in which they were added.
-    pub effects: Vec<Found>,
+    pub effects: Vec<FoundEffect>,
     /// Best first.
-    pub ranked: Vec<Ranked>,
+    pub ranked: Vec<RankedEffect>,
     /// Sets of kinds that these videos cannot tell apart.
     pub ambiguous: Vec<Vec<String>>,
     /// The launch that would tell them apart.
@@ -40,7 +40,7 @@ pub struct Discovery {
     /// The law that remains, where no effect of the library is it and it halves the error on frames that it has not seen.
     pub formula: Option<String>,
     /// The smallest effect of each kind that would have been seen, where nothing is missing.
-    pub smallest: Vec<Smallest>,
+    pub smallest: Vec<DetectionLimit>,
     /// Measurement noise of a position, all scenes pooled (m).
     pub noise_sigma: f64,
     /// The first is the model without any effect added.
@@ -56,46 +56,46 @@ pub fn may_be_none(value: f64, sd: f64) -> bool {
 
 /// An effect that was added, its parameters as reports name them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct FoundEffect {
     /// Kind as reports name it; `effect` is its name in the library.
     pub kind: String,
     pub effect: String,
-    pub parameters: Vec<Reported>,
+    pub parameters: Vec<ParameterEstimate>,
     /// Of a formula: its text.
     #[serde(default)]
     pub text: Option<String>,
 }
 
-impl Found {
+impl FoundEffect {
     /// A law of the library.
-    pub fn of(entry: &EffectEntry, parameters: Vec<Reported>) -> Found {
-        Found { kind: entry.kind.into(), effect: entry.spec.name.into(), parameters, text: None }
+    pub fn of(entry: &EffectEntry, parameters: Vec<ParameterEstimate>) -> FoundEffect {
+        FoundEffect { kind: entry.kind.into(), effect: entry.spec.name.into(), parameters, text: None }
     }
 
     /// The number that a parameter has.
     pub fn number(&self, parameter: &str) -> Option<f64> {
         let told = self.parameters.iter().find(|p| p.name == parameter)?;
-        if let Value::Number(number) = told.value { Some(number) } else { None }
+        if let ParameterValue::Number(number) = told.value { Some(number) } else { None }
     }
 }
 
 /// One parameter with its 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Reported {
+pub struct ParameterEstimate {
     pub name: String,
     /// Empty where a report turns the parameter into another quantity.
     pub unit: String,
-    pub value: Value,
-    pub low: Value,
-    pub high: Value,
+    pub value: ParameterValue,
+    pub low: ParameterValue,
+    pub high: ParameterValue,
     /// Whose it is, where objects differ in it.
     #[serde(default)]
-    pub owner: Option<Owner>,
+    pub owner: Option<ParameterOwner>,
 }
 
 /// An object that has a parameter of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Owner {
+pub struct ParameterOwner {
     pub object: u32,
     /// Index of the scene that it is in; `None`: it has this number wherever an object of its id is.
     pub scene: Option<usize>,
@@ -105,14 +105,14 @@ pub struct Owner {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum Value {
+pub enum ParameterValue {
     Number(f64),
     Vector([f64; 2]),
     Word(String),
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Ranked {
+pub struct RankedEffect {
     pub kind: String,
     pub effect: String,
     /// Against the model without it, the price of its parameters paid (nats).
@@ -122,7 +122,7 @@ pub struct Ranked {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Smallest {
+pub struct DetectionLimit {
     pub kind: String,
     pub effect: String,
     /// The amplitude, in its unit.
@@ -153,7 +153,7 @@ pub fn widened(sd: f64, scatter: f64) -> f64 {
 }
 
 /// Parameters as reports name them, with intervals from independent deviations, within their bounds.
-pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported> {
+pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<ParameterEstimate> {
     let at = (entry.report)(values);
     let one = |(which, (name, quantity)): (usize, &(&'static str, Quantity))| {
         let component = |q: &Quantity, c: usize| match q {
@@ -180,19 +180,27 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Reported
             Quantity::Number(v) => {
                 let d = deviation(0);
                 let [least, most] = own.map_or_else(|| reach(entry, which), |p| [p.min, p.max]);
-                (Value::Number(*v), Value::Number((v - d).max(least)), Value::Number((v + d).min(most)))
+                (
+                    ParameterValue::Number(*v),
+                    ParameterValue::Number((v - d).max(least)),
+                    ParameterValue::Number((v + d).min(most)),
+                )
             }
             Quantity::Vector([x, y]) => {
                 let (dx, dy) = (deviation(0), deviation(1));
-                (Value::Vector([*x, *y]), Value::Vector([x - dx, y - dy]), Value::Vector([x + dx, y + dy]))
+                (
+                    ParameterValue::Vector([*x, *y]),
+                    ParameterValue::Vector([x - dx, y - dy]),
+                    ParameterValue::Vector([x + dx, y + dy]),
+                )
             }
             Quantity::Word(word) => {
-                let word = Value::Word(word.to_string());
+                let word = ParameterValue::Word(word.to_string());
                 (word.clone(), word.clone(), word)
             }
         };
         let unit = own.map(|p| p.unit).unwrap_or_default().to_string();
-        Reported { name: name.to_string(), unit, value, low, high, owner: None }
+        ParameterEstimate { name: name.to_string(), unit, value, low, high, owner: None }
     };
     at.iter().enumerate().map(one).collect()
 }
@@ -222,10 +230,13 @@ mod tests {
         let values: Vec<f64> = wall.spec.params.iter().map(|p| p.default).collect();
         let told = reported(wall, &values, &vec![5.0; values.len()]);
         let restitution = told.iter().find(|r| r.name == "restitution").expect("it is told");
-        assert_eq!((&restitution.low, &restitution.high), (&Value::Number(0.0), &Value::Number(1.0)));
+        assert_eq!(
+            (&restitution.low, &restitution.high),
+            (&ParameterValue::Number(0.0), &ParameterValue::Number(1.0))
+        );
         // Nor does what a report makes of a parameter: the factor of 1 + excess.
         let factor = &reported(effect("mass_change").expect("it is in the library"), &[0.0], &[10.0])[0];
-        let Value::Number(low) = factor.low else { panic!("{factor:?}") };
+        let ParameterValue::Number(low) = factor.low else { panic!("{factor:?}") };
         assert!(low > 0.0 && low < 0.1, "{factor:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! Whether trajectories bear out what the lenses found: a law that is there lowers their error too.
 
-use super::account::FOLLOWED;
 use super::cost::Cost;
+use super::intervals::FOLLOWED;
 use super::revise::Revision;
 use super::search::CLEAN;
 use crate::fit::{Fit, SceneFit};
@@ -41,17 +41,17 @@ pub fn loses(fit: &Fit) -> bool {
 
 /// Whether an effect follows every trajectory to the noise, with numbers in common.
 pub fn explains_all(revision: &Revision) -> bool {
-    revision.effect.is_some() && revision.apart.is_empty() && revision.fit.scenes.iter().all(is_clean)
+    revision.effect.is_some() && revision.unpooled.is_empty() && revision.fit.scenes.iter().all(is_clean)
 }
 
 /// Whether an effect follows the trajectories to the noise, all of them pooled, with numbers in common.
 pub fn explains_together(revision: &Revision) -> bool {
-    revision.effect.is_some() && revision.apart.is_empty() && revision.reduced_chi_square <= 1.0 + CLEAN
+    revision.effect.is_some() && revision.unpooled.is_empty() && revision.reduced_chi_square <= 1.0 + CLEAN
 }
 
 /// Whether trajectories are followed through their contacts, with numbers in common.
 pub fn follows(revision: &Revision) -> bool {
-    revision.apart.is_empty() && revision.reduced_chi_square < FOLLOWED
+    revision.unpooled.is_empty() && revision.reduced_chi_square < FOLLOWED
 }
 
 /// Whether a trajectory is followed to the noise.
@@ -70,7 +70,7 @@ pub fn at_noise(revision: &Revision) -> bool {
 /// price of the added parameters paid (BIC with a misfit of its own in each scene, so that no single one decides). A scene
 /// that neither follows says nothing; where that is so of all, free motion decides, each video left out in turn. A law that
 /// foretells less, of the last frames and of the other videos, is none.
-pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
+pub fn is_supported(before: &Revision, after: &Revision, added: usize) -> bool {
     let (before_fit, after_fit) = (&before.fit.scenes, &after.fit.scenes);
     let told: Vec<bool> = before_fit.iter().zip(after_fit).map(|(b, a)| !(lost(b) && lost(a))).collect();
     let count: usize =
@@ -82,16 +82,16 @@ pub fn borne_out(before: &Revision, after: &Revision, added: usize) -> bool {
     {
         return false;
     }
-    let strain = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).strain(|k| told[k]);
+    let prior_penalty = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).prior_penalty(|k| told[k]);
     let nearer: f64 =
         before_fit.iter().zip(after_fit).zip(&told).filter(|(_, t)| **t).map(|((b, a), _)| gain(b, a)).sum();
     // A scene with numbers of its own has paid for none of them yet; one that says nothing need not.
     let own = |r: &Revision| {
-        let named = |k: usize| r.apart.contains(&r.fit.scenes[k].name);
+        let named = |k: usize| r.unpooled.contains(&r.fit.scenes[k].name);
         ((0..told.len()).filter(|&k| told[k] && named(k)).count() * shared(r)) as f64
     };
     let price = added as f64 + own(after) - own(before);
-    nearer + strain(before) - strain(after) > price * (count as f64).ln()
+    nearer + prior_penalty(before) - prior_penalty(after) > price * (count as f64).ln()
 }
 
 /// How much nearer to what was measured the trajectory of `after` is (twice a log likelihood, the noise unknown).
@@ -112,14 +112,14 @@ pub fn loses_most(fit: &Fit) -> bool {
 }
 
 /// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
-pub fn distance(fit: &Fit) -> f64 {
+pub fn deviance(fit: &Fit) -> f64 {
     let of = |s: &SceneFit| s.degrees_of_freedom as f64 * s.reduced_chi_square.ln();
-    fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).strain(|_| true)
+    fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).prior_penalty(|_| true)
 }
 
 /// Whether a fit is much nearer than another.
 pub fn nearer(before: &Fit, after: &Fit) -> bool {
-    much_nearer(distance(before), distance(after))
+    much_nearer(deviance(before), deviance(after))
 }
 
 /// The same of distances.
@@ -137,7 +137,7 @@ pub fn follows_better(before: &Fit, after: &Fit) -> bool {
 }
 
 /// Whether most scenes are lost in both, and the others are as near: then trajectories say nothing.
-pub fn silent(before: &Fit, after: &Fit) -> bool {
+pub fn uninformative(before: &Fit, after: &Fit) -> bool {
     let both = before.scenes.iter().zip(&after.scenes).filter(|(b, a)| lost(b) && lost(a)).count();
     let most = 2 * both > before.scenes.len();
     most && (both == before.scenes.len() || !follows_better(after, before))
@@ -155,18 +155,18 @@ pub fn farther(before: &Fit, after: &Fit) -> Vec<bool> {
 }
 
 /// How much nearer all scenes are but the one that gains most (twice a log likelihood, the noise unknown).
-pub fn elsewhere(before: &Fit, after: &Fit) -> f64 {
+pub fn fall_without_best_scene(before: &Fit, after: &Fit) -> f64 {
     let gains: Vec<f64> = before.scenes.iter().zip(&after.scenes).map(|(b, a)| gain(b, a)).collect();
     gains.iter().sum::<f64>() - gains.iter().copied().fold(0.0, f64::max)
 }
 
 /// Whether a fit follows at least two scenes much better that another does not: one may be lost, and found, by chance.
 pub fn mends(before: &[SceneFit], after: &[SceneFit]) -> bool {
-    let mended = |(b, a): &(&SceneFit, &SceneFit)| {
+    let recovers = |(b, a): &(&SceneFit, &SceneFit)| {
         let factor = if lost(a) { MOSTLY_MENDED } else { MENDED };
         b.reduced_chi_square > f64::max(WELL, factor * a.reduced_chi_square)
     };
-    before.iter().zip(after).filter(mended).count() > 1
+    before.iter().zip(after).filter(recovers).count() > 1
 }
 
 /// What fits leave beyond the noise (reduced chi-squares less one).
@@ -243,16 +243,19 @@ mod tests {
         assert!(better([45.0, 7.1, 1.0], [402.0, 1.7, 1.1]), "it follows one more");
         assert!(!better([402.0, 1.7, 1.1], [45.0, 7.1, 1.0]));
         assert!(better([402.0, 90.0, 80.0], [45.0, 70.0, 10.0]), "none is followed");
-        let silent = |before, after| silent(&fit(before), &fit(after));
-        assert!(silent([5.2, 94.0, 1.0], [39.9, 102.0, 1.0]));
-        assert!(!silent([5.2, 94.0, 1.0], [39.9, 102.0, 2.0]), "the one that is followed speaks against it");
-        assert!(!silent([1.2, 94.0, 1.0], [1.1, 102.0, 1.0]), "most are followed");
+        let uninformative = |before, after| uninformative(&fit(before), &fit(after));
+        assert!(uninformative([5.2, 94.0, 1.0], [39.9, 102.0, 1.0]));
+        assert!(
+            !uninformative([5.2, 94.0, 1.0], [39.9, 102.0, 2.0]),
+            "the one that is followed speaks against it"
+        );
+        assert!(!uninformative([1.2, 94.0, 1.0], [1.1, 102.0, 1.0]), "most are followed");
     }
 
     /// Numbers of its own in a scene that neither follows are no gift to the law that does without.
     #[test]
     fn a_lost_scene_pays_no_price() {
-        let revision = |apart: &[&str]| {
+        let revision = |unpooled: &[&str]| {
             let mut fit = fit([480.0, 1.0, 1.0]);
             for (k, scene) in fit.scenes.iter_mut().enumerate() {
                 let mut active = ActiveEffect::new(&effect("tilt").expect("it is there").spec, &[]);
@@ -262,7 +265,7 @@ mod tests {
                 scene.model.effects.push(active);
                 scene.name = k.to_string();
             }
-            let apart = apart.iter().map(|s| s.to_string()).collect();
+            let unpooled = unpooled.iter().map(|s| s.to_string()).collect();
             let [rmse, held_out_rmse, left_out_rmse] = [0.01; 3];
             Revision {
                 effect: None,
@@ -271,11 +274,11 @@ mod tests {
                 held_out_rmse,
                 left_out_rmse,
                 reduced_chi_square: 160.0,
-                apart,
+                unpooled,
             }
         };
-        assert!(!borne_out(&revision(&["0"]), &revision(&[]), 1));
-        assert!(borne_out(&revision(&["1"]), &revision(&[]), 1), "two numbers of its own in place of one");
+        assert!(!is_supported(&revision(&["0"]), &revision(&[]), 1));
+        assert!(is_supported(&revision(&["1"]), &revision(&[]), 1), "two numbers of its own in place of one");
     }
 
     #[test]
@@ -307,10 +310,10 @@ mod tests {
 
     #[test]
     fn two_videos_must_be_mended_and_what_stays_lost_tenfold() {
-        let mended = |before, after| mends(&fits(before), &fits(after));
-        assert!(mended([9.0, 1.0, 2.5], [1.1, 1.0, 1.0]));
-        assert!(!mended([9.0, 1.0, 1.4], [1.1, 1.0, 0.6]), "what was at the noise needs no law");
-        assert!(!mended([9.0, 1.0, 63.0], [1.1, 1.0, 30.0]), "lost, and only twice as near");
-        assert!(mended([9.0, 1.0, 63.0], [1.1, 1.0, 5.4]));
+        let recovers = |before, after| mends(&fits(before), &fits(after));
+        assert!(recovers([9.0, 1.0, 2.5], [1.1, 1.0, 1.0]));
+        assert!(!recovers([9.0, 1.0, 1.4], [1.1, 1.0, 0.6]), "what was at the noise needs no law");
+        assert!(!recovers([9.0, 1.0, 63.0], [1.1, 1.0, 30.0]), "lost, and only twice as near");
+        assert!(recovers([9.0, 1.0, 63.0], [1.1, 1.0, 5.4]));
     }
 }

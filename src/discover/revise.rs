@@ -1,8 +1,8 @@
 //! Models in trajectory space: a revision's fit, what it is worth on frames that it has not seen.
 
-use super::force::{Lens, Seen, fit_forces};
-use super::free::{Free, at_values};
+use super::free::{FreeParameter, at_values};
 use super::proof;
+use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -49,7 +49,8 @@ pub struct Revision {
     /// Over all scenes.
     pub reduced_chi_square: f64,
     /// Scenes that the common numbers could not follow, with numbers of their own: chaos, or a law that is not right.
-    pub apart: Vec<String>,
+    #[serde(rename = "apart")]
+    pub unpooled: Vec<String>,
 }
 
 /// About how many fits a revision takes: each scene alone, perhaps again, and all together; and the same without the last
@@ -59,7 +60,7 @@ pub fn fits_of_revision(scenes: &[Scene]) -> usize {
 }
 
 /// The models with beliefs about what acts between contacts as the lens has them.
-pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
+pub fn believing(models: &[Model], free: &[FreeParameter], seen: &LensFit) -> Vec<Model> {
     let mut models = at_values(models, free, &seen.values);
     for model in &mut models {
         for active in &mut model.effects {
@@ -68,10 +69,10 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
             let free_ones = active.parameters.iter_mut().zip(shares).filter(|(p, _)| p.prior.sd > 0.0);
             for (p, shared) in free_ones {
                 let stem = format!("{name}.{}", p.name);
-                let own = |f: &&(&Free, &f64)| {
+                let own = |f: &&(&FreeParameter, &f64)| {
                     f.0.name == stem || f.0.name.strip_prefix(&stem).is_some_and(|r| r.starts_with('['))
                 };
-                let pairs: Vec<(&Free, &f64)> = free.iter().zip(&seen.sd).collect();
+                let pairs: Vec<(&FreeParameter, &f64)> = free.iter().zip(&seen.sd).collect();
                 let widest = pairs.iter().filter(own).map(|(_, sd)| **sd).fold(0.0, f64::max);
                 if shared && widest > 0.0 {
                     p.prior.sd = p.prior.sd.min(DOUBT * widest);
@@ -85,7 +86,7 @@ pub fn believing(models: &[Model], free: &[Free], seen: &Seen) -> Vec<Model> {
 
 /// Fits the models as a revision that adds `effect`. `free_motion` says whether the force lens leads.
 pub fn revise(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     effect: Option<&str>,
     options: &FitOptions,
@@ -96,7 +97,7 @@ pub fn revise(
 
 /// The same, the whole films begun where the models that have `begun` some of the scenes stand.
 pub fn revise_from(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     begun: &[Option<&Model>],
     effect: Option<&str>,
@@ -114,7 +115,7 @@ pub fn revise_from(
     let led = led(models, effect, &free, &seen);
     // What others are compared with is what a fit would give.
     let options = &FitOptions { swift: options.swift && effect.is_some(), ..*options };
-    let (fit_all, apart) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
+    let (fit_all, unpooled) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -132,13 +133,13 @@ pub fn revise_from(
         left_out_rmse: sigma * (left_out / lens.degrees_of_freedom().max(1) as f64).sqrt(),
         reduced_chi_square: chi_square / f64::max(degrees, 1.0),
         fit: fit_all,
-        apart,
+        unpooled,
     })
 }
 
 /// The fit of a revision, and the names of scenes that the common numbers could not follow.
 pub fn trajectories(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     effect: Option<&str>,
     options: &FitOptions,
@@ -149,7 +150,7 @@ pub fn trajectories(
 
 /// The same, begun where the models that have `begun` some of the scenes stand.
 pub fn trajectories_from(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     begun: &[Option<&Model>],
     effect: Option<&str>,
@@ -165,19 +166,19 @@ pub fn trajectories_from(
 }
 
 /// The effort that a model is worth, by what it leaves of the free motion.
-fn worth(options: &FitOptions, lens: &Lens, seen: &Seen) -> FitOptions {
+fn worth(options: &FitOptions, lens: &WeakFormRegression, seen: &LensFit) -> FitOptions {
     let refuted = seen.chi_square > REFUTED * lens.degrees_of_freedom() as f64;
     FitOptions { effort: if refuted { options.effort.min(TRIED_EFFORT) } else { options.effort }, ..*options }
 }
 
 /// Root mean square of the scenes' noise (m).
-pub fn pooled_noise(lens: &Lens) -> f64 {
+pub fn pooled_noise(lens: &WeakFormRegression) -> f64 {
     let squares: f64 = lens.noises.iter().map(|n| n.position * n.position).sum();
     (squares / lens.noises.len().max(1) as f64).sqrt()
 }
 
 /// Without an effect the model is fitted as it is: what it lacks would mislead the lens.
-fn led(models: &[Model], effect: Option<&str>, free: &[Free], seen: &Seen) -> Vec<Model> {
+fn led(models: &[Model], effect: Option<&str>, free: &[FreeParameter], seen: &LensFit) -> Vec<Model> {
     if effect.is_some() { believing(models, free, seen) } else { models.to_vec() }
 }
 
@@ -481,7 +482,7 @@ fn fit_shown(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    Ok(trajectories(&Lens::new(shown), models, effect, options, stop)?.0)
+    Ok(trajectories(&WeakFormRegression::new(shown), models, effect, options, stop)?.0)
 }
 
 /// The model of the first frames, where it follows them and they tell where all objects begin.

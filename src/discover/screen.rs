@@ -1,7 +1,7 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::force::{Lens, PROOFS, Projector, Seen};
-use super::free::{Free, at_values, flats, free_parameters, shows, stride, values_of};
+use super::free::{FreeParameter, at_values, flats, free_parameters, shows, stride, values_of};
+use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
 use crate::num::{Vec2, vec2};
 use crate::scene::Scene;
@@ -39,7 +39,7 @@ const REFINEMENTS: usize = 15;
 
 /// One candidate as the force lens sees it.
 #[derive(Clone)]
-pub struct Candidate {
+pub struct ForceCandidate {
     pub entry: &'static EffectEntry,
     /// Parameters in the order of the spec.
     pub values: Vec<f64>,
@@ -54,7 +54,7 @@ pub struct Candidate {
     /// Chi-square of what was left out, summed.
     pub left_out: f64,
     /// Fall of chi-square on all tracks but the one that gains most.
-    pub elsewhere: f64,
+    pub gain_without_best_track: f64,
     pub chi_square: f64,
     /// The models with the candidate at these values, shared parameters refitted.
     pub models: Vec<Model>,
@@ -77,7 +77,7 @@ pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
     models.iter().map(one).collect()
 }
 
-impl Candidate {
+impl ForceCandidate {
     /// Whether an amplitude differs from zero beyond doubt.
     pub fn certain(&self) -> bool {
         certain(&self.values, &self.sd, self.amplitudes)
@@ -100,7 +100,7 @@ pub fn certain(values: &[f64], sd: &[f64], amplitudes: usize) -> bool {
 }
 
 /// Effects that the models lack.
-pub fn sought(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
+pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
     let active = |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on));
     let covered = |name: &str| COVERED.iter().any(|(by, names)| active(by) && names.contains(&name));
     let several = scenes.iter().any(|s| s.objects.len() > 1);
@@ -153,32 +153,32 @@ pub fn with_effect(models: &[Model], entry: &EffectEntry, values: &[f64], region
 }
 
 /// The models' free parameters as all parts see them, and as each part that can be left out sees them alone.
-pub struct Base {
-    pub free: Vec<Free>,
-    pub seen: Seen,
-    alone: Vec<Seen>,
-    pub fitted: Stand,
+pub struct ScreenBase {
+    pub free: Vec<FreeParameter>,
+    pub seen: LensFit,
+    alone: Vec<LensFit>,
+    pub fitted: LinearisationPoint,
 }
 
-impl Base {
-    pub fn new(lens: &Lens, models: &[Model], free: Vec<Free>, seen: Seen) -> Self {
+impl ScreenBase {
+    pub fn new(lens: &WeakFormRegression, models: &[Model], free: Vec<FreeParameter>, seen: LensFit) -> Self {
         let one = |fold| lens.solve(models, &free, &seen.values, PROOFS, &lens.rest(fold));
         let alone = lens.folds.iter().map(|fold| one(fold)).collect();
-        let fitted = Stand::new(lens, models, &free, &seen, true);
-        Base { free, seen, alone, fitted }
+        let fitted = LinearisationPoint::new(lens, models, &free, &seen, true);
+        ScreenBase { free, seen, alone, fitted }
     }
 
     /// Where the numbers are what was believed of them: numbers that stand in for a law that is missing bend far, and a
     /// search for the law need not find the way back.
-    pub fn believed(&self, lens: &Lens) -> Stand {
+    pub fn believed(&self, lens: &WeakFormRegression) -> LinearisationPoint {
         let means: Vec<f64> = self.free.iter().map(|f| f.mean).collect();
         let seen = lens.solve(&self.fitted.models, &self.free, &means, 0, &[]);
-        Stand::new(lens, &self.fitted.models, &self.free, &seen, false)
+        LinearisationPoint::new(lens, &self.fitted.models, &self.free, &seen, false)
     }
 }
 
 /// Where the numbers of models stand while a law is sought beside them.
-pub struct Stand {
+pub struct LinearisationPoint {
     pub models: Vec<Model>,
     cost: f64,
     /// What projects the numbers out of a law's columns.
@@ -187,33 +187,39 @@ pub struct Stand {
     best: bool,
 }
 
-impl Stand {
-    pub fn new(lens: &Lens, models: &[Model], free: &[Free], seen: &Seen, best: bool) -> Self {
+impl LinearisationPoint {
+    pub fn new(
+        lens: &WeakFormRegression,
+        models: &[Model],
+        free: &[FreeParameter],
+        seen: &LensFit,
+        best: bool,
+    ) -> Self {
         let models = at_values(models, free, &seen.values);
         let projector = lens.projector(&models, free, &seen.values);
-        Stand { models, cost: seen.cost, projector, best }
+        LinearisationPoint { models, cost: seen.cost, projector, best }
     }
 }
 
 /// Numbers of a law to begin with, and by how much it lowers the cost there if it is linear.
-pub struct Beginning {
+pub struct ScreenSeed {
     pub gain: f64,
     values: Vec<f64>,
 }
 
 /// Where one effect beside the models' free parameters may best begin; best first. `None` where the lens is blind to it.
 pub fn beginnings(
-    lens: &Lens,
-    stand: &Stand,
+    lens: &WeakFormRegression,
+    stand: &LinearisationPoint,
     entry: &'static EffectEntry,
     region: &Region,
-) -> Option<Vec<Beginning>> {
+) -> Option<Vec<ScreenSeed>> {
     if !shows(entry) {
         return None;
     }
     let projector = stand.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
-    let at = |seed: &[f64]| -> Option<Beginning> {
+    let at = |seed: &[f64]| -> Option<ScreenSeed> {
         let columns = columns(lens, stand, projector, entry, seed, region);
         let inside = |(_, amplitudes): &(f64, DVector<f64>)| {
             amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a))
@@ -227,9 +233,9 @@ pub fn beginnings(
         let (gain, amplitudes) = held().or_else(|| freed().filter(inside))?;
         let mut values = seed.to_vec();
         values[..entry.amplitudes].copy_from_slice(amplitudes.as_slice());
-        Some(Beginning { gain, values })
+        Some(ScreenSeed { gain, values })
     };
-    let mut tried: Vec<Beginning> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
+    let mut tried: Vec<ScreenSeed> = entry.seeds(region).iter().filter_map(|seed| at(seed)).collect();
     tried.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     if entry.seeds.iter().any(|(_, s)| *s == Seed::PlaceX) {
         tried.truncate(PLACED);
@@ -244,8 +250,8 @@ pub fn beginnings(
 
 /// What a small amplitude of each kind that the law has changes in the residual, its other numbers at `seed`.
 fn columns(
-    lens: &Lens,
-    stand: &Stand,
+    lens: &WeakFormRegression,
+    stand: &LinearisationPoint,
     projector: &Projector,
     entry: &'static EffectEntry,
     seed: &[f64],
@@ -265,7 +271,12 @@ fn columns(
 
 /// Deviation of a law's amplitude, the less certain where it has two, at a place, a frequency and the like of medium
 /// sensitivity; `None` where the lens is blind to most of them.
-pub fn typical_sd(lens: &Lens, stand: &Stand, entry: &'static EffectEntry, region: &Region) -> Option<f64> {
+pub fn typical_sd(
+    lens: &WeakFormRegression,
+    stand: &LinearisationPoint,
+    entry: &'static EffectEntry,
+    region: &Region,
+) -> Option<f64> {
     let projector = stand.projector.as_ref()?;
     let sd = |seed: &Vec<f64>| -> f64 {
         let columns = columns(lens, stand, projector, entry, seed, region);
@@ -279,32 +290,33 @@ pub fn typical_sd(lens: &Lens, stand: &Stand, entry: &'static EffectEntry, regio
 
 /// The best that the effect can do from these beginnings, beside numbers that stand as there.
 pub fn screen(
-    lens: &Lens,
-    base: &Base,
-    stand: &Stand,
+    lens: &WeakFormRegression,
+    base: &ScreenBase,
+    stand: &LinearisationPoint,
     entry: &'static EffectEntry,
-    tried: &[Beginning],
+    tried: &[ScreenSeed],
     region: &Region,
-) -> Option<Candidate> {
-    let Base { seen, alone, .. } = base;
+) -> Option<ForceCandidate> {
+    let ScreenBase { seen, alone, .. } = base;
     let projector = base.fitted.projector.as_ref()?;
     let refined = tried.iter().take(REFINED).map(|b| refine(lens, &stand.models, entry, &b.values, region));
     let (free_with, seen_with, with) = refined.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))?;
     let added: Vec<usize> = (0..free_with.len()).filter(|&k| of(&free_with[k], entry)).collect();
-    let amplitude = |f: &Free| entry.spec.params[..entry.amplitudes].iter().any(|p| f.is(entry, p.name));
+    let amplitude =
+        |f: &FreeParameter| entry.spec.params[..entry.amplitudes].iter().any(|p| f.is(entry, p.name));
     // The law's numbers must hold where they were not found. What a part alone knows (the friction of a material that
     // no other part shows) is no matter of the law.
-    let others_own: Vec<Free> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
+    let others_own: Vec<FreeParameter> = free_with.iter().filter(|f| !of(f, entry)).cloned().collect();
     let (mut held_out, mut left_out) = (0.0, 0.0);
     for (fold, alone) in lens.folds.iter().zip(alone) {
-        let mut elsewhere = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
+        let mut others = lens.solve(&with, &free_with, &seen_with.values, PROOFS, fold);
         // What the others do not tell of an object is not there.
         for &k in added.iter().filter(|_| entry.of_objects()) {
-            if elsewhere.values[k].abs() < CERTAIN * elsewhere.sd[k] {
-                elsewhere.values[k] = free_with[k].mean;
+            if others.values[k].abs() < CERTAIN * others.sd[k] {
+                others.values[k] = free_with[k].mean;
             }
         }
-        let law = at_values(&with, &free_with, &elsewhere.values);
+        let law = at_values(&with, &free_with, &others.values);
         let here = lens.solve(&law, &others_own, &values_of(&law, &others_own), PROOFS, &lens.rest(fold));
         held_out += alone.cost - here.cost;
         left_out += here.chi_square - here.left_out;
@@ -317,7 +329,7 @@ pub fn screen(
         .map(|(before, after)| before.0 - after.0)
         .collect();
     let most = falls.iter().copied().fold(0.0, f64::max);
-    Some(Candidate {
+    Some(ForceCandidate {
         entry,
         values: added.iter().map(|&k| seen_with.values[k]).collect(),
         sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
@@ -326,14 +338,20 @@ pub fn screen(
         gain: seen.cost - seen_with.cost,
         held_out,
         left_out,
-        elsewhere: falls.iter().sum::<f64>() - most,
+        gain_without_best_track: falls.iter().sum::<f64>() - most,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })
 }
 
 /// Looks for the same effect from what was believed, and keeps the better.
-pub fn anew(lens: &Lens, base: &Base, believed: &Stand, region: &Region, known: &mut Candidate) {
+pub fn rescreen_from_prior(
+    lens: &WeakFormRegression,
+    base: &ScreenBase,
+    believed: &LinearisationPoint,
+    region: &Region,
+    known: &mut ForceCandidate,
+) {
     let begun = beginnings(lens, believed, known.entry, region);
     let found = begun.and_then(|tried| screen(lens, base, believed, known.entry, &tried, region));
     if let Some(found) = found.filter(|f| f.gain > known.gain) {
@@ -345,8 +363,8 @@ pub fn anew(lens: &Lens, base: &Base, believed: &Stand, region: &Region, known: 
 fn climb(
     entry: &EffectEntry,
     region: &Region,
-    best: &mut Beginning,
-    at: &impl Fn(&[f64]) -> Option<Beginning>,
+    best: &mut ScreenSeed,
+    at: &impl Fn(&[f64]) -> Option<ScreenSeed>,
 ) {
     let spacing = (region.high - region.low).scaled(1.0 / region.places.max(1) as f64);
     let (mut level, mut sweeps, mut before) = (1, 0, best.gain);
@@ -375,17 +393,17 @@ fn climb(
     }
 }
 
-fn of(free: &Free, entry: &EffectEntry) -> bool {
+fn of(free: &FreeParameter, entry: &EffectEntry) -> bool {
     free.name.strip_prefix(entry.spec.name).is_some_and(|rest| rest.starts_with('.'))
 }
 
 fn refine(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     entry: &EffectEntry,
     values: &[f64],
     region: &Region,
-) -> (Vec<Free>, Seen, Vec<Model>) {
+) -> (Vec<FreeParameter>, LensFit, Vec<Model>) {
     let with = with_effect(models, entry, values, region);
     let mut wide = free_parameters(lens.scenes, &with);
     stride(&mut wide, entry);
@@ -393,6 +411,6 @@ fn refine(
     let near = lens.solve(&with, &wide, &start, REFINEMENTS, &[]);
     let free = free_parameters(lens.scenes, &with);
     let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
-    let seen = if seen.cost <= near.cost { Seen { sd: near.sd, ..seen } } else { near };
+    let seen = if seen.cost <= near.cost { LensFit { sd: near.sd, ..seen } } else { near };
     (free, seen, with)
 }

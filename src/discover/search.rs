@@ -1,8 +1,10 @@
 //! The search in free motion: laws of force added one at a time while the proof holds.
 
-use super::force::{Lens, Seen, fit_forces};
-use super::free::{Free, at_values, flats};
-use super::screen::{Base, Beginning, Candidate, anew, beginnings, region, screen, sought};
+use super::free::{FreeParameter, at_values, flats};
+use super::screen::{
+    ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, region, rescreen_from_prior, screen,
+};
+use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::effects::EffectEntry;
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
@@ -44,19 +46,19 @@ const SIMPLE: usize = 2;
 pub struct FreeMotion {
     /// With the effects found, at the best values.
     pub models: Vec<Model>,
-    pub free: Vec<Free>,
-    pub seen: Seen,
+    pub free: Vec<FreeParameter>,
+    pub seen: LensFit,
     /// In the order added.
-    pub found: Vec<Candidate>,
+    pub found: Vec<ForceCandidate>,
     /// All candidates of the round that decided, best first, with their scores.
-    pub ranked: Vec<(f64, Candidate)>,
+    pub ranked: Vec<(f64, ForceCandidate)>,
     /// Kinds that explain the motion as well as one that was found.
     pub alike: Vec<Vec<&'static str>>,
     /// Of the models without any effect added.
-    pub base: Seen,
+    pub base: LensFit,
     pub degrees_of_freedom: f64,
     /// What remains of all objects but the worst (reduced chi-square): one may have met something.
-    pub typical: f64,
+    pub trimmed_chi_square: f64,
 }
 
 impl FreeMotion {
@@ -88,13 +90,13 @@ impl FreeMotion {
 }
 
 /// Adds at most one effect to the models. Deterministic, whatever the number of threads.
-pub fn search(lens: &Lens, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
+pub fn search(lens: &WeakFormRegression, models: &[Model], stop: Stop) -> Result<FreeMotion, Stopped> {
     one_after_another(lens, models, 1, &[], stop)
 }
 
 /// Adds more effects, at most `most` in all, after what `search` found for the same models.
 pub fn search_on(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     begun: FreeMotion,
     most: usize,
@@ -126,7 +128,8 @@ pub fn search_on(
     }
     // What explains more alone comes first: a step that trajectories refuse is the last one.
     if let [_, second] = &greedy.found[..] {
-        let place = |c: &Candidate| ranked.iter().position(|(_, r)| r.entry.spec.name == c.entry.spec.name);
+        let place =
+            |c: &ForceCandidate| ranked.iter().position(|(_, r)| r.entry.spec.name == c.entry.spec.name);
         if let Some(at) = place(second)
             && place(&greedy.found[0]).is_none_or(|first| at < first)
         {
@@ -143,9 +146,9 @@ pub fn search_on(
 
 /// Two laws of few numbers in place of what was found, where they do as well: a whirl far away is a drag and a wind.
 fn as_pair(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
-    ranked: &[(f64, Candidate)],
+    ranked: &[(f64, ForceCandidate)],
     found: FreeMotion,
     most: usize,
     stop: Stop,
@@ -165,7 +168,7 @@ fn as_pair(
 
 /// What was found without its last `refused` effects.
 pub fn fewer(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     motion: &FreeMotion,
     refused: usize,
@@ -182,10 +185,10 @@ pub fn fewer(
 
 /// One law in place of all that were found.
 pub fn instead(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     motion: &FreeMotion,
-    law: &Candidate,
+    law: &ForceCandidate,
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
     let one = one_after_another(lens, models, 1, slice::from_ref(law), stop)?;
@@ -195,16 +198,16 @@ pub fn instead(
 /// Whether what was found leaves noise, or explains most of what noise does not: where a model is far from the noise
 /// anyway, any law takes up some of what is wrong.
 fn explains(free: &FreeMotion) -> bool {
-    let excess = |seen: &Seen| seen.chi_square / free.degrees_of_freedom - 1.0;
+    let excess = |seen: &LensFit| seen.chi_square / free.degrees_of_freedom - 1.0;
     excess(&free.seen) < CLEAN || excess(&free.seen) < (1.0 - MOSTLY) * excess(&free.base)
 }
 
 /// How many of the effects found, from the first on, have an amplitude that objects agree about.
-fn steady(lens: &Lens, free: &FreeMotion) -> usize {
+fn steady(lens: &WeakFormRegression, free: &FreeMotion) -> usize {
     let Some(scatter) = lens.scatter(&free.models, &free.free, &free.seen.values) else {
         return free.found.len();
     };
-    let agreed = |c: &&Candidate| {
+    let agreed = |c: &&ForceCandidate| {
         c.entry.spec.params.iter().take(c.entry.amplitudes).any(|p| {
             let name = format!("{}.{}", c.entry.spec.name, p.name);
             let at = free.free.iter().position(|f| f.name == name);
@@ -221,9 +224,9 @@ fn explained(free: &FreeMotion) -> bool {
 
 /// Whether a candidate is worth its price and certain, shows on more than one object, and what was left out gains too
 /// (with one part there is nothing to leave out).
-fn proven(lens: &Lens, score: f64, c: &Candidate) -> bool {
+fn proven(lens: &WeakFormRegression, score: f64, c: &ForceCandidate) -> bool {
     let alone = lens.folds.len() < 2;
-    score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.elsewhere > ELSEWHERE))
+    score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.gain_without_best_track > ELSEWHERE))
 }
 
 /// Whether a chi-square is beyond what noise leaves.
@@ -232,35 +235,41 @@ pub fn leaves_something(chi_square: f64, degrees: f64) -> bool {
 }
 
 /// Candidates of at most `room` numbers beside the models, best first: at most so many, those that promise most.
-fn round(lens: &Lens, models: &[Model], base: &Base, room: usize, most: usize) -> Vec<(f64, Candidate)> {
+fn round(
+    lens: &WeakFormRegression,
+    models: &[Model],
+    base: &ScreenBase,
+    room: usize,
+    most: usize,
+) -> Vec<(f64, ForceCandidate)> {
     let region = region(lens.scenes);
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let mut begun: Vec<(&'static EffectEntry, Vec<Beginning>)> = sought(models, lens.scenes)
+    let mut begun: Vec<(&'static EffectEntry, Vec<ScreenSeed>)> = candidates(models, lens.scenes)
         .into_par_iter()
         .filter(|entry| entry.spec.params.len() <= room)
         .filter_map(|entry| Some((entry, beginnings(lens, &base.fitted, entry, &region)?)))
         .collect();
     begun.sort_by(|a, b| b.1[0].gain.total_cmp(&a.1[0].gain));
     begun.truncate(most);
-    let best = |(entry, tried): &(&'static EffectEntry, Vec<Beginning>)| {
+    let best = |(entry, tried): &(&'static EffectEntry, Vec<ScreenSeed>)| {
         screen(lens, base, &base.fitted, entry, tried, &region)
     };
-    let mut candidates: Vec<Candidate> = begun.par_iter().filter_map(best).collect();
+    let mut candidates: Vec<ForceCandidate> = begun.par_iter().filter_map(best).collect();
     candidates.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     if candidates.first().is_some_and(|c| leaves_something(c.chi_square, degrees)) {
         let believed = base.believed(lens);
         let most = candidates.par_iter_mut().take(ANEW);
-        most.for_each(|c| anew(lens, base, &believed, &region, c));
+        most.for_each(|c| rescreen_from_prior(lens, base, &believed, &region, c));
     }
     // What remains is in units of the best that holds elsewhere: a law that suits one object alone is none.
-    let holds = |c: &&Candidate| lens.folds.len() < 2 || c.elsewhere > ELSEWHERE;
+    let holds = |c: &&ForceCandidate| lens.folds.len() < 2 || c.gain_without_best_track > ELSEWHERE;
     let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);
     let least = (remains / degrees).max(1.0);
-    let score = |c: &Candidate| c.gain / least - c.added as f64 * degrees.ln();
-    let mut ranked: Vec<(f64, Candidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
+    let score = |c: &ForceCandidate| c.gain / least - c.added as f64 * degrees.ln();
+    let mut ranked: Vec<(f64, ForceCandidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     // The simpler law wins unless the richer one proves itself, or leaves noise where the simpler leaves more.
-    let left = |c: &Candidate| c.chi_square > super::MISFIT * degrees;
+    let left = |c: &ForceCandidate| c.chi_square > super::MISFIT * degrees;
     if let Some((best, champion)) = ranked.first() {
         let simpler = ranked.iter().skip(1).position(|(score, c)| {
             c.added < champion.added
@@ -277,10 +286,10 @@ fn round(lens: &Lens, models: &[Model], base: &Base, room: usize, most: usize) -
 }
 
 fn one_after_another(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     most: usize,
-    given: &[Candidate],
+    given: &[ForceCandidate],
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
     laws_of(usize::MAX, lens, models, most, given, stop)
@@ -289,10 +298,10 @@ fn one_after_another(
 /// The same of laws that have at most `room` numbers, but for those that are given.
 fn laws_of(
     room: usize,
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     most: usize,
-    given: &[Candidate],
+    given: &[ForceCandidate],
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
     let (mut free, mut seen) = fit_forces(lens, models);
@@ -305,27 +314,28 @@ fn laws_of(
         alike: vec![],
         base: seen.clone(),
         degrees_of_freedom: lens.degrees_of_freedom().max(1) as f64,
-        typical: 0.0,
+        trimmed_chi_square: 0.0,
     };
     for number in 0..most {
         stop(number as f64 / (most + 1) as f64)?;
         let winner = match given.get(number) {
             Some(candidate) => candidate.clone(),
             None => {
-                let base = Base::new(lens, &state.models, free, seen);
+                let base = ScreenBase::new(lens, &state.models, free, seen);
                 // The first round ranks the library.
                 let most = if number == 0 { usize::MAX } else { PROMISING };
                 let ranked = round(lens, &state.models, &base, room, most);
                 let known: f64 = state.found.iter().map(|c| c.gain).sum();
-                let more = |c: &Candidate| c.gain > REALISED * known;
+                let more = |c: &ForceCandidate| c.gain > REALISED * known;
                 let chosen = ranked.iter().find(|(score, c)| proven(lens, *score, c) && more(c)).cloned();
                 if number == 0 || state.ranked.is_empty() {
                     state.ranked = ranked.clone();
                 }
                 let Some((score, winner)) = chosen else { break };
                 // A richer law that says little more is no other reading, but the same with a number too many.
-                let richer = |c: &Candidate| c.added > winner.added && winner.gain >= NEARLY * c.gain;
-                let alike = |s: f64, c: &Candidate| score - s < ALIKE && !richer(c) && proven(lens, s, c);
+                let richer = |c: &ForceCandidate| c.added > winner.added && winner.gain >= NEARLY * c.gain;
+                let alike =
+                    |s: f64, c: &ForceCandidate| score - s < ALIKE && !richer(c) && proven(lens, s, c);
                 let near = ranked.iter().filter(|(s, c)| alike(*s, c));
                 let mut kinds: Vec<&str> = vec![];
                 for (_, c) in near {
@@ -346,7 +356,7 @@ fn laws_of(
         state.found.push(winner);
     }
     let residual = lens.residual(&state.models, &flats(&state.models, &state.free, &state.seen.values));
-    state.typical = lens.typical(&residual);
+    state.trimmed_chi_square = lens.trimmed_chi_square(&residual);
     Ok(state)
 }
 
@@ -370,7 +380,7 @@ mod tests {
             let active = ActiveEffect::of_formula("law", formula, &model.bodies).expect("it is one");
             model.effects.push(active);
         });
-        let lens = Lens::new(&scenes);
+        let lens = WeakFormRegression::new(&scenes);
         let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
         let models = with_nuisance(&models);
         let first = search(&lens, &models, &never).expect("never stops");
@@ -471,7 +481,8 @@ mod tests {
             model.effects.push(active);
         });
         let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
-        let motion = search(&Lens::new(&scenes), &with_nuisance(&models), &never).expect("never stops");
+        let motion =
+            search(&WeakFormRegression::new(&scenes), &with_nuisance(&models), &never).expect("never stops");
         let found: Vec<_> = motion.found.iter().map(|c| (c.entry.spec.name, c.values.clone())).collect();
         let [("vortex", values)] = &found[..] else { panic!("{found:?}") };
         assert!((values[1] - whirl[1]).abs() < 0.05 && motion.reduced_chi_square() < 1.1, "{values:?}");

@@ -1,7 +1,7 @@
 //! The acceleration that a model lacks, piece by piece of the free motion: the force lens as a picture shows it.
 
-use super::path::paths;
-use super::stretch::{instants, integral};
+use super::segment::{instants, integral};
+use super::smooth_track::paths;
 use crate::fit::estimate_noise;
 use crate::num::Vec2;
 use crate::scene::Scene;
@@ -13,7 +13,7 @@ const PIECE: usize = 24;
 
 /// Mean acceleration that is measured and not in the model, over a piece of a free stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Unexplained {
+pub struct UnexplainedAcceleration {
     /// Index of the scene and of the object in it.
     pub scene: usize,
     pub object: usize,
@@ -28,7 +28,7 @@ pub struct Unexplained {
 
 /// All pieces of all scenes under their models. Measured positions are compared with the double integral of the model's
 /// accelerations (weak form); what a parabola finds in the difference is lacking.
-pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
+pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<UnexplainedAcceleration> {
     let mut found = vec![];
     for (index, (scene, model)) in scenes.iter().zip(models).enumerate() {
         let noise = estimate_noise(scene);
@@ -59,7 +59,7 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<Unexplained> {
                     });
                     if let Some((acceleration, sd)) = curvature(differences, sigma) {
                         let (position, velocity) = (here.position, here.velocity);
-                        found.push(Unexplained {
+                        found.push(UnexplainedAcceleration {
                             scene: index,
                             object,
                             time,

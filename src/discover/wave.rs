@@ -1,7 +1,7 @@
 //! A law of place that no library lists: a force or a drag that comes and goes along one direction, as a wave does. A ridge or a
 //! hollow that crosses the region is a part of one.
 
-use super::formula::{ResidualLaw, Search};
+use super::formula::{FormulaSearch, ResidualLaw};
 use super::screen::region;
 use crate::num::Vec2;
 use nalgebra::DMatrix;
@@ -19,7 +19,7 @@ const MOST: f64 = 20.0;
 
 /// What comes and goes.
 #[derive(Clone, Copy, PartialEq)]
-enum Push {
+enum WaveTerm {
     /// A force along the wave's first axis.
     Along,
     /// Along its second.
@@ -28,14 +28,14 @@ enum Push {
     Drag,
 }
 
-const PUSHES: [Push; 3] = [Push::Along, Push::Across, Push::Drag];
+const PUSHES: [WaveTerm; 3] = [WaveTerm::Along, WaveTerm::Across, WaveTerm::Drag];
 
 /// A wave over the place along its own axes: what it is of their first one.
 #[derive(Clone)]
 struct Wave {
     /// Of the first axis, along which it changes, against x (rad).
     angle: f64,
-    push: Push,
+    push: WaveTerm,
     /// Whether it swings about another mean than none.
     mean: bool,
     /// Radians a metre.
@@ -46,7 +46,7 @@ struct Wave {
 }
 
 /// The wave that explains most, if it proves itself.
-pub fn wave(search: &Search) -> Option<ResidualLaw> {
+pub fn wave(search: &FormulaSearch) -> Option<ResidualLaw> {
     let none = search.unexplained()?;
     let area = region(search.lens.scenes);
     let half = PI / (area.high - area.low).norm().max(0.1);
@@ -76,20 +76,20 @@ pub fn wave(search: &Search) -> Option<ResidualLaw> {
         text: best.text(search.force),
         numbers: best.numbers(),
         cost: best.cost,
-        elsewhere: search.elsewhere(&best.columns(search), &best.amplitudes),
-        foreign: true,
+        gain_without_best_track: search.gain_without_best_track(&best.columns(search), &best.amplitudes),
+        not_in_library: true,
     })
 }
 
 /// The wave along axes turned by `angle`, its amplitudes fitted.
-fn fitted(search: &Search, angle: f64, push: Push, mean: bool, number: f64) -> Option<Wave> {
+fn fitted(search: &FormulaSearch, angle: f64, push: WaveTerm, mean: bool, number: f64) -> Option<Wave> {
     let wave = Wave { angle, push, mean, number, amplitudes: vec![], cost: 0.0 };
     let (cost, amplitudes) = search.lens.joint(search.projector, search.start, &wave.columns(search))?;
     Some(Wave { amplitudes: amplitudes.as_slice().to_vec(), cost, ..wave })
 }
 
 /// The same along axes that are turned further and with another length, by less and less, while the cost falls.
-fn nearer(search: &Search, mut best: Wave, turn: f64, step: f64, half: f64) -> Wave {
+fn nearer(search: &FormulaSearch, mut best: Wave, turn: f64, step: f64, half: f64) -> Wave {
     for halving in 0..=HALVINGS {
         let [turn, step] = [turn, step].map(|s| s * 0.5f64.powi(halving));
         let ways = [(turn, 0.0), (-turn, 0.0), (0.0, step), (0.0, -step)];
@@ -115,14 +115,14 @@ impl Wave {
         self.amplitudes.len() + 1 + usize::from(self.turned())
     }
 
-    fn columns(&self, search: &Search) -> DMatrix<f64> {
+    fn columns(&self, search: &FormulaSearch) -> DMatrix<f64> {
         let along = Vec2::from_angle(self.angle);
         let column = |value: fn(f64) -> f64, number: f64| {
             search.lens.column(search.models, search.force, |k, _| {
                 let push = match self.push {
-                    Push::Along => along,
-                    Push::Across => along.perp(),
-                    Push::Drag => k.velocity,
+                    WaveTerm::Along => along,
+                    WaveTerm::Across => along.perp(),
+                    WaveTerm::Drag => k.velocity,
                 };
                 push.scaled(value(number * along.dot(k.position)))
             })
@@ -144,12 +144,12 @@ impl Wave {
             _ => "(cos(turn)*x + sin(turn)*y)",
         };
         let (ax, ay) = match (self.push, place) {
-            (Push::Drag, _) => ("vx*", "vy*"),
-            (Push::Along, "x") => ("1*", ""),
-            (Push::Along, "y") | (Push::Across, "x") => ("", "1*"),
-            (Push::Across, "y") => ("-1*", ""),
-            (Push::Along, _) => ("cos(turn)*", "sin(turn)*"),
-            (Push::Across, _) => ("-sin(turn)*", "cos(turn)*"),
+            (WaveTerm::Drag, _) => ("vx*", "vy*"),
+            (WaveTerm::Along, "x") => ("1*", ""),
+            (WaveTerm::Along, "y") | (WaveTerm::Across, "x") => ("", "1*"),
+            (WaveTerm::Across, "y") => ("-1*", ""),
+            (WaveTerm::Along, _) => ("cos(turn)*", "sin(turn)*"),
+            (WaveTerm::Across, _) => ("-sin(turn)*", "cos(turn)*"),
         };
         if self.turned() {
             text += &format!("let turn [rad] = {:.4}; ", self.angle);
@@ -165,9 +165,9 @@ impl Wave {
 
 #[cfg(test)]
 mod tests {
-    use super::super::force::{Lens, fit_forces};
     use super::super::formula::{SIMPLE_TERMS, residual_law, tests::agrees};
     use super::super::tests::{CUBE, DISC, film_under, models};
+    use super::super::weak_form::{WeakFormRegression, fit_forces};
     use super::*;
     use crate::effects::formula::Formula;
     use crate::num::vec2;
@@ -176,7 +176,7 @@ mod tests {
     #[test]
     fn a_wave_is_what_its_text_says_along_any_axes() {
         for angle in [0.0, FRAC_PI_2, 0.7, 2.5] {
-            for (push, mean) in [(Push::Along, true), (Push::Across, false), (Push::Drag, true)] {
+            for (push, mean) in [(WaveTerm::Along, true), (WaveTerm::Across, false), (WaveTerm::Drag, true)] {
                 let amplitudes = if mean { vec![0.5, -0.25, 0.125] } else { vec![0.5, -0.25] };
                 let wave = Wave { angle, push, mean, number: 2.0, amplitudes: amplitudes.clone(), cost: 0.0 };
                 let along = Vec2::from_angle((1e4 * angle).round() / 1e4);
@@ -186,9 +186,9 @@ mod tests {
                     let swing = amplitudes[0] * phase.cos() + amplitudes[1] * phase.sin();
                     let size = swing + amplitudes.get(2).unwrap_or(&0.0);
                     let push = match push {
-                        Push::Along => along,
-                        Push::Across => along.perp(),
-                        Push::Drag => k.velocity,
+                        WaveTerm::Along => along,
+                        WaveTerm::Across => along.perp(),
+                        WaveTerm::Drag => k.velocity,
                     };
                     push.scaled(size)
                 });
@@ -209,7 +209,7 @@ mod tests {
                 let active = ActiveEffect::of_formula("wave", formula, &model.bodies);
                 model.effects.push(active.expect("it is one"));
             });
-            let (lens, models) = (Lens::new(&scenes), models(&scenes));
+            let (lens, models) = (WeakFormRegression::new(&scenes), models(&scenes));
             let (free, seen) = fit_forces(&lens, &models);
             let law = residual_law(&lens, &models, &free, &seen, SIMPLE_TERMS, true, None)
                 .expect("it proves itself");

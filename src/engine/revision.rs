@@ -3,7 +3,8 @@
 use super::study::Subject;
 use super::{EngineError, StoredFit};
 use crate::discover::{
-    Change, ChangeError, DiscoverOptions, Discovery, Found, Origin, Revision, Unseen, Weight, change, weigh,
+    ChangeError, ChangeEvidence, DiscoverOptions, Discovery, FoundEffect, ModelChange, Origin,
+    PredictionErrors, Revision, change, weigh,
 };
 use crate::effects::formula::FormulaError;
 use crate::fit::{FitError, SceneFit, estimate_noise};
@@ -22,23 +23,23 @@ pub struct Step {
     pub models: Vec<String>,
     /// Those of the revision that it came from; none for the first.
     pub parents: Vec<String>,
-    pub added: Option<Found>,
+    pub added: Option<FoundEffect>,
     pub removed: Option<String>,
     /// Root mean square position residual on all frames (m).
     pub rmse: f64,
-    pub unseen: Unseen,
+    pub unseen: PredictionErrors,
     pub reduced_chi_square: f64,
     /// Measurement noise of a position, all videos pooled (m).
     pub noise_sigma: f64,
     /// Against its parent.
-    pub weight: Option<Weight>,
+    pub weight: Option<ChangeEvidence>,
     /// Why its videos cannot tell what it is worth, and what to film instead.
     #[serde(default)]
     pub too_little: Option<String>,
 }
 
 /// What a change that cannot be made is called in a request.
-pub fn refused(change: &Change, error: &ChangeError) -> EngineError {
+pub fn refused(change: &ModelChange, error: &ChangeError) -> EngineError {
     let path = match (error, change) {
         (
             ChangeError::Formula(
@@ -47,7 +48,7 @@ pub fn refused(change: &Change, error: &ChangeError) -> EngineError {
             _,
         ) => "formula.parameters",
         (ChangeError::Formula(_), _) => "formula.text",
-        (_, Change::Write(..)) => "formula.name",
+        (_, ModelChange::Write(..)) => "formula.name",
         _ => "effect",
     };
     EngineError::invalid(path, error.to_string())
@@ -56,7 +57,7 @@ pub fn refused(change: &Change, error: &ChangeError) -> EngineError {
 /// The revision from which a change began and the one that it made, and the fits of those that are new.
 pub fn changed(
     subject: &Subject,
-    asked: &Change,
+    asked: &ModelChange,
     stop: Stop,
 ) -> Result<([Step; 2], Vec<StoredFit>), FitError> {
     let fits: Vec<&SceneFit> = subject.parents.iter().filter_map(|p| p.fit.scenes.first()).collect();
@@ -86,7 +87,7 @@ pub fn changed(
     after.added = made.added;
     after.weight = Some(made.weight);
     after.too_little = made.too_little;
-    if let Change::Remove(name) = asked {
+    if let ModelChange::Remove(name) = asked {
         after.removed = Some(name.clone());
     }
     fits.iter_mut().for_each(|f| f.step = Some(after.clone()));

@@ -8,7 +8,7 @@ use super::pool::Control;
 use super::revision::{self, Step};
 use super::{Choice, ChoiceKind, DEFAULT_FUTURE_FRAMES, Engine, EngineError, StoredFit, figures, trace};
 use crate::discover::{
-    Change, Comparison, Diagnosis, DiscoverOptions, Discovery, compare, diagnose, discover,
+    Comparison, Diagnosis, DiscoverOptions, Discovery, ModelChange, compare, diagnose, discover,
 };
 use crate::effects::formula::Formula;
 use crate::fit::{Fit, FitError, FitOptions, fit};
@@ -31,7 +31,7 @@ pub enum Inquiry {
     Compare,
     /// With laws that users write, by name, as further candidates.
     Diagnose(Vec<(String, Formula)>),
-    Change(Change),
+    Change(ModelChange),
     Discover {
         max_effects: usize,
         /// Frames of the courses; `None`: those of each video and [`DEFAULT_FUTURE_FRAMES`] more.

@@ -1,7 +1,7 @@
 //! The numbers that the pictures show: simulations of the first and the last model, and what they leave unexplained.
 
 use super::Report;
-use crate::discover::{Unexplained, failures, unexplained};
+use crate::discover::{UnexplainedAcceleration, failures, unexplained};
 use crate::fit::{Fit, estimate_noise};
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, Trace, trace};
@@ -22,7 +22,7 @@ pub struct Stage {
     pub runs: Vec<Trace>,
     /// One a video.
     pub residuals: Vec<Vec<Residual>>,
-    pub unexplained: Vec<Unexplained>,
+    pub unexplained: Vec<UnexplainedAcceleration>,
     /// Of the residuals from lag 0 on, both coordinates and all tracks pooled.
     pub autocorrelation: Vec<f64>,
     /// Share of the motion that the model gives, `1 - |measured - simulated| / |measured - its mean|` (%): the fit
@@ -117,9 +117,9 @@ fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
 }
 
 /// Where the accelerations that a model lacks point, in words, if most of them agree.
-pub fn direction(lacks: &[Unexplained]) -> Option<&'static str> {
+pub fn direction(lacks: &[UnexplainedAcceleration]) -> Option<&'static str> {
     // Deviations by which it differs from zero.
-    let sure = |part: fn(&Unexplained) -> f64| {
+    let sure = |part: fn(&UnexplainedAcceleration) -> f64| {
         let (mean, sd) = weighted_mean(lacks, part);
         mean / sd
     };
@@ -137,19 +137,19 @@ pub fn direction(lacks: &[Unexplained]) -> Option<&'static str> {
 }
 
 /// What is missing along the velocity (m/s²).
-pub fn along(u: &Unexplained) -> f64 {
+pub fn along(u: &UnexplainedAcceleration) -> f64 {
     u.acceleration.dot(u.velocity) / u.velocity.norm().max(1e-9)
 }
 
 /// What is missing to the left of the velocity (m/s²).
-pub fn left(u: &Unexplained) -> f64 {
+pub fn left(u: &UnexplainedAcceleration) -> f64 {
     u.velocity.cross(u.acceleration) / u.velocity.norm().max(1e-9)
 }
 
 /// Mean of a part, each counting by how well it is known, and its deviation.
 pub fn weighted_mean<'u>(
-    lacks: impl IntoIterator<Item = &'u Unexplained>,
-    part: fn(&Unexplained) -> f64,
+    lacks: impl IntoIterator<Item = &'u UnexplainedAcceleration>,
+    part: fn(&UnexplainedAcceleration) -> f64,
 ) -> (f64, f64) {
     let mut sums = (0.0, 0.0);
     for u in lacks {

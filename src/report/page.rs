@@ -6,7 +6,7 @@ use super::look::{Views, direction};
 use super::plots::{class, label, step, word};
 use super::table::{self, Side, name, player};
 use super::{Answered, Report};
-use crate::discover::{FAST, FAST_FREE, Found, Reported, SLOW_FREE, Value, Verdict};
+use crate::discover::{FAST, FAST_FREE, FoundEffect, ParameterEstimate, ParameterValue, SLOW_FREE, Verdict};
 use crate::effects::effect;
 use crate::fit::Estimate;
 use crate::reason::Step;
@@ -128,7 +128,7 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
 }
 
 /// An effect that was found: what it is and its numbers.
-fn law(found: &Found) -> Markup {
+fn law(found: &FoundEffect) -> Markup {
     html! {
         strong { (label(&found.effect)) } @if let Some(entry) = effect(&found.effect) { ": " (entry.spec.doc) }
         ul { @for p in &found.parameters { li { (reported(p)) } } }
@@ -306,15 +306,15 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
     }
 }
 
-fn reported(p: &Reported) -> Markup {
-    let text = |v: &Value| match v {
-        Value::Number(v) => number(*v),
-        Value::Vector([x, y]) => format!("({}, {})", number(*x), number(*y)),
-        Value::Word(word) => word.clone(),
+fn reported(p: &ParameterEstimate) -> Markup {
+    let text = |v: &ParameterValue| match v {
+        ParameterValue::Number(v) => number(*v),
+        ParameterValue::Vector([x, y]) => format!("({}, {})", number(*x), number(*y)),
+        ParameterValue::Word(word) => word.clone(),
     };
     html! {
         (p.name) " = " strong { (text(&p.value)) " " (unit(&p.unit)) }
-        @if !matches!(p.value, Value::Word(_)) { span class="quiet" { " 95 % interval " (text(&p.low)) " to " (text(&p.high)) } }
+        @if !matches!(p.value, ParameterValue::Word(_)) { span class="quiet" { " 95 % interval " (text(&p.low)) " to " (text(&p.high)) } }
     }
 }
 
@@ -337,7 +337,7 @@ fn estimate(e: &Estimate) -> Markup {
 
 fn parameters(report: &Report) -> Markup {
     let Some(last) = report.discovery.revisions.last() else { return html! {} };
-    let added = |name: &str| report.discovery.effects.iter().any(|e: &Found| e.effect == name);
+    let added = |name: &str| report.discovery.effects.iter().any(|e: &FoundEffect| e.effect == name);
     html! {
         section aria-labelledby="parameters" {
             h2 id="parameters" { "Parameters of the last model" }

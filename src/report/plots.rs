@@ -5,7 +5,7 @@ use super::Report;
 use super::chart::{Axis, Chart, Picture, dots, line, number, px};
 use super::look::{NINETY_NINE, Residual, Stage, Views, along, left, weighted_mean};
 use super::table::View;
-use crate::discover::Unexplained;
+use crate::discover::UnexplainedAcceleration;
 use crate::scene::Scene;
 use maud::{Markup, html};
 
@@ -224,7 +224,7 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     sizes.sort_by(f64::total_cmp);
     let usual = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1.0).max(1e-9);
     let scale = ARROW / usual;
-    let arrow = |u: &Unexplained| {
+    let arrow = |u: &UnexplainedAcceleration| {
         let (x, y) = view.at(u.position.x, u.position.y);
         let size = u.acceleration.norm().max(1e-12);
         let shown = (scale * size).min(2.0 * ARROW) / size;
@@ -236,8 +236,9 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
                 .into_iter(),
         )
     };
-    let sure = |u: &&Unexplained| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
-    let (strong, weak): (Vec<&Unexplained>, Vec<&Unexplained>) = stage.unexplained.iter().partition(sure);
+    let sure = |u: &&UnexplainedAcceleration| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
+    let (strong, weak): (Vec<&UnexplainedAcceleration>, Vec<&UnexplainedAcceleration>) =
+        stage.unexplained.iter().partition(sure);
     let [w, h] = view.size;
     let round = 10f64.powf(usual.log10().floor());
     let body = html! {
@@ -288,7 +289,7 @@ fn autocorrelation(views: &Views) -> Picture {
 
 /// The missing acceleration against speed, time and place.
 fn causes(first: &Stage) -> Vec<Picture> {
-    type Cause = (&'static str, &'static str, fn(&Unexplained) -> f64);
+    type Cause = (&'static str, &'static str, fn(&UnexplainedAcceleration) -> f64);
     const CAUSES: [Cause; 4] = [
         ("speed", "speed (m/s)", |u| u.velocity.norm()),
         ("time", "time (s)", |u| u.time),
@@ -296,7 +297,7 @@ fn causes(first: &Stage) -> Vec<Picture> {
         ("y", "y (m)", |u| u.position.y),
     ];
     let all = &first.unexplained;
-    type Part = (&'static str, &'static str, fn(&Unexplained) -> f64);
+    type Part = (&'static str, &'static str, fn(&UnexplainedAcceleration) -> f64);
     const PARTS: [Part; 2] =
         [("before", "along the motion", along), ("after", "to its left (right: negative)", left)];
     let one = |(name, label, cause): &Cause| {
@@ -305,11 +306,11 @@ fn causes(first: &Stage) -> Vec<Picture> {
             x: Axis::around(label, all.iter().map(cause), *name == "speed"),
             y: Axis::around("missing (m/s²)", values, true),
         };
-        let mut sorted: Vec<&Unexplained> = all.iter().collect();
+        let mut sorted: Vec<&UnexplainedAcceleration> = all.iter().collect();
         sorted.sort_by(|a, b| cause(a).total_cmp(&cause(b)));
         let group = sorted.len().div_ceil(GROUPS).max(1);
-        let means = |part: fn(&Unexplained) -> f64| -> Vec<(f64, f64)> {
-            let mean = |of: &[&Unexplained]| {
+        let means = |part: fn(&UnexplainedAcceleration) -> f64| -> Vec<(f64, f64)> {
+            let mean = |of: &[&UnexplainedAcceleration]| {
                 let place: f64 = of.iter().map(|u| cause(u)).sum::<f64>() / of.len() as f64;
                 chart.at(place, weighted_mean(of.iter().copied(), part).0)
             };

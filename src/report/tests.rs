@@ -2,7 +2,7 @@
 
 use super::chart::{dots, line, number, px};
 use super::*;
-use crate::discover::{Found, Ranked, Reported, Revision, Value, Verdict};
+use crate::discover::{FoundEffect, ParameterEstimate, ParameterValue, RankedEffect, Revision, Verdict};
 use crate::fit::{FitOptions, fit};
 use crate::num::{never, vec2};
 use crate::reason::{AskOptions, Question, ask};
@@ -53,10 +53,10 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         held_out_rmse: f64::NAN,
         left_out_rmse: f64::INFINITY,
         reduced_chi_square: 2.0,
-        apart: vec![],
+        unpooled: vec![],
     };
-    let number = |v: f64| Value::Number(v);
-    let parameter = Reported {
+    let number = |v: f64| ParameterValue::Number(v);
+    let parameter = ParameterEstimate {
         name: HOSTILE.into(),
         unit: "1/m".into(),
         value: number(f64::NAN),
@@ -65,9 +65,9 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         owner: None,
     };
     let parameters = vec![parameter];
-    let effect = Found { kind: "vortex".into(), effect: "vortex".into(), parameters, text: None };
+    let effect = FoundEffect { kind: "vortex".into(), effect: "vortex".into(), parameters, text: None };
     let ranked =
-        Ranked { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
+        RankedEffect { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
     let discovery = Discovery {
         verdict,
         effects: if revisions > 1 { vec![effect] } else { vec![] },

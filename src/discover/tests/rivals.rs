@@ -1,6 +1,6 @@
 //! What is no physics, but looks like some: a mass, a scale, a camera, a marker, a size.
 
-use super::super::slight::is_slight;
+use super::super::negligible::is_slight;
 use super::*;
 
 /// Objects of which the first meets others in each video, and turns.
@@ -18,7 +18,7 @@ fn meetings() -> Vec<Vec<Launch>> {
 }
 
 /// The only effect that is found, by its parameters.
-fn found_in(scenes: &[Scene], effect: &str) -> impl Fn(&str) -> Value + use<> {
+fn found_in(scenes: &[Scene], effect: &str) -> impl Fn(&str) -> ParameterValue + use<> {
     let found = discover(scenes, &models(scenes), &DiscoverOptions::default(), &never).expect("it runs");
     let names: Vec<&str> = found.effects.iter().map(|e| e.effect.as_str()).collect();
     assert_eq!((found.verdict, &names[..]), (Verdict::EffectFound, &[effect][..]), "{}", found.reason);
@@ -26,13 +26,13 @@ fn found_in(scenes: &[Scene], effect: &str) -> impl Fn(&str) -> Value + use<> {
     move |name| told.iter().find(|p| p.name == name).expect(name).value.clone()
 }
 
-fn number(value: Value) -> f64 {
-    let Value::Number(value) = value else { panic!("{value:?} is a number") };
+fn number(value: ParameterValue) -> f64 {
+    let ParameterValue::Number(value) = value else { panic!("{value:?} is a number") };
     value
 }
 
-fn vector(value: Value) -> Vec2 {
-    let Value::Vector([x, y]) = value else { panic!("{value:?} is a vector") };
+fn vector(value: ParameterValue) -> Vec2 {
+    let ParameterValue::Vector([x, y]) = value else { panic!("{value:?} is a vector") };
     vec2(x, y)
 }
 

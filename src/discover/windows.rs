@@ -1,8 +1,8 @@
 //! Short films around each contact and each jump without a partner, with models of what they show.
 
-use super::force::Lens;
 use super::free::shows;
-use super::path::{Jump, Path, started};
+use super::smooth_track::{ChangePoint, SmoothTrack, started};
+use super::weak_form::WeakFormRegression;
 use crate::effects::{Scope, effect};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
@@ -27,20 +27,20 @@ const REACH: f64 = 2.0;
 const SCATTER: f64 = 0.15;
 
 /// The short films of a set-up, with models of what they show.
-pub struct Contacts {
+pub struct ContactWindows {
     pub scenes: Vec<Scene>,
     pub models: Vec<Model>,
     /// Of each film with more than two objects, shorter ones of two that meet while neither meets another.
     pub meetings: Vec<Vec<(Scene, Model)>>,
     /// Jumps without a partner, and the index of the scene that shows each.
-    pub jumps: Vec<(usize, Jump)>,
+    pub jumps: Vec<(usize, ChangePoint)>,
 }
 
-impl Contacts {
+impl ContactWindows {
     /// Some of the films, chosen by their index.
-    pub fn only(&self, keep: impl Fn(usize) -> bool) -> Contacts {
+    pub fn only(&self, keep: impl Fn(usize) -> bool) -> ContactWindows {
         let kept: Vec<usize> = (0..self.scenes.len()).filter(|&film| keep(film)).collect();
-        Contacts {
+        ContactWindows {
             scenes: kept.iter().map(|&film| self.scenes[film].clone()).collect(),
             models: kept.iter().map(|&film| self.models[film].clone()).collect(),
             meetings: kept.iter().map(|&film| self.meetings[film].clone()).collect(),
@@ -50,8 +50,8 @@ impl Contacts {
 }
 
 /// Cuts the short films; forces between contacts stay as the models have them.
-pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
-    let mut all = Contacts { scenes: vec![], models: vec![], meetings: vec![], jumps: vec![] };
+pub fn contacts(lens: &WeakFormRegression, models: &[Model]) -> ContactWindows {
+    let mut all = ContactWindows { scenes: vec![], models: vec![], meetings: vec![], jumps: vec![] };
     for (index, (scene, paths)) in lens.scenes.iter().zip(&lens.paths).enumerate() {
         // Spans of frames with the objects in them, merged while they overlap and share an object.
         let mut spans: Vec<(usize, usize, Vec<usize>)> = vec![];
@@ -89,7 +89,7 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
         spans.sort();
         let film = |bodies: &[usize], window: Range<usize>| {
             let film = short_film(scene, bodies, window.start, window.end.min(scene.times.len()));
-            let own: Vec<Path> = bodies.iter().map(|&b| paths[b].clone()).collect();
+            let own: Vec<SmoothTrack> = bodies.iter().map(|&b| paths[b].clone()).collect();
             // What is hit as the film begins has no velocity to begin with.
             let model = started(&film, &own, &part(&models[index], bodies))?;
             Some((from_frame(film, window.start), model))
@@ -109,7 +109,7 @@ pub fn contacts(lens: &Lens, models: &[Model]) -> Contacts {
 }
 
 /// Whether two jumps are what two objects do to each other, at this distance (m) at most.
-fn meet(a: &Jump, b: &Jump, reach: f64) -> bool {
+fn meet(a: &ChangePoint, b: &ChangePoint, reach: f64) -> bool {
     let (apart, back) = (b.position - a.position, -a.change.unit());
     a.frame.abs_diff(b.frame) <= TOGETHER
         && apart.norm() < reach
@@ -119,7 +119,7 @@ fn meet(a: &Jump, b: &Jump, reach: f64) -> bool {
 
 /// Frames in which objects are near each other.
 #[derive(Debug, Clone, PartialEq)]
-struct Span {
+struct ContactSpan {
     first: usize,
     last: usize,
     objects: Vec<usize>,
@@ -129,8 +129,8 @@ struct Span {
 
 /// Spans that overlap and share an object as one, cut where it would be long: in a heap one contact leads to the next until
 /// the film ends. What begins after the cut is a span of its own, and where it begins this one's film ends.
-fn merged(spans: &[(usize, usize, Vec<usize>)]) -> Vec<Span> {
-    let mut merged: Vec<Span> = vec![];
+fn merged(spans: &[(usize, usize, Vec<usize>)]) -> Vec<ContactSpan> {
+    let mut merged: Vec<ContactSpan> = vec![];
     for (first, last, objects) in spans {
         let mut joined = false;
         for m in &mut merged {
@@ -151,14 +151,17 @@ fn merged(spans: &[(usize, usize, Vec<usize>)]) -> Vec<Span> {
         }
         if !joined {
             let last = (*last).min(first + LONGEST);
-            merged.push(Span { first: *first, last, objects: objects.clone(), end: last + AFTER });
+            merged.push(ContactSpan { first: *first, last, objects: objects.clone(), end: last + AFTER });
         }
     }
     merged
 }
 
 /// Pairs that meet within a film while neither meets another, and the frames from the last meeting of either to the next.
-fn meetings<'s>(spans: &'s [(usize, usize, Vec<usize>)], film: &Span) -> Vec<(&'s [usize], Range<usize>)> {
+fn meetings<'s>(
+    spans: &'s [(usize, usize, Vec<usize>)],
+    film: &ContactSpan,
+) -> Vec<(&'s [usize], Range<usize>)> {
     let window = |(k, (first, last, pair)): (usize, &'s (usize, usize, Vec<usize>))| {
         let within = pair.len() > 1 && film.first <= *first && *last <= film.last;
         let of_them = |o: &usize| pair.contains(o) && film.objects.contains(o);
@@ -250,13 +253,13 @@ mod tests {
 
     #[test]
     fn two_that_part_at_once_have_met_though_sizes_keep_them_apart() {
-        let at = |frame: usize, x: f64, change: f64| Jump {
+        let at = |frame: usize, x: f64, change: f64| ChangePoint {
             frame,
             position: vec2(x, 0.0),
             change: vec2(change, 0.1),
             sigmas: 9.0,
         };
-        let meets = |b: Jump| meet(&at(20, 0.0, -0.5), &b, 0.8);
+        let meets = |b: ChangePoint| meet(&at(20, 0.0, -0.5), &b, 0.8);
         assert!(meets(at(21, 0.5, 0.7)));
         assert!(!meets(at(24, 0.5, 0.7)), "later");
         assert!(!meets(at(21, 0.9, 0.7)), "too far");
@@ -269,10 +272,10 @@ mod tests {
         let contact = |first: usize, a: usize, b: usize| (first, first + 2, vec![a, b]);
         // 0 and 1 meet, then 1 and 2, then 3 and 4 who meet nobody else, and 2 is struck while it is still at 1.
         let spans = [contact(20, 0, 1), contact(31, 1, 2), contact(33, 3, 4), (35, 35, vec![2])];
-        let film = Span { first: 20, last: 36, objects: vec![0, 1, 2, 3, 4], end: 52 };
+        let film = ContactSpan { first: 20, last: 36, objects: vec![0, 1, 2, 3, 4], end: 52 };
         let found = meetings(&spans, &film);
         assert_eq!(found, [(&[0, 1][..], 6..31), (&[3, 4][..], 19..51)]);
-        let without = Span { objects: vec![0, 1, 2], ..film };
+        let without = ContactSpan { objects: vec![0, 1, 2], ..film };
         assert_eq!(meetings(&spans, &without).len(), 1, "who is not in the film meets nobody there");
     }
 }

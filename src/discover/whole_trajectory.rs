@@ -1,23 +1,23 @@
 //! Laws that leave no small trace in a lens, or too few of them: each is tried whole, and trajectories alone judge it.
 
-use super::account::FOLLOWED;
-use super::alone::{films_stick, meet};
 use super::contact::ContactCandidate;
 use super::contact_law::{HEAVIER, RUBBING, SCALE, SOFT, estimates_of, pooled, with_contact};
-use super::fading::FADING;
-use super::film::contacts;
-use super::force::Lens;
-use super::jackknife::{Numbers, numbers_of};
-use super::outcome::{Discovery, Found, Ranked, Verdict, reported};
+use super::hidden_geometry::{HiddenPlace, discs_between, walls};
+use super::intervals::FOLLOWED;
+use super::jackknife::{LawParameters, numbers_of};
+use super::negligible::{frame, is_slight, time_by_softness};
+use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict, reported};
 use super::proof;
+use super::restitution_decay::FADING;
 use super::revise::{
     Revision, TRIED_EFFORT, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
     trajectories_from, without_effect,
 };
 use super::screen::region;
-use super::slight::{frame, is_slight, time_by_softness};
-use super::struck::struck;
-use super::unseen::{Place, discs_between, walls};
+use super::unexplained_impacts::unexplained_impacts;
+use super::weak_form::WeakFormRegression;
+use super::window_fits::{films_stick, meet};
+use super::windows::contacts;
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
 use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate, estimate_each};
 use crate::num::Stop;
@@ -57,8 +57,8 @@ const SPINNING_PROOF: f64 = 2.0;
 /// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
 /// still are where it led. One of them will do where a film speaks clearly, or where all have their numbers in common since. Where
 /// none is lost but half of them are off, the law must explain most of that, and all of it in half of them.
-pub fn mended(
-    lens: &Lens,
+pub fn recovers(
+    lens: &WeakFormRegression,
     base: &Revision,
     law: &ContactCandidate,
     models: &[Model],
@@ -76,7 +76,7 @@ pub fn mended(
         true => proof::mends(lost, found) || (one_will_do && proof::finds(lost, found)),
         false => proof::explains(lost, found),
     };
-    if !mends(&found.fit.scenes) || !proof::borne_out(base, &found, law.added) {
+    if !mends(&found.fit.scenes) || !proof::is_supported(base, &found, law.added) {
         return Ok(None);
     }
     let without = without_effect(&found.fit, name);
@@ -87,7 +87,7 @@ pub fn mended(
 
 /// One law tried whole, from these values of its parameters.
 #[derive(Clone)]
-struct Trial {
+struct LawTrial {
     entry: &'static EffectEntry,
     start: Vec<f64>,
     object: Option<u32>,
@@ -97,14 +97,14 @@ struct Trial {
 /// rebound differently explain each film as well; friction between objects, contacts that take time, a scale, the mass of one, or
 /// a thing that nobody saw, where others were near whenever it showed.
 pub fn asked(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
     let region = region(lens.scenes);
-    let with = |t: &Trial| with_contact(models, t.entry, &t.start, t.object, &region);
+    let with = |t: &LawTrial| with_contact(models, t.entry, &t.start, t.object, &region);
     let most = options.max_iterations.min(TRIED_ITERATIONS);
     let few = FitOptions { max_iterations: most, effort: TRIED_EFFORT, ..*options };
     let (mut trials, mut near) = (vec![], vec![]);
@@ -112,7 +112,7 @@ pub fn asked(
         let with_law = starts.clone().map(|t| with(&t));
         if base.effect.is_some() && !proof::loses(&base.fit) {
             // A search of each video by itself would find nothing else.
-            let of = |(start, models): (Trial, &Vec<Model>)| {
+            let of = |(start, models): (LawTrial, &Vec<Model>)| {
                 Ok(from_there(lens, base, models, &few, stop)?.map(|fit| (start, fit)))
             };
             let tried: Result<Vec<_>, FitError> = starts.into_par_iter().zip(&with_law).map(of).collect();
@@ -131,7 +131,7 @@ pub fn asked(
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
-    let tried: Result<Vec<(Trial, Fit)>, FitError> = trials
+    let tried: Result<Vec<(LawTrial, Fit)>, FitError> = trials
         .into_par_iter()
         .map(|t| {
             let begun = begun(&base.fit);
@@ -140,27 +140,27 @@ pub fn asked(
         })
         .collect();
     near.extend(tried?);
-    let nearest = near.iter().min_by(|a, b| proof::distance(&a.1).total_cmp(&proof::distance(&b.1)));
+    let nearest = near.iter().min_by(|a, b| proof::deviance(&a.1).total_cmp(&proof::deviance(&b.1)));
     // Less of a fading restitution than contacts differ by anyway is none.
-    let fades = |t: &Trial, fit: &Fit| {
+    let fades = |t: &LawTrial, fit: &Fit| {
         let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
         t.entry.spec.name != FADING || usual_speed(base).is_some_and(faded)
     };
-    let mends = |(t, fit): &&(Trial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
+    let mends = |(t, fit): &&(LawTrial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
     let Some((best, fit)) = nearest.filter(mends) else { return Ok(None) };
     let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
-    let (with_law, name) = (with(&Trial { start, ..best.clone() }), Some(best.entry.spec.name));
+    let (with_law, name) = (with(&LawTrial { start, ..best.clone() }), Some(best.entry.spec.name));
     let found = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
     let (values, sd): (Vec<f64>, Vec<f64>) = numbers(&found.fit, best).into_iter().unzip();
     let gained = proof::gained(&base.fit, &found.fit);
     // What an object is may show in the one video in which it meets others; what contacts share may show a little in each.
     let often = gained >= found.fit.scenes.len().min(2)
         || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes))
-        || (best.entry.spec.name == FADING && shows_elsewhere(base, &found));
-    let Numbers { law, names } = numbers_of(best.entry);
+        || (best.entry.spec.name == FADING && shows_in_other_scenes(base, &found));
+    let LawParameters { law, names } = numbers_of(best.entry);
     let added = names.iter().map(|name| estimates_of(&found.fit, law, name).len()).sum();
     // One late contact that goes another way makes all later frames worse.
-    let beyond_doubt = proof::distance(&found.fit) < proof::distance(&base.fit) - BEYOND_DOUBT;
+    let beyond_doubt = proof::deviance(&found.fit) < proof::deviance(&base.fit) - BEYOND_DOUBT;
     // Whether a thing is there is no parameter.
     let certain = best.entry.uses(Hook::Bodies) || (sd[0] > 0.0 && values[0].abs() > WHOLE_CERTAIN * sd[0]);
     if !certain
@@ -172,7 +172,7 @@ pub fn asked(
         || proof::loses_most(&found.fit)
         || !often
         || (found.held_out_rmse > base.held_out_rmse && !beyond_doubt)
-        || !proof::borne_out(base, &found, added)
+        || !proof::is_supported(base, &found, added)
     {
         return Ok(None);
     }
@@ -204,7 +204,7 @@ fn begun(fit: &Fit) -> Vec<Option<&Model>> {
 }
 
 /// Each parameter of a law as a fit with it has it, with its deviation; none of what is no parameter there.
-fn numbers(fit: &Fit, trial: &Trial) -> Vec<(f64, f64)> {
+fn numbers(fit: &Fit, trial: &LawTrial) -> Vec<(f64, f64)> {
     let of = |(p, &start): (&ParamSpec, &f64)| {
         pooled(&estimates_of(fit, trial.entry.spec.name, p.name)).unwrap_or((start, 0.0))
     };
@@ -217,24 +217,24 @@ fn absent(models: &[Model], name: &str) -> Option<&'static EffectEntry> {
 }
 
 /// Restitution that fades, where objects meet: from none, and from half at a usual speed, as contacts change in between.
-fn fading(lens: &Lens, base: &Revision, models: &[Model]) -> Option<[Trial; 2]> {
+fn fading(lens: &WeakFormRegression, base: &Revision, models: &[Model]) -> Option<[LawTrial; 2]> {
     let missed = base.fit.scenes.iter().filter(|s| s.reduced_chi_square > MISSED).count();
     let some = base.effect.is_none() || missed > 1;
     let entry = absent(models, FADING).filter(|_| some)?;
     let met = lens.scenes.iter().zip(&base.fit.scenes).any(|(s, fitted)| meet(&fitted.model, &s.times));
     let usual = usual_speed(base).filter(|_| met)?;
-    Some([0.0, LN_2 / usual].map(|start| Trial { entry, start: vec![start], object: None }))
+    Some([0.0, LN_2 / usual].map(|start| LawTrial { entry, start: vec![start], object: None }))
 }
 
 /// Whether a law is no matter of one video: the others are nearer with it too, or have numbers in common that they had not.
-fn shows_elsewhere(base: &Revision, found: &Revision) -> bool {
-    let nearer = gathers(base, found) || proof::elsewhere(&base.fit, &found.fit) > PROMISING;
+fn shows_in_other_scenes(base: &Revision, found: &Revision) -> bool {
+    let nearer = gathers(base, found) || proof::fall_without_best_scene(&base.fit, &found.fit) > PROMISING;
     nearer && found.held_out_rmse < base.held_out_rmse
 }
 
 /// Whether all scenes have numbers in common that they had not.
 fn gathers(base: &Revision, found: &Revision) -> bool {
-    !base.apart.is_empty() && found.apart.is_empty()
+    !base.unpooled.is_empty() && found.unpooled.is_empty()
 }
 
 /// Whether a ball rolls, which shows whether rolling rubs at contacts.
@@ -243,33 +243,34 @@ pub fn balls_roll(models: &[Model]) -> bool {
 }
 
 /// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
-fn rubbing(models: &[Model], region: &Region) -> Vec<Trial> {
+fn rubbing(models: &[Model], region: &Region) -> Vec<LawTrial> {
     let choices = if balls_roll(models) { usize::MAX } else { 1 };
-    let trials = |entry: &'static EffectEntry| -> Vec<Trial> {
+    let trials = |entry: &'static EffectEntry| -> Vec<LawTrial> {
         let seeds = entry.seeds(region).into_iter().take(choices);
         let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
-        seeds.map(|seed| Trial { entry, start: start(seed), object: None }).collect()
+        seeds.map(|seed| LawTrial { entry, start: start(seed), object: None }).collect()
     };
     absent(models, RUBBING).map(trials).unwrap_or_default()
 }
 
 /// Contacts that take a few frames.
-fn softened(lens: &Lens, models: &[Model]) -> Option<Trial> {
+fn softened(lens: &WeakFormRegression, models: &[Model]) -> Option<LawTrial> {
     let start = SOFT_FRAMES * frame(lens.scenes) / time_by_softness(models);
     let entry = absent(models, SOFT).filter(|_| start.is_finite())?;
-    Some(Trial { entry, start: vec![start, 0.0], object: None })
+    Some(LawTrial { entry, start: vec![start, 0.0], object: None })
 }
 
 /// Lengths that are all wrong: too long, and too short.
-fn scaled(models: &[Model]) -> Vec<Trial> {
-    let trial = |start: f64| Some(Trial { entry: absent(models, SCALE)?, start: vec![start], object: None });
+fn scaled(models: &[Model]) -> Vec<LawTrial> {
+    let trial =
+        |start: f64| Some(LawTrial { entry: absent(models, SCALE)?, start: vec![start], object: None });
     [LENGTHENED, -LENGTHENED].into_iter().filter_map(trial).collect()
 }
 
 /// Whether a law brings the scenes nearer, begun from none or from much of it. Where no force acts it may take a search: what
 /// stands in for the law has led to other contacts.
 fn promises(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &Revision,
     [none, much]: &[Vec<Model>; 2],
     options: &FitOptions,
@@ -282,19 +283,19 @@ fn promises(
         return Ok(false);
     }
     let (found, _) = trajectories_from(lens, much, &begun(&base.fit), Some(FADING), options, stop)?;
-    Ok(proof::distance(&found) < proof::distance(&base.fit) - PROMISING)
+    Ok(proof::deviance(&found) < proof::deviance(&base.fit) - PROMISING)
 }
 
 /// The fit with a law from where the scenes are that are followed with common numbers, if these are nearer: if they are fewer
 /// than two, there is nothing to bring nearer.
 fn from_there(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Fit>, FitError> {
-    let common = |k: &usize| !base.apart.contains(&base.fit.scenes[*k].name);
+    let common = |k: &usize| !base.unpooled.contains(&base.fit.scenes[*k].name);
     let kept: Vec<usize> = (0..models.len()).filter(common).collect();
     if kept.len() < 2 {
         return Ok(None);
@@ -309,7 +310,7 @@ fn from_there(
     let options = FitOptions { begin: Begin::Near, ..*options };
     let found = estimate(&scenes, &near, &options, stop)?;
     let known = estimate(&scenes, &known, &FitOptions { max_iterations: 0, ..options }, stop)?;
-    if proof::distance(&found) >= proof::distance(&known) - PROMISING {
+    if proof::deviance(&found) >= proof::deviance(&known) - PROMISING {
         return Ok(None);
     }
     let mut all = Fit { scenes: base.fit.scenes.clone(), ..found };
@@ -327,12 +328,12 @@ fn usual_speed(base: &Revision) -> Option<f64> {
 
 /// The masses that differ most from the others when all are free.
 fn heavier(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
-) -> Result<Vec<Trial>, FitError> {
+) -> Result<Vec<LawTrial>, FitError> {
     let Some(entry) = absent(models, HEAVIER) else { return Ok(vec![]) };
     let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
     let (found, _) = trajectories_from(lens, &all, &begun(&base.fit), Some(HEAVIER), options, stop)?;
@@ -345,17 +346,18 @@ fn heavier(
     let Some(median) = masses.get(masses.len() / 2).map(|m| m.0) else { return Ok(vec![]) };
     let off = |mass: f64| (mass / median).ln().abs();
     masses.sort_by(|a, b| off(b.0).total_cmp(&off(a.0)));
-    let trial = |(mass, id): (f64, u32)| Trial { entry, start: vec![mass / median - 1.0], object: Some(id) };
+    let trial =
+        |(mass, id): (f64, u32)| LawTrial { entry, start: vec![mass / median - 1.0], object: Some(id) };
     Ok(masses.into_iter().take(HEAVIEST).map(trial).collect())
 }
 
 /// Walls and discs that explain more than one blow that nothing in sight dealt.
-fn unseen(lens: &Lens, models: &[Model]) -> Vec<Trial> {
-    let jumps = struck(lens, models);
-    let trials = |name: &str, places: Vec<Place>| -> Vec<Trial> {
+fn unseen(lens: &WeakFormRegression, models: &[Model]) -> Vec<LawTrial> {
+    let jumps = unexplained_impacts(lens, models);
+    let trials = |name: &str, places: Vec<HiddenPlace>| -> Vec<LawTrial> {
         let Some(entry) = absent(models, name) else { return vec![] };
         let told = places.into_iter().filter(|p| p.agree > 1).take(PLACES);
-        told.map(|p| Trial { entry, start: p.values, object: None }).collect()
+        told.map(|p| LawTrial { entry, start: p.values, object: None }).collect()
     };
     let mut all = trials("hidden_wall", walls(&jumps, models));
     all.extend(trials("hidden_object", discs_between(&jumps, models)));
@@ -365,7 +367,7 @@ fn unseen(lens: &Lens, models: &[Model]) -> Vec<Trial> {
 /// The revision in which objects stick on contact, if short films are nearer to that. Sticking leaves no small trace that a
 /// score could follow, so it is tried whole.
 pub fn sticking(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
@@ -388,7 +390,7 @@ pub fn sticks(base: &Revision, stuck: &Revision) -> bool {
 /// What is found where balls between cushions turn about axes of their own: a ball's spin is of its state, which the
 /// lenses do not see (they would make forces of it), so that it is tried whole, and by trajectories alone.
 pub fn spinning(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
@@ -420,12 +422,12 @@ pub fn spinning(
         known.map_or((0.0, 0.0), |e| (e.value, e.sd))
     };
     let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
-    let found = Found::of(entry, reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]));
+    let found = FoundEffect::of(entry, reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]));
     let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
     let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
     Ok(Some(Discovery {
         verdict: Verdict::EffectFound,
-        ranked: vec![Ranked {
+        ranked: vec![RankedEffect {
             kind: found.kind.clone(),
             effect: found.effect.clone(),
             log_evidence: gain,
@@ -456,9 +458,9 @@ pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Mode
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::DiscoverOptions;
     use super::super::screen::with_nuisance;
     use super::super::tests::{DISC, film, models};
+    use super::super::verdict::DiscoverOptions;
     use super::*;
     use crate::num::never;
 
@@ -475,7 +477,7 @@ mod tests {
         let options = DiscoverOptions::default().fit;
         let asked = |inverse_v0: f64| {
             let scenes = film(&launches, Some((FADING, &[("inverse_v0", inverse_v0)])));
-            let (lens, models) = (Lens::new(&scenes), with_nuisance(&models(&scenes)));
+            let (lens, models) = (WeakFormRegression::new(&scenes), with_nuisance(&models(&scenes)));
             let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
             assert!(base.fit.scenes.iter().all(|s| s.reduced_chi_square < MISSED));
             asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
@@ -496,7 +498,7 @@ mod tests {
         let options = DiscoverOptions::default().fit;
         let asked = |softness: f64| {
             let scenes = film(&launches, Some((SOFT, &[("softness", softness)])));
-            let (lens, models) = (Lens::new(&scenes), with_nuisance(&models(&scenes)));
+            let (lens, models) = (WeakFormRegression::new(&scenes), with_nuisance(&models(&scenes)));
             let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
             asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
         };

@@ -1,8 +1,8 @@
 //! Short films, each fitted by itself: what one film's own fit does not follow, no value that films share will mend.
 
-use super::film::Contacts;
 use super::revise::{chi_squares, sum};
-use super::stretch::unseen_turn;
+use super::segment::unseen_turn;
+use super::windows::ContactWindows;
 use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit, estimate_each, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -25,16 +25,16 @@ pub const OPTIONS: FitOptions = FitOptions {
 };
 
 /// The films with a fit of each.
-pub struct Alone {
-    pub films: Contacts,
+pub struct WindowFits {
+    pub films: ContactWindows,
     pub fits: Vec<Fit>,
 }
 
-impl Alone {
-    pub fn of(films: &Contacts, stop: Stop) -> Result<Alone, FitError> {
+impl WindowFits {
+    pub fn of(films: &ContactWindows, stop: Stop) -> Result<WindowFits, FitError> {
         let films = turned(films, stop)?;
         let fits = estimate_each(&films.scenes, &films.models, &OPTIONS, stop)?;
-        Ok(Alone { films, fits })
+        Ok(WindowFits { films, fits })
     }
 
     /// Chi-square of all films; one that its fit does not follow counts as if it were just followed, as how far chaos leads
@@ -66,7 +66,7 @@ impl Alone {
     }
 
     /// Without the heaps, but with the meetings of two in them; and what the heaps cost beyond what noise makes of those.
-    pub fn without_heaps(&self, stop: Stop) -> Result<(Alone, f64), FitError> {
+    pub fn without_heaps(&self, stop: Stop) -> Result<(WindowFits, f64), FitError> {
         let (heaps, rest): (Vec<usize>, Vec<usize>) = (0..self.fits.len()).partition(|&k| self.is_heap(k));
         let mut lost: f64 = heaps.iter().map(|&k| self.bounded(k)).sum();
         let mut films = self.films.only(|film| rest.contains(&film));
@@ -74,14 +74,14 @@ impl Alone {
         let meetings = heaps.iter().flat_map(|&k| self.films.meetings[k].clone());
         let (scenes, models): (Vec<Scene>, Vec<Model>) = meetings.unzip();
         let meetings = vec![vec![]; scenes.len()];
-        let meetings = Alone::of(&Contacts { scenes, models, meetings, jumps: vec![] }, stop)?;
+        let meetings = WindowFits::of(&ContactWindows { scenes, models, meetings, jumps: vec![] }, stop)?;
         let counted = meetings.fits.iter().flat_map(|f| &f.scenes).map(|s| s.degrees_of_freedom as f64);
         lost -= counted.sum::<f64>();
         films.scenes.extend(meetings.films.scenes);
         films.models.extend(meetings.films.models);
         films.meetings.extend(meetings.films.meetings);
         fits.extend(meetings.fits);
-        Ok((Alone { films, fits }, lost))
+        Ok((WindowFits { films, fits }, lost))
     }
 
     fn chi_square(&self, film: usize) -> f64 {
@@ -106,7 +106,7 @@ pub fn meet(model: &Model, times: &[f64]) -> bool {
 }
 
 /// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.
-fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
+fn turned(films: &ContactWindows, stop: Stop) -> Result<ContactWindows, FitError> {
     let options = FitOptions { begin: Begin::Models, ..OPTIONS };
     let unseen = |scene: &Scene| (0..scene.objects.len()).any(|object| unseen_turn(scene, object));
     let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
@@ -124,11 +124,11 @@ fn turned(films: &Contacts, stop: Stop) -> Result<Contacts, FitError> {
     };
     let models: Result<Vec<Model>, FitError> = films.scenes.par_iter().zip(&films.models).map(one).collect();
     let (scenes, meetings, jumps) = (films.scenes.clone(), films.meetings.clone(), films.jumps.clone());
-    Ok(Contacts { scenes, models: models?, meetings, jumps })
+    Ok(ContactWindows { scenes, models: models?, meetings, jumps })
 }
 
 /// Whether the short films are nearer to models in which objects stick; also where there is no film to tell.
-pub fn films_stick(films: &Contacts, stuck: &[Model], stop: Stop) -> Result<bool, FitError> {
+pub fn films_stick(films: &ContactWindows, stuck: &[Model], stop: Stop) -> Result<bool, FitError> {
     if films.scenes.is_empty() {
         return Ok(true);
     }

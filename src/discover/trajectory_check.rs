@@ -1,11 +1,11 @@
 //! Before motion is called unexplained, whole trajectories hear the laws that free motion ranks first: of one film, or of few
 //! objects, it may be too short to prove any.
 
-use super::force::Lens;
 use super::proof::{self, at_noise};
 use super::revise::{Revision, revise};
-use super::screen::Candidate;
+use super::screen::ForceCandidate;
 use super::search::{ALIKE, FreeMotion, instead};
+use super::weak_form::WeakFormRegression;
 use crate::fit::{FitError, FitOptions};
 use crate::num::Stop;
 use crate::world::Model;
@@ -17,24 +17,24 @@ const HEARD: usize = 4;
 /// The law of force with which trajectories follow what was filmed, where free motion leaves structure and proves none;
 /// with its revision. `first` is the revision without any.
 pub fn heard(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &[Model],
     motion: &FreeMotion,
     first: &Revision,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<(FreeMotion, Revision)>, FitError> {
-    if !motion.found.is_empty() || motion.typical <= super::MISFIT || at_noise(first) {
+    if !motion.found.is_empty() || motion.trimmed_chi_square <= super::MISFIT || at_noise(first) {
         return Ok(None);
     }
-    let one = |law: &Candidate| -> Result<_, FitError> {
+    let one = |law: &ForceCandidate| -> Result<_, FitError> {
         let motion = instead(lens, base, motion, law, stop)?;
         let revision = revise(lens, &motion.models, Some(law.entry.spec.name), options, stop)?;
-        let follows = proof::follows(&revision) && proof::borne_out(first, &revision, law.added);
-        let priced = proof::distance(&revision.fit) + law.added as f64 * motion.degrees_of_freedom.ln();
+        let follows = proof::follows(&revision) && proof::is_supported(first, &revision, law.added);
+        let priced = proof::deviance(&revision.fit) + law.added as f64 * motion.degrees_of_freedom.ln();
         Ok(follows.then_some((priced, law.entry.kind, motion, revision)))
     };
-    let laws: Vec<&Candidate> = motion.ranked.iter().map(|(_, law)| law).take(HEARD).collect();
+    let laws: Vec<&ForceCandidate> = motion.ranked.iter().map(|(_, law)| law).take(HEARD).collect();
     let tried: Vec<Option<_>> = laws.into_par_iter().map(one).collect::<Result<_, FitError>>()?;
     let mut follow: Vec<_> = tried.into_iter().flatten().collect();
     follow.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -51,10 +51,10 @@ pub fn heard(
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::DiscoverOptions;
-    use super::super::inquire::discover;
+    use super::super::discovery::discover;
     use super::super::outcome::Verdict;
     use super::super::tests::models;
+    use super::super::verdict::DiscoverOptions;
     use crate::num::never;
     use crate::scene::parse_csv;
 

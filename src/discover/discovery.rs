@@ -1,22 +1,22 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
-use super::account::ranked;
-use super::alone::Alone;
 use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
-use super::conclude::{DiscoverOptions, Reading, conclude, law_of};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::contact_law::with_contact;
-use super::film::contacts;
-use super::force::Lens;
-use super::outcome::{Discovery, Ranked, Verdict};
-use super::outside;
-use super::path::Jump;
+use super::formula_test;
+use super::intervals::ranked;
+use super::outcome::{Discovery, RankedEffect, Verdict};
 use super::proof;
 use super::revise::{Revision, TRIED_EFFORT, pooled_noise, trajectories};
-use super::screen::{region, sought, with_nuisance};
+use super::screen::{candidates, region, with_nuisance};
 use super::search::{FreeMotion, fewer, search, search_on};
-use super::whole::{STICKING, spinning, stuck};
+use super::smooth_track::ChangePoint;
+use super::verdict::{BaseModel, DiscoverOptions, conclude, law_of};
+use super::weak_form::WeakFormRegression;
+use super::whole_trajectory::{STICKING, spinning, stuck};
+use super::window_fits::WindowFits;
+use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError, FitOptions};
@@ -47,7 +47,7 @@ pub fn discover(
     stop: Stop,
 ) -> Result<Discovery, FitError> {
     crate::fit::check(scenes, models)?;
-    let lens = Lens::new(scenes);
+    let lens = WeakFormRegression::new(scenes);
     if too_little(&lens).is_some() {
         return Ok(not_identifiable(&lens));
     }
@@ -57,13 +57,13 @@ pub fn discover(
     {
         return Ok(found);
     }
-    let mut known: Vec<Known> = vec![];
+    let mut known: Vec<BaseSearch> = vec![];
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
         let first = search(&lens, &models, &part(stop, SEARCH))?;
-        known.push(Known { models, first, further: None, screened: None });
+        known.push(BaseSearch { models, first, further: None, screened: None });
     }
-    if let Some(found) = plainly_outside(&lens, &known, options, &part(stop, TRAJECTORIES))? {
+    if let Some(found) = decisive_formula(&lens, &known, options, &part(stop, TRAJECTORIES))? {
         return Ok(found);
     }
     let mut looked: Vec<(usize, f64, bool)> = vec![];
@@ -74,7 +74,7 @@ pub fn discover(
     // Where one reading follows all contacts to the noise, no law of contact makes another the better one.
     let settled = looked.iter().filter(|k| k.2).map(|k| k.1).fold(f64::INFINITY, f64::min);
     looked.retain(|k| k.1 < settled + SAME);
-    let seen: Result<Vec<Reading>, FitError> =
+    let seen: Result<Vec<BaseModel>, FitError> =
         looked.iter().map(|k| known[k.0].screened(&lens, options, &part(stop, CONTACTS))).collect();
     let seen = seen?;
     let near = nearest(seen.iter().map(|r| r.motion.priced() + r.films));
@@ -92,59 +92,65 @@ pub fn discover(
 
 /// What is found where a law that the library lacks is plain from the free motion in one of the readings: neither contacts nor
 /// trajectories with a second law of the library would change that.
-fn plainly_outside(
-    lens: &Lens,
-    known: &[Known],
+fn decisive_formula(
+    lens: &WeakFormRegression,
+    known: &[BaseSearch],
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Option<Discovery>, FitError> {
-    let plain = known.iter().filter_map(|k| Some((outside::plainly(lens, &k.models, &k.first)?, k)));
+    let plain =
+        known.iter().filter_map(|k| Some((formula_test::formula_is_decisive(lens, &k.models, &k.first)?, k)));
     let Some((_, reading)) = plain.min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(None) };
     let (models, motion) = (reading.models.clone(), reading.first.clone());
     let options = DiscoverOptions { max_effects: motion.found.len(), ..*options };
-    let reading = Reading { models, motion, contacts: vec![], films: 0.0 };
+    let reading = BaseModel { models, motion, contacts: vec![], films: 0.0 };
     conclude(lens, reading, &options, stop).map(Some)
 }
 
 /// One reading of the base, with what was seen of it so far.
-struct Known {
+struct BaseSearch {
     models: Vec<Model>,
     /// With the first law of force.
     first: FreeMotion,
     /// With all laws of force, and the short films of contacts beside these.
-    further: Option<(FreeMotion, Alone)>,
+    further: Option<(FreeMotion, WindowFits)>,
     /// With the laws of contact.
-    screened: Option<Reading>,
+    screened: Option<BaseModel>,
 }
 
-impl Known {
+impl BaseSearch {
     fn look(
         &mut self,
-        lens: &Lens,
+        lens: &WeakFormRegression,
         options: &DiscoverOptions,
         stop: Stop,
-    ) -> Result<&(FreeMotion, Alone), FitError> {
+    ) -> Result<&(FreeMotion, WindowFits), FitError> {
         let further = match self.further.take() {
             Some(further) => further,
             None => {
                 let motion = search_on(lens, &self.models, self.first.clone(), options.max_effects, stop)?;
-                let films = Alone::of(&contacts(lens, &motion.models), stop)?;
+                let films = WindowFits::of(&contacts(lens, &motion.models), stop)?;
                 (motion, films)
             }
         };
         Ok(self.further.insert(further))
     }
 
-    fn screened(&mut self, lens: &Lens, options: &DiscoverOptions, stop: Stop) -> Result<Reading, FitError> {
+    fn screened(
+        &mut self,
+        lens: &WeakFormRegression,
+        options: &DiscoverOptions,
+        stop: Stop,
+    ) -> Result<BaseModel, FitError> {
         if let Some(known) = &self.screened {
             return Ok(known.clone());
         }
         let models = self.models.clone();
         let (motion, films) = self.look(lens, options, stop)?;
-        let sought = sought(&motion.models, lens.scenes);
-        let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &sought, stop)?;
+        let candidates = candidates(&motion.models, lens.scenes);
+        let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &candidates, stop)?;
         let films = lost + contacts.iter().find(|c| c.proven()).map_or(films_cost(&contacts), |c| c.after);
-        let reading = Reading { models, motion: motion.clone(), contacts, films };
+        let reading = BaseModel { models, motion: motion.clone(), contacts, films };
         Ok(self.screened.insert(reading).clone())
     }
 }
@@ -155,15 +161,15 @@ fn loses(found: &Discovery) -> bool {
 }
 
 /// How far the last revision is from what was measured.
-fn distance(found: &Discovery) -> f64 {
-    found.revisions.last().map_or(f64::INFINITY, |r| proof::distance(&r.fit))
+fn deviance(found: &Discovery) -> f64 {
+    found.revisions.last().map_or(f64::INFINITY, |r| proof::deviance(&r.fit))
 }
 
 /// What is found, or what another reading of the base finds where trajectories with the same laws are nearer in that: a
 /// hidden law may make the wrong reading look the better one.
 fn reread(
-    lens: &Lens,
-    known: &mut [Known],
+    lens: &WeakFormRegression,
+    known: &mut [BaseSearch],
     found: Discovery,
     options: &DiscoverOptions,
     stop: Stop,
@@ -214,8 +220,8 @@ fn reread(
 /// What is found, or something that nobody saw where trajectories follow that better: what it strikes, or keeps at rest, may
 /// look like a force or like another reading of the base.
 fn unseen(
-    lens: &Lens,
-    known: &mut [Known],
+    lens: &WeakFormRegression,
+    known: &mut [BaseSearch],
     found: Discovery,
     options: &DiscoverOptions,
     stop: Stop,
@@ -225,7 +231,7 @@ fn unseen(
         return Ok(found);
     }
     let of_bodies = |models: &[Model]| -> Vec<_> {
-        sought(models, lens.scenes).into_iter().filter(|e| e.uses(Hook::Bodies)).collect()
+        candidates(models, lens.scenes).into_iter().filter(|e| e.uses(Hook::Bodies)).collect()
     };
     let mut best = found;
     for reading in known {
@@ -233,14 +239,14 @@ fn unseen(
         let motion = fewer(lens, &models, &reading.first, reading.first.found.len(), stop)?;
         let films = match &reading.further {
             Some((further, films)) if further.found.is_empty() => films,
-            _ => &Alone::of(&contacts(lens, &motion.models), stop)?,
+            _ => &WindowFits::of(&contacts(lens, &motion.models), stop)?,
         };
         let (contacts, _) = screen_contacts(films, &region(lens.scenes), &of_bodies(&models), stop)?;
         if !contacts.iter().any(ContactCandidate::proven) {
             continue;
         }
-        let other = conclude(lens, Reading { models, motion, contacts, films: 0.0 }, options, stop)?;
-        if distance(&other) < distance(&best) {
+        let other = conclude(lens, BaseModel { models, motion, contacts, films: 0.0 }, options, stop)?;
+        if deviance(&other) < deviance(&best) {
             best = other;
         }
     }
@@ -254,9 +260,9 @@ pub struct Diagnosis {
     /// Reduced chi-square of the free motion: 1 is noise.
     pub free_motion: f64,
     /// Best first.
-    pub ranked: Vec<Ranked>,
+    pub ranked: Vec<RankedEffect>,
     /// Sudden changes of velocity that no other object explains: index of the scene, and what happened.
-    pub jumps: Vec<(usize, Jump)>,
+    pub jumps: Vec<(usize, ChangePoint)>,
     /// Why these videos cannot tell what is missing, and what to film instead; nothing is ranked then.
     #[serde(default)]
     pub too_little: Option<String>,
@@ -272,11 +278,11 @@ pub fn diagnose(
 ) -> Result<Diagnosis, FitError> {
     let comparison = compare(scenes, fit, &options.fit, stop)?;
     let models = fit.models();
-    let lens = Lens::new(scenes);
+    let lens = WeakFormRegression::new(scenes);
     let begun = with_nuisance(&models);
     let motion = search(&lens, &begun, stop)?;
-    let films = Alone::of(&contacts(&lens, &motion.models), stop)?;
-    let (of_contacts, _) = screen_contacts(&films, &region(scenes), &sought(&models, scenes), stop)?;
+    let films = WindowFits::of(&contacts(&lens, &motion.models), stop)?;
+    let (of_contacts, _) = screen_contacts(&films, &region(scenes), &candidates(&models, scenes), stop)?;
     let mut ranked = ranked(&motion, &of_contacts, &[], pooled_noise(&lens));
     if !formulas.is_empty() {
         ranked.extend(rank_formulas(&lens, &begun, formulas, motion.unit()));
@@ -296,11 +302,11 @@ pub fn diagnose(
 }
 
 /// Why too little moves to tell any law, and what to film instead; `None` where enough does.
-pub fn too_little(lens: &Lens) -> Option<String> {
+pub fn too_little(lens: &WeakFormRegression) -> Option<String> {
     (lens.degrees_of_freedom() < FEWEST).then(|| film_instead(lens))
 }
 
-fn film_instead(lens: &Lens) -> String {
+fn film_instead(lens: &WeakFormRegression) -> String {
     let seen = lens.degrees_of_freedom();
     format!(
         "only {seen} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart"
@@ -321,16 +327,16 @@ fn films_cost(screened: &[ContactCandidate]) -> f64 {
 /// The reading whose trajectories follow the scenes best with the laws that are seen in it; a scene that none follows decides
 /// little.
 fn by_trajectories(
-    lens: &Lens,
-    mut seen: Vec<Reading>,
+    lens: &WeakFormRegression,
+    mut seen: Vec<BaseModel>,
     options: &DiscoverOptions,
     stop: Stop,
-) -> Result<Option<Reading>, FitError> {
+) -> Result<Option<BaseModel>, FitError> {
     if seen.len() < 2 {
         return Ok(seen.pop());
     }
     let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
-    let misfit = |reading: &Reading| -> Result<f64, FitError> {
+    let misfit = |reading: &BaseModel| -> Result<f64, FitError> {
         let motion = &reading.motion;
         let (models, law) = match law_of(&reading.contacts, motion, options) {
             Some(c) => {
@@ -361,7 +367,7 @@ pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
     all
 }
 
-fn not_identifiable(lens: &Lens) -> Discovery {
+fn not_identifiable(lens: &WeakFormRegression) -> Discovery {
     Discovery {
         verdict: Verdict::NotIdentifiable,
         effects: vec![],

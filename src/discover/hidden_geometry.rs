@@ -1,6 +1,6 @@
 //! Where a thing that nobody saw may stand: behind the jumps of objects that met no other.
 
-use super::path::Jump;
+use super::smooth_track::ChangePoint;
 use crate::num::Vec2;
 use crate::world::Model;
 
@@ -20,7 +20,7 @@ const RESTITUTION: f64 = 0.7;
 
 /// A wall or a disc to begin with: its parameters, and how many jumps agree with it.
 #[derive(Debug, Clone)]
-pub struct Place {
+pub struct HiddenPlace {
     pub values: Vec<f64>,
     pub agree: usize,
 }
@@ -32,13 +32,13 @@ fn own_radius(models: &[Model]) -> f64 {
 }
 
 /// One wall for each jump, from all jumps that agree with it; those with most agreement first.
-pub fn walls(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
+pub fn walls(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlace> {
     let radius = own_radius(models);
-    let normal = |j: &Jump| j.change.unit();
-    let mut found: Vec<Place> = jumps
+    let normal = |j: &ChangePoint| j.change.unit();
+    let mut found: Vec<HiddenPlace> = jumps
         .iter()
         .map(|(_, seed)| {
-            let agree: Vec<&Jump> = jumps
+            let agree: Vec<&ChangePoint> = jumps
                 .iter()
                 .map(|(_, j)| j)
                 .filter(|j| {
@@ -49,7 +49,7 @@ pub fn walls(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
             let sum = agree.iter().fold(Vec2::zero(), |s, j| s + j.change);
             let n = sum.unit();
             let offset = agree.iter().map(|j| j.position.dot(n)).sum::<f64>() / agree.len() as f64 - radius;
-            Place { values: vec![1.0, offset, n.y.atan2(n.x), RESTITUTION], agree: agree.len() }
+            HiddenPlace { values: vec![1.0, offset, n.y.atan2(n.x), RESTITUTION], agree: agree.len() }
         })
         .collect();
     found.sort_by_key(|f| std::cmp::Reverse(f.agree));
@@ -59,24 +59,24 @@ pub fn walls(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
 }
 
 /// Discs behind the strongest jumps.
-pub fn discs_behind(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
+pub fn discs_behind(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlace> {
     let own = own_radius(models);
-    let mut jumps: Vec<&Jump> = jumps.iter().map(|(_, j)| j).collect();
+    let mut jumps: Vec<&ChangePoint> = jumps.iter().map(|(_, j)| j).collect();
     jumps.sort_by(|a, b| b.sigmas.total_cmp(&a.sigmas));
     let mut all = vec![];
     for jump in jumps.into_iter().take(2) {
         for radius in RADII {
             let center = jump.position - jump.change.unit().scaled(own + radius);
-            all.push(Place { values: vec![1.0, center.x, center.y, radius, RESTITUTION], agree: 1 });
+            all.push(HiddenPlace { values: vec![1.0, center.x, center.y, radius, RESTITUTION], agree: 1 });
         }
     }
     all
 }
 
 /// Discs that two jumps tell, where their lines of impact cross; those with which most jumps agree first.
-pub fn discs_between(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
+pub fn discs_between(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlace> {
     let own = own_radius(models);
-    let mut found: Vec<Place> = vec![];
+    let mut found: Vec<HiddenPlace> = vec![];
     for (k, (_, a)) in jumps.iter().enumerate() {
         for (_, b) in &jumps[..k] {
             let (n, m) = (a.change.unit(), b.change.unit());
@@ -93,20 +93,21 @@ pub fn discs_between(jumps: &[(usize, Jump)], models: &[Model]) -> Vec<Place> {
                 continue;
             }
             let center = (a.position - n.scaled(s) + b.position - m.scaled(t)).scaled(0.5);
-            let struck = |j: &Jump| {
+            let struck = |j: &ChangePoint| {
                 let away = j.position - center;
                 away.unit().dot(j.change.unit()) > SAME_RADIAL
                     && (away.norm() - own - radius).abs() < SAME_DISC
             };
             let agree = jumps.iter().filter(|(_, j)| struck(j)).count();
-            found.push(Place { values: vec![1.0, center.x, center.y, radius, RESTITUTION], agree });
+            found.push(HiddenPlace { values: vec![1.0, center.x, center.y, radius, RESTITUTION], agree });
         }
     }
     found.sort_by_key(|f| std::cmp::Reverse(f.agree));
-    let mut kept: Vec<Place> = vec![];
+    let mut kept: Vec<HiddenPlace> = vec![];
     for place in found {
-        let near =
-            |k: &Place| (k.values[1] - place.values[1]).hypot(k.values[2] - place.values[2]) < SAME_DISC;
+        let near = |k: &HiddenPlace| {
+            (k.values[1] - place.values[1]).hypot(k.values[2] - place.values[2]) < SAME_DISC
+        };
         if !kept.iter().any(near) {
             kept.push(place);
         }

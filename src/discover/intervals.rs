@@ -2,16 +2,17 @@
 
 use super::contact::ContactCandidate;
 use super::contact_law::estimates_of;
-use super::force::{Lens, fit_forces};
 use super::free::free_parameters;
-use super::jackknife::Shared;
+use super::jackknife::SharedEstimate;
 use super::outcome::{
-    Found, NINETY_FIVE, Owner, Ranked, Reported, Smallest, Value, Verdict, reported, widened,
+    DetectionLimit, FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterOwner, ParameterValue,
+    RankedEffect, Verdict, reported, widened,
 };
 use super::proof;
 use super::revise::Revision;
-use super::screen::{Candidate, Stand, region, typical_sd};
+use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
+use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
 use std::collections::BTreeSet;
@@ -32,25 +33,30 @@ const NO_NEARER: f64 = 0.02;
 const NARROW: f64 = 10.0;
 
 /// What was added first, then the others by evidence.
-pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str], sigma: f64) -> Vec<Ranked> {
+pub fn ranked(
+    motion: &FreeMotion,
+    contacts: &[ContactCandidate],
+    added: &[&str],
+    sigma: f64,
+) -> Vec<RankedEffect> {
     let degrees = motion.degrees_of_freedom;
-    let mut ranked: Vec<Ranked> = motion
+    let mut ranked: Vec<RankedEffect> = motion
         .ranked
         .iter()
-        .map(|(score, c)| Ranked {
+        .map(|(score, c)| RankedEffect {
             kind: c.entry.kind.to_string(),
             effect: c.entry.spec.name.to_string(),
             log_evidence: 0.5 * score,
             held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
         })
         .collect();
-    ranked.extend(contacts.iter().map(|c| Ranked {
+    ranked.extend(contacts.iter().map(|c| RankedEffect {
         kind: c.entry.kind.to_string(),
         effect: c.entry.spec.name.to_string(),
         log_evidence: 0.5 * c.score,
         held_out_rmse: sigma * c.remains.sqrt(),
     }));
-    let place = |r: &Ranked| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
+    let place = |r: &RankedEffect| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
     ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
     // Of a law that both lenses see, what the one says that sees more of it.
     let mut seen = BTreeSet::new();
@@ -61,9 +67,14 @@ pub fn ranked(motion: &FreeMotion, contacts: &[ContactCandidate], added: &[&str]
 /// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
 /// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
 /// own deviation: the interval holds both.
-pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revision) -> Found {
+pub fn found(
+    lens: &WeakFormRegression,
+    motion: &FreeMotion,
+    c: &ForceCandidate,
+    revision: &Revision,
+) -> FoundEffect {
     if c.entry.of_objects() {
-        return Found::of(c.entry, by_object(&revision.fit, c.entry));
+        return FoundEffect::of(c.entry, by_object(&revision.fit, c.entry));
     }
     let scale = motion.reduced_chi_square().max(1.0).sqrt();
     let (mut values, mut sd) = (c.values.clone(), c.sd.iter().map(|s| s * scale).collect::<Vec<f64>>());
@@ -83,12 +94,18 @@ pub fn found(lens: &Lens, motion: &FreeMotion, c: &Candidate, revision: &Revisio
             sd[k] = sd[k].hypot(apart);
         }
     }
-    Found::of(c.entry, reported(c.entry, &values, &sd))
+    FoundEffect::of(c.entry, reported(c.entry, &values, &sd))
 }
 
 /// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): of those that are too narrow free
 /// motion's, with how far it is from them, where that is followed or trajectories are not.
-pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64, f64)]) -> Vec<f64> {
+pub fn plausible(
+    lens: &WeakFormRegression,
+    fit: &Fit,
+    law: &str,
+    names: &[&str],
+    told: &[(f64, f64)],
+) -> Vec<f64> {
     let models = fit.models();
     let own: Vec<String> = names.iter().map(|name| format!("{law}.{name}")).collect();
     // Of a law of contact free motion has no number.
@@ -111,10 +128,10 @@ pub fn plausible(lens: &Lens, fit: &Fit, law: &str, names: &[&str], told: &[(f64
 
 /// The parameters of a law in which each object differs, object by object: of those that differ from its absence by more
 /// than chance, the surest first; where none does, of the one that is nearest to it.
-pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
+pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<ParameterEstimate> {
     let first: Vec<&Estimate> =
         entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry.spec.name, p.name));
-    let one = |e: &&Estimate| -> Option<(f64, Vec<Reported>)> {
+    let one = |e: &&Estimate| -> Option<(f64, Vec<ParameterEstimate>)> {
         let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
         let label = format!("[{object}]");
         let of = |name: &str| {
@@ -127,20 +144,22 @@ pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<Reported> {
         let (values, sd): (Vec<f64>, Vec<f64>) = own.iter().zip(entry.spec.params).map(number).unzip();
         let amplitudes = own.iter().take(entry.amplitudes).flatten();
         let sure = amplitudes.map(|e| e.value.abs() / e.sd.max(f64::MIN_POSITIVE));
-        let owner = Owner { object, scene: e.scene, identified: own.iter().flatten().all(|e| e.identified) };
-        let told = reported(entry, &values, &sd).into_iter().map(|r| Reported { owner: Some(owner), ..r });
+        let owner =
+            ParameterOwner { object, scene: e.scene, identified: own.iter().flatten().all(|e| e.identified) };
+        let told =
+            reported(entry, &values, &sd).into_iter().map(|r| ParameterEstimate { owner: Some(owner), ..r });
         Some((sure.fold(0.0, f64::max), told.collect()))
     };
-    let mut all: Vec<(f64, Vec<Reported>)> = first.iter().filter_map(one).collect();
+    let mut all: Vec<(f64, Vec<ParameterEstimate>)> = first.iter().filter_map(one).collect();
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     let differ = all.iter().take_while(|o| o.0 > NINETY_FIVE).count();
     all.into_iter().take(differ.max(1)).flat_map(|o| o.1).collect()
 }
 
 /// A law of contact with its numbers and their deviations, on one object if it has one.
-pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> Found {
-    let object = c.object.map(f64::from).map(Value::Number);
-    let object = object.map(|id| Reported {
+pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> FoundEffect {
+    let object = c.object.map(f64::from).map(ParameterValue::Number);
+    let object = object.map(|id| ParameterEstimate {
         name: "object_id".into(),
         unit: String::new(),
         value: id.clone(),
@@ -150,7 +169,7 @@ pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> Found 
     });
     let mut parameters = reported(c.entry, values, sd);
     parameters.extend(object);
-    Found::of(c.entry, parameters)
+    FoundEffect::of(c.entry, parameters)
 }
 
 /// Numbers of a law of contact and their deviations: those of the `videos` that are followed, else those of short films. Near
@@ -159,7 +178,7 @@ pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> Found 
 pub fn contact_numbers(
     c: &ContactCandidate,
     noise_sigma: f64,
-    videos: Option<&[Option<Shared>]>,
+    videos: Option<&[Option<SharedEstimate>]>,
 ) -> (Vec<f64>, Vec<f64>) {
     let scale = c.remains.max(1.0).sqrt();
     let least = |k: usize, value: f64| match c.entry.spec.params[k].unit {
@@ -181,15 +200,15 @@ pub fn contact_numbers(
 
 /// The smallest amplitude of each kind of force that the lens would have proven, at a place or frequency of medium sensitivity; not of
 /// one that shows at no size that it may have, nor of what each object has for itself.
-pub fn smallest(lens: &Lens, motion: &FreeMotion) -> Vec<Smallest> {
-    let stand = Stand::new(lens, &motion.models, &motion.free, &motion.seen, true);
+pub fn smallest(lens: &WeakFormRegression, motion: &FreeMotion) -> Vec<DetectionLimit> {
+    let stand = LinearisationPoint::new(lens, &motion.models, &motion.free, &motion.seen, true);
     let region = region(lens.scenes);
     let unit = motion.reduced_chi_square().max(1.0);
-    let one = |c: &Candidate| -> Option<Smallest> {
+    let one = |c: &ForceCandidate| -> Option<DetectionLimit> {
         let (entry, amplitude): (&'static EffectEntry, _) = (c.entry, c.entry.spec.params.first()?);
         let price = PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
         let value = (price * unit).sqrt() * typical_sd(lens, &stand, entry, &region)?;
-        (value <= amplitude.max).then(|| Smallest {
+        (value <= amplitude.max).then(|| DetectionLimit {
             kind: entry.kind.to_string(),
             effect: entry.spec.name.to_string(),
             parameter: amplitude.name.strip_suffix("_x").unwrap_or(amplitude.name).to_string(),
@@ -205,7 +224,7 @@ pub fn reason(
     verdict: Verdict,
     motion: &FreeMotion,
     left: &str,
-    effects: &[Found],
+    effects: &[FoundEffect],
     ambiguous: &[Vec<String>],
     written: bool,
     last: Option<&Revision>,
@@ -236,16 +255,18 @@ pub fn reason(
             "nothing is proven to be missing; {left}, but past contacts more remains: film more, and single contacts"
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
-        Verdict::OutsideLibrary if written && motion.typical <= super::MISFIT => {
+        Verdict::OutsideLibrary if written && motion.trimmed_chi_square <= super::MISFIT => {
             "the formula explains the motion better than any law of the library, and is as simple".into()
         }
-        Verdict::OutsideLibrary if motion.typical <= super::MISFIT => {
+        Verdict::OutsideLibrary if motion.trimmed_chi_square <= super::MISFIT => {
             "between contacts the motion is explained, what contacts do is not; film single contacts".into()
         }
         Verdict::OutsideLibrary => {
             let formula = match written {
                 true => "the formula says more",
-                false => "no formula that was tried halves the error on frames that it has not seen",
+                false => {
+                    "no formula that was tried halves_excess_error the error on frames that it has not seen"
+                }
             };
             let after = if effects.is_empty() { "" } else { " after its best" };
             format!("no law of the library is the one; {left} remains{after}, and {formula}")
@@ -272,9 +293,9 @@ pub fn unfollowed(last: &Revision) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::change::{Change, Origin, change};
-    use super::super::conclude::DiscoverOptions;
+    use super::super::change::{ModelChange, Origin, change};
     use super::super::tests::{CUBE, DISC, film, models};
+    use super::super::verdict::DiscoverOptions;
     use super::*;
     use crate::num::never;
 
@@ -283,9 +304,9 @@ mod tests {
         let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
         let scenes = film(&[launch(1.0), launch(1.6)], Some(("linear_drag", &[("c", 0.3)])));
         let (base, options) = (models(&scenes), DiscoverOptions::default().fit);
-        let asked = Change::Add("linear_drag".into());
+        let asked = ModelChange::Add("linear_drag".into());
         let made = change(&scenes, &Origin::Start(&base), &asked, &options, &never).expect("it runs");
-        let lens = Lens::new(&scenes);
+        let lens = WeakFormRegression::new(&scenes);
         let sd = |told| plausible(&lens, &made.after.fit, "linear_drag", &["c"], &[told])[0];
         assert_eq!([sd((0.3, 0.01)), sd((0.3, 0.0))], [0.01, 0.0], "what is fixed stays so");
         let (near, far) = (sd((0.3, 1e-9)), sd((0.5, 1e-9)));

@@ -1,6 +1,6 @@
 //! Free stretches: frames in which a body moves undisturbed, as rows of the force lens, what is nobody's concern projected out.
 
-use super::path::Path;
+use super::smooth_track::SmoothTrack;
 use crate::num::Vec2;
 use crate::scene::Scene;
 use crate::world::Snapshot;
@@ -8,12 +8,12 @@ use nalgebra::DVector;
 use std::ops::Range;
 
 /// One free stretch of one body; its rows hold x, then y.
-pub struct Stretch {
+pub struct FreeSegment {
     pub scene: usize,
     pub body: usize,
     pub frames: Vec<usize>,
     /// What was measured in each of them.
-    pub measured: Vec<Measured>,
+    pub measured: Vec<SegmentSample>,
     pub first_row: usize,
     /// Orthonormal constant and line over the frames: place and velocity at the start are nobody's concern.
     basis: [Vec<f64>; 2],
@@ -23,7 +23,7 @@ pub struct Stretch {
 }
 
 /// One sample of a stretch.
-pub struct Measured {
+pub struct SegmentSample {
     /// Index of the body among all of the scene's instants, one after the other; `None` where its motion is not known.
     pub at: Option<usize>,
     /// m.
@@ -32,15 +32,15 @@ pub struct Measured {
     pub yaw: f64,
 }
 
-impl Stretch {
+impl FreeSegment {
     /// Those of all bodies of scene `scene`, whose rows begin at `row`, which goes on.
     pub fn all(
         scene: usize,
         film: &Scene,
-        paths: &[Path],
+        paths: &[SmoothTrack],
         instants: &[Snapshot],
         row: &mut usize,
-    ) -> Vec<Stretch> {
+    ) -> Vec<FreeSegment> {
         let next = |next: &mut usize, instant: &Snapshot| {
             Some(std::mem::replace(next, *next + instant.bodies.len()))
         };
@@ -53,15 +53,16 @@ impl Stretch {
                 let bodies = &instants[f].bodies;
                 let at = bodies.iter().position(|b| b.0 == body);
                 let yaw = at.filter(|_| turns).map_or(0.0, |at| bodies[at].1.yaw);
-                Some((f, Measured { at: at.map(|at| firsts[f] + at), position, yaw }))
+                Some((f, SegmentSample { at: at.map(|at| firsts[f] + at), position, yaw }))
             };
             for range in &path.stretches {
-                let (frames, measured): (Vec<usize>, Vec<Measured>) = range.clone().filter_map(seen).unzip();
+                let (frames, measured): (Vec<usize>, Vec<SegmentSample>) =
+                    range.clone().filter_map(seen).unzip();
                 let basis = line_basis(film, &frames);
                 let braked = unseen_turn(film, body).then(|| braked(film, path, &frames, &basis)).flatten();
                 let first_row = *row;
                 *row += 2 * frames.len();
-                all.push(Stretch { scene, body, frames, measured, first_row, basis, braked });
+                all.push(FreeSegment { scene, body, frames, measured, first_row, basis, braked });
             }
         }
         all
@@ -87,7 +88,7 @@ impl Stretch {
 }
 
 /// All bodies that are seen, frame by frame.
-pub fn instants(scene: &Scene, paths: &[Path]) -> Vec<Snapshot> {
+pub fn instants(scene: &Scene, paths: &[SmoothTrack]) -> Vec<Snapshot> {
     let bodies = |f: usize| {
         let seen = paths.iter().enumerate();
         seen.filter_map(|(i, p)| Some((i, (*p.motion.get(f)?)?))).collect()
@@ -130,7 +131,12 @@ pub fn unseen_turn(scene: &Scene, object: usize) -> bool {
 }
 
 /// What friction of any constant size does over the frames, as a unit vector.
-fn braked(scene: &Scene, path: &Path, frames: &[usize], basis: &[Vec<f64>; 2]) -> Option<DVector<f64>> {
+fn braked(
+    scene: &Scene,
+    path: &SmoothTrack,
+    frames: &[usize],
+    basis: &[Vec<f64>; 2],
+) -> Option<DVector<f64>> {
     let against = |f: usize| path.motion[f].map_or(Vec2::zero(), |k| -k.velocity.unit());
     bent(basis, integral(scene, frames, frames.iter().map(|&f| against(f))).into_iter()).try_normalize(1e-9)
 }

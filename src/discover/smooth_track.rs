@@ -42,7 +42,7 @@ const BESIDE: usize = 2;
 
 /// One object's observed motion.
 #[derive(Debug, Clone, Default)]
-pub struct Path {
+pub struct SmoothTrack {
     /// By frame; `None` where the object was not seen.
     pub motion: Vec<Option<Kinematics<f64>>>,
     /// Frames of free motion: no contact, no jump, not at rest. The object may have been lost in a few of them.
@@ -50,14 +50,14 @@ pub struct Path {
     /// Frames over which `motion` is smoothed, rest included.
     pub smooth: Vec<Range<usize>>,
     /// Sudden changes of velocity that no other object explains.
-    pub jumps: Vec<Jump>,
+    pub jumps: Vec<ChangePoint>,
     /// Frames in which another object was near enough to touch, and the index of its track.
     pub near: Vec<(usize, usize)>,
 }
 
 /// A sudden change of velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Jump {
+pub struct ChangePoint {
     /// Frame after which it happened.
     pub frame: usize,
     /// Where the object was (m).
@@ -70,7 +70,7 @@ pub struct Jump {
 
 /// The model with bodies that begin as the smoothed tracks do, where those are smooth at their beginning; `None`
 /// where one is not.
-pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
+pub fn started(scene: &Scene, paths: &[SmoothTrack], model: &Model) -> Option<Model> {
     let mut model = model.clone();
     for ((body, track), path) in model.bodies.iter_mut().zip(&scene.tracks).zip(paths) {
         let Some(first) = track.samples.first() else { continue };
@@ -87,7 +87,7 @@ pub fn started(scene: &Scene, paths: &[Path], model: &Model) -> Option<Model> {
 }
 
 /// The motion of each object of the scene. Deterministic.
-pub fn paths(scene: &Scene, noise: &Noise) -> Vec<Path> {
+pub fn paths(scene: &Scene, noise: &Noise) -> Vec<SmoothTrack> {
     let raw: Vec<Vec<Option<Vec2>>> = scene.tracks.iter().map(|t| positions(scene, t)).collect();
     let whole: Vec<Vec<Option<Vec2>>> = raw.iter().map(|own| bridged(own)).collect();
     (0..scene.tracks.len()).map(|i| path(scene, noise, &raw[i], &whole, i)).collect()
@@ -119,7 +119,13 @@ pub fn positions(scene: &Scene, track: &Track) -> Vec<Option<Vec2>> {
     by_frame
 }
 
-fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<Vec2>>], i: usize) -> Path {
+fn path(
+    scene: &Scene,
+    noise: &Noise,
+    own: &[Option<Vec2>],
+    whole: &[Vec<Option<Vec2>>],
+    i: usize,
+) -> SmoothTrack {
     let noise = &noise.of_track(&scene.tracks[i]);
     let frames = scene.times.len();
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();
@@ -143,7 +149,7 @@ fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<
     let mut jumps = vec![];
     // One jump may hide another near it.
     for _ in 0..LOOKS {
-        let seen: Vec<Jump> =
+        let seen: Vec<ChangePoint> =
             runs(&usable).into_iter().flat_map(|s| find_jumps(scene, noise, own, s)).collect();
         for jump in &seen {
             let end = (jump.frame + 1 + MARGIN + settles).min(frames);
@@ -167,7 +173,7 @@ fn path(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], whole: &[Vec<Option<
         usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
     }
     let stretches = runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST).collect();
-    Path { motion, stretches, smooth: smoothed, jumps, near }
+    SmoothTrack { motion, stretches, smooth: smoothed, jumps, near }
 }
 
 fn still(position: Vec2) -> Kinematics<f64> {
@@ -245,11 +251,11 @@ fn smooth(
 
 /// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
 /// track's.
-pub fn bends(scene: &Scene, noise: &Noise, own: &[Option<Vec2>]) -> Vec<Jump> {
+pub fn bends(scene: &Scene, noise: &Noise, own: &[Option<Vec2>]) -> Vec<ChangePoint> {
     let bend = |f: usize| {
         let (change, sd) = change_near(scene, noise, own, f, 0)?;
         let sigmas = change.norm() / sd;
-        (sigmas > JUMP).then_some(Jump { frame: f, position: (*own.get(f)?)?, change, sigmas })
+        (sigmas > JUMP).then_some(ChangePoint { frame: f, position: (*own.get(f)?)?, change, sigmas })
     };
     largest((0..own.len()).filter_map(bend), NARROW_WING)
 }
@@ -266,7 +272,7 @@ pub fn change_near(
         let window = (g + 1).saturating_sub(NARROW_WING)..(g + NARROW_WING + 1).min(own.len());
         let enough = |wing: Range<usize>| seen(own, &wing) >= FEWEST_WING;
         let enough = enough(window.start..g + 1) && enough(g + 1..window.end);
-        enough.then(|| jump(scene, noise, own, g, window, Wings::Straight))?
+        enough.then(|| jump(scene, noise, own, g, window, HalfWindows::Straight))?
     };
     let all = (f.saturating_sub(beside)..=f + beside).filter_map(at);
     let (change, sigmas) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -288,31 +294,32 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
 
 /// Frames after which the velocity jumps: the largest of each neighbourhood. Beside a jump the same wings see one the other
 /// way, so that those which are the largest in their own wings come first; the others are looked at again without these.
-fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<Jump> {
+fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range<usize>) -> Vec<ChangePoint> {
     let within = |f: usize, wing: usize| {
         let window = (f + 1).saturating_sub(wing).max(segment.start)..(f + wing + 1).min(segment.end);
         if seen(own, &(window.start..f + 1)) < FEWEST_WING || seen(own, &(f + 1..window.end)) < FEWEST_WING {
             return None;
         }
         let at = |g: usize| {
-            let bent = jump(scene, noise, own, g, window.clone(), Wings::Bent).filter(|j| j.1 > JUMP)?;
-            let apart = jump(scene, noise, own, g, window.clone(), Wings::BentApart)?;
+            let bent =
+                jump(scene, noise, own, g, window.clone(), HalfWindows::Bent).filter(|j| j.1 > JUMP)?;
+            let apart = jump(scene, noise, own, g, window.clone(), HalfWindows::BentApart)?;
             (apart.1 > SURE_JUMP).then_some(bent)
         };
         let (change, sigmas) = at(f)?;
         let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
         let mut others = window.start + FEWEST_WING - 1..window.end - FEWEST_WING;
-        Some((Jump { frame: f, position: own[f]?, change, sigmas }, !others.any(larger)))
+        Some((ChangePoint { frame: f, position: own[f]?, change, sigmas }, !others.any(larger)))
     };
-    let all: Vec<(Jump, bool)> =
+    let all: Vec<(ChangePoint, bool)> =
         segment.clone().filter_map(|f| within(f, WING).or_else(|| within(f, WIDE_WING))).collect();
     let peaks = all.iter().any(|c| c.1);
     largest(all.into_iter().filter(|c| c.1 || !peaks).map(|c| c.0), WING)
 }
 
 /// The largest jump of each neighbourhood of so many frames.
-fn largest(candidates: impl Iterator<Item = Jump>, wing: usize) -> Vec<Jump> {
-    let mut found: Vec<Jump> = vec![];
+fn largest(candidates: impl Iterator<Item = ChangePoint>, wing: usize) -> Vec<ChangePoint> {
+    let mut found: Vec<ChangePoint> = vec![];
     for c in candidates {
         match found.last_mut() {
             Some(last) if c.frame - last.frame <= wing => {
@@ -328,7 +335,7 @@ fn largest(candidates: impl Iterator<Item = Jump>, wing: usize) -> Vec<Jump> {
 
 /// What the motion may do on either side of a jump: nothing, be accelerated alike, or each in its own way.
 #[derive(Clone, Copy)]
-enum Wings {
+enum HalfWindows {
     Straight,
     Bent,
     BentApart,
@@ -341,14 +348,14 @@ fn jump(
     own: &[Option<Vec2>],
     f: usize,
     window: Range<usize>,
-    wings: Wings,
+    wings: HalfWindows,
 ) -> Option<(Vec2, f64)> {
     let middle = 0.5 * (scene.times[f] + scene.times.get(f + 1)?);
     let points: Vec<(f64, Vec2)> = window.filter_map(|g| Some((scene.times[g] - middle, own[g]?))).collect();
     let columns = match wings {
-        Wings::Straight => 3,
-        Wings::Bent => 4,
-        Wings::BentApart => 5,
+        HalfWindows::Straight => 3,
+        HalfWindows::Bent => 4,
+        HalfWindows::BentApart => 5,
     };
     if points.len() < columns + 2 {
         return None;
@@ -369,17 +376,17 @@ fn jump(
 
 #[cfg(test)]
 mod tests {
-    use super::super::force::Lens;
     use super::super::tests::{CUBE, film};
+    use super::super::weak_form::WeakFormRegression;
     use super::*;
 
     #[test]
     fn a_few_lost_frames_leave_a_motion_whole_and_many_cut_it_in_two() {
         let mut scenes = film(&[vec![(CUBE, 2.0, [-1.5, 0.0], [0.9, 0.1])]], None);
-        let whole = Lens::new(&scenes).degrees_of_freedom();
+        let whole = WeakFormRegression::new(&scenes).degrees_of_freedom();
         let long = 30..30 + BRIDGED + 1;
         scenes[0].tracks[0].samples.retain(|s| s.frame % 5 != 1 && !long.contains(&s.frame));
-        let lens = Lens::new(&scenes);
+        let lens = WeakFormRegression::new(&scenes);
         let [before, after] = &lens.paths[0][0].stretches[..] else {
             panic!("{:?}", lens.paths[0][0].stretches)
         };
@@ -397,7 +404,7 @@ mod tests {
         let launch = |k: usize| vec![(CUBE, 2.0, [0.2, -1.05 + 0.05 * k as f64], [0.1, 1.4])];
         let scenes = film(&[0, 1, 2, 3, 4, 5, 6, 7].map(launch), Some(("hidden_wall", &wall)));
         let normal = vec2(f64::cos(-1.0), f64::sin(-1.0));
-        for paths in &Lens::new(&scenes).paths {
+        for paths in &WeakFormRegression::new(&scenes).paths {
             let [jump] = &paths[0].jumps[..] else { panic!("{:?}", paths[0].jumps) };
             assert!(jump.change.unit().dot(normal) > 0.9, "{jump:?}");
         }

@@ -1,9 +1,9 @@
 //! A written law as the force lens sees it: its numbers free beside the models' own.
 
-use super::force::{Lens, Seen, fit_forces};
 use super::formula::ResidualLaw;
-use super::free::Free;
+use super::free::FreeParameter;
 use super::search::CLEAN;
+use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::effects::formula::Formula;
 use crate::world::{ActiveEffect, Model, Prior};
 
@@ -24,11 +24,11 @@ fn with_formula(models: &[Model], name: &str, formula: &Formula) -> Vec<Model> {
 
 /// The models with a law of this name, and what the lens sees of them.
 pub fn fit_written(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     name: &str,
     formula: &Formula,
-) -> (Vec<Model>, Vec<Free>, Seen) {
+) -> (Vec<Model>, Vec<FreeParameter>, LensFit) {
     let with = with_formula(models, name, formula);
     let (free, seen) = fit_forces(lens, &with);
     (with, free, seen)
@@ -36,7 +36,7 @@ pub fn fit_written(
 
 /// The law with all of its numbers and the models' fitted at once: a strong law bends the models' far from where they stood
 /// without it, and the search, which is linear, sees it from there. `None` where it has no value.
-pub fn refitted(lens: &Lens, models: &[Model], law: &ResidualLaw) -> Option<ResidualLaw> {
+pub fn refitted(lens: &WeakFormRegression, models: &[Model], law: &ResidualLaw) -> Option<ResidualLaw> {
     const NAME: &str = "proposed";
     let formula = Formula::new(&law.text, vec![]).ok()?;
     let (with, mut free, mut seen) = fit_written(lens, models, NAME, &formula);

@@ -2,12 +2,12 @@
 
 use super::contact::ContactCandidate;
 use super::contact_law::{estimates_of, pooled, with_contact};
-use super::force::Lens;
 use super::proof;
 use super::revise::{Revision, TRIED_EFFORT, revise, trajectories};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion};
-use super::whole::balls_roll;
+use super::weak_form::WeakFormRegression;
+use super::whole_trajectory::balls_roll;
 use crate::effects::Hook;
 use crate::fit::{FitError, FitOptions};
 use crate::num::Stop;
@@ -22,7 +22,7 @@ const OTHERS: usize = 2;
 /// a scene, any other that they prove: what was struck may be a wall or an object. Where one object's own leaves something, what
 /// all have may be it.
 pub fn as_good<'c>(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     law: &ContactCandidate,
     all: &'c [ContactCandidate],
     motion: &FreeMotion,
@@ -43,17 +43,17 @@ pub fn as_good<'c>(
         Ok((c, revise(lens, &models, Some(c.entry.spec.name), options, stop)?))
     });
     let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
-    let distance = |r: &Revision| proof::distance(&r.fit);
+    let distance = |r: &Revision| proof::deviance(&r.fit);
     let nearest = tried.into_iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
     Ok(nearest.filter(|(c, r)| {
         let nearer = if alike(c) { distance(r) < distance(known) } else { proof::nearer(&known.fit, &r.fit) };
-        nearer && proof::borne_out(without, r, c.added)
+        nearer && proof::is_supported(without, r, c.added)
     }))
 }
 
 /// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.
 pub fn otherwise(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     law: &ContactCandidate,
     models: &[Model],
     known: &Revision,
@@ -70,11 +70,11 @@ pub fn otherwise(
     }
     let region = region(lens.scenes);
     let mut best = None;
-    let mut nearest = proof::distance(&known.fit);
+    let mut nearest = proof::deviance(&known.fit);
     for values in law.entry.choices(&law.values, &region) {
         let with = with_contact(models, law.entry, &values, None, &region);
         let revision = revise(lens, &with, Some(law.entry.spec.name), options, stop)?;
-        let distance = proof::distance(&revision.fit);
+        let distance = proof::deviance(&revision.fit);
         if distance < nearest {
             nearest = distance;
             best = Some((ContactCandidate { values, ..law.clone() }, revision));
@@ -85,7 +85,7 @@ pub fn otherwise(
 
 /// What befalls one object befalling another, where that which short films name loses a scene.
 fn of_another(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     law: &ContactCandidate,
     models: &[Model],
     known: &Revision,
@@ -103,7 +103,7 @@ fn of_another(
     let tried = others.into_par_iter().map(|id| {
         let with = with_contact(models, law.entry, &none, Some(id), &region);
         let (fit, _) = trajectories(lens, &with, Some(name), &less, stop)?;
-        Ok((proof::distance(&fit), id, with))
+        Ok((proof::deviance(&fit), id, with))
     });
     let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
     let Some((_, id, with)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { return Ok(None) };
@@ -111,7 +111,7 @@ fn of_another(
     let of = |p: &str| pooled(&estimates_of(&revision.fit, name, p)).unwrap_or_default();
     let (values, sd) = law.entry.spec.params.iter().map(|p| of(p.name)).unzip();
     let other = ContactCandidate { object: Some(id), values, sd, ..law.clone() };
-    let nearer = proof::distance(&revision.fit) < proof::distance(&known.fit);
+    let nearer = proof::deviance(&revision.fit) < proof::deviance(&known.fit);
     Ok((nearer && keeps(&other, &revision)).then_some((other, revision)))
 }
 
@@ -124,10 +124,10 @@ pub fn keeps(c: &ContactCandidate, found: &Revision) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::conclude::DiscoverOptions;
     use super::super::revise::chi_squares;
     use super::super::screen::with_nuisance;
     use super::super::tests::{DISC, film, heavier_than_believed, models};
+    use super::super::verdict::DiscoverOptions;
     use super::*;
     use crate::effects::effect;
     use crate::num::never;
@@ -136,7 +136,7 @@ mod tests {
     fn a_mass_that_trajectories_have_as_it_was_believed_is_none() {
         let meet = [vec![(DISC, 1.0, [-1.2, 0.0], [1.2, 0.0]), (DISC, 1.0, [0.2, 0.1], [0.0, 0.0])]];
         for (scenes, is_wrong) in [(heavier_than_believed(), true), (film(&meet, None), false)] {
-            let (lens, region) = (Lens::new(&scenes), region(&scenes));
+            let (lens, region) = (WeakFormRegression::new(&scenes), region(&scenes));
             let entry = effect("mass_change").expect("it is in the library");
             let models = with_contact(&with_nuisance(&models(&scenes)), entry, &[0.3], Some(1), &region);
             let options = DiscoverOptions::default().fit;

@@ -1,13 +1,13 @@
 //! A law that the library lacks: a sparse sum of generic terms explains the motion, and no law of the library does as well.
 
-use super::change::{Change, FORMULA, propose};
-use super::conclude::DiscoverOptions;
-use super::force::{Lens, fit_forces};
+use super::change::{FORMULA, ModelChange, propose};
 use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::proof;
 use super::revise::{Revision, pooled_noise, revise, without_effect};
-use super::screen::{Candidate, region};
+use super::screen::{ForceCandidate, region};
 use super::search::{CLEAN, FreeMotion, leaves_something};
+use super::verdict::DiscoverOptions;
+use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::formula::Formula;
 use crate::fit::{Begin, Fit, FitError, FitOptions, estimate};
 use crate::num::Stop;
@@ -28,7 +28,7 @@ const CHAOS: f64 = 1.5;
 /// The sparse law beside what the models have, of at most so many terms, or one of the waves. What the library has about a place
 /// tells where a law may have its centre.
 pub fn law_beside(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     motion: &FreeMotion,
     most: usize,
@@ -40,9 +40,15 @@ pub fn law_beside(
 }
 
 /// The sparse law that the library's must stand against, of which trajectories may be followed to the noise.
-fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion, followed: bool) -> Option<ResidualLaw> {
+fn simple_law(
+    lens: &WeakFormRegression,
+    base: &[Model],
+    motion: &FreeMotion,
+    followed: bool,
+) -> Option<ResidualLaw> {
     // Two laws of the library, or one that leaves something, may be the image of one that it lacks.
-    let doubtful = motion.found.len() > 1 || (!motion.found.is_empty() && motion.typical > 1.0 + CLEAN);
+    let doubtful =
+        motion.found.len() > 1 || (!motion.found.is_empty() && motion.trimmed_chi_square > 1.0 + CLEAN);
     // A single law of the library must stand against as many generic terms as it has parameters; none at all, against any
     // that more than one object shows.
     let added = motion.added();
@@ -53,8 +59,8 @@ fn simple_law(lens: &Lens, base: &[Model], motion: &FreeMotion, followed: bool) 
 }
 
 /// A sparse law of which what the library has is a compromise, the last of the revisions.
-pub fn compromise(
-    lens: &Lens,
+pub fn formula_beats_library(
+    lens: &WeakFormRegression,
     base: &[Model],
     motion: &FreeMotion,
     revisions: &[Revision],
@@ -75,7 +81,7 @@ pub fn compromise(
 
 /// What remains, the law's price paid, where a single look at the library leaves no doubt: a law of which no part is in it
 /// leaves noise, and the best that the library has is far from that, or a rhythm that nobody saw repeat.
-pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> {
+pub fn formula_is_decisive(lens: &WeakFormRegression, base: &[Model], motion: &FreeMotion) -> Option<f64> {
     let duration = region(lens.scenes).duration;
     let once = motion.found.iter().any(|c| once(c, duration));
     // What leaves noise alone, no law beats by that much.
@@ -84,7 +90,7 @@ pub fn plainly(lens: &Lens, base: &[Model], motion: &FreeMotion) -> Option<f64> 
     }
     let proof = if once { 0.0 } else { PLAIN_PROOF };
     let far = |law: &ResidualLaw| {
-        law.foreign
+        law.not_in_library
             && law.cost < (1.0 + CLEAN) * motion.degrees_of_freedom
             && beats(law, motion, proof)
             && (motion.added() > 0 || shared(law, motion))
@@ -112,7 +118,7 @@ fn beats(law: &ResidualLaw, motion: &FreeMotion, proof: f64) -> bool {
 /// Whether trajectories, which see more of a law than free motion does, are much nearer with a sparse law than with what the
 /// library has, the last of the revisions, and foretell no less. A search that escaped a bad minimum proves nothing.
 fn followed_better(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     law: &ResidualLaw,
     base: &[Model],
     motion: &FreeMotion,
@@ -123,12 +129,12 @@ fn followed_better(
     let ([first, ..], [.., library]) = (revisions, revisions) else { return Ok(false) };
     let Some(written) = written(lens, &law.text, base, options, stop)? else { return Ok(false) };
     // The library's pays for the numbers that it has more.
-    let priced = |known: &Fit| proof::distance(known) + motion.dearer(law.numbers);
-    let nearer = |known: &Fit| proof::much_nearer(priced(known), proof::distance(&written.fit));
+    let priced = |known: &Fit| proof::deviance(known) + motion.dearer(law.numbers);
+    let nearer = |known: &Fit| proof::much_nearer(priced(known), proof::deviance(&written.fit));
     if !nearer(&library.fit)
-        || !proof::borne_out(library, &written, law.numbers.saturating_sub(motion.added()))
+        || !proof::is_supported(library, &written, law.numbers.saturating_sub(motion.added()))
         || written.held_out_rmse > proof::LESS * library.held_out_rmse
-        || !halves(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
+        || !halves_excess_error(first.held_out_rmse, written.held_out_rmse, pooled_noise(lens))
     {
         return Ok(false);
     }
@@ -147,7 +153,7 @@ fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
     let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
     let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
     let proof = FORMULA_PROOF * unit(law, motion);
-    law.elsewhere - price > proof && motion.base.cost - priced(law, motion) > known + proof
+    law.gain_without_best_track - price > proof && motion.base.cost - priced(law, motion) > known + proof
 }
 
 fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
@@ -159,30 +165,31 @@ fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
 }
 
 /// Whether an error falls to half of what it was beyond the noise: a law that does less is shown to nobody.
-fn halves(before: f64, after: f64, noise: f64) -> bool {
+fn halves_excess_error(before: f64, after: f64, noise: f64) -> bool {
     let beyond = |error: f64| error * error - noise * noise;
     4.0 * beyond(after) < beyond(before)
 }
 
 /// Whether a law halves the error on frames that it has not seen: on later ones where the videos left out bear it out, or, where
 /// chaos leaves these little to say, on those of videos left out.
-pub fn foretells(before: &Revision, after: &Revision, noise: f64) -> bool {
+pub fn predicts_held_out(before: &Revision, after: &Revision, noise: f64) -> bool {
     let later = after.held_out_rmse / before.held_out_rmse;
-    (halves(before.held_out_rmse, after.held_out_rmse, noise) && after.left_out_rmse <= before.left_out_rmse)
-        || (halves(before.left_out_rmse, after.left_out_rmse, noise)
-            && (later < 1.0 || (later < CHAOS && halves(before.rmse, after.rmse, noise))))
+    (halves_excess_error(before.held_out_rmse, after.held_out_rmse, noise)
+        && after.left_out_rmse <= before.left_out_rmse)
+        || (halves_excess_error(before.left_out_rmse, after.left_out_rmse, noise)
+            && (later < 1.0 || (later < CHAOS && halves_excess_error(before.rmse, after.rmse, noise))))
 }
 
 /// The models with a law that is written so, as a revision; `None` where it has no value.
 pub fn written(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     text: &str,
     models: &[Model],
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
     let Ok(formula) = Formula::new(text, vec![]) else { return Ok(None) };
-    let with = propose(lens, models, &Change::Write(FORMULA.into(), formula), stop)?.models;
+    let with = propose(lens, models, &ModelChange::Write(FORMULA.into(), formula), stop)?.models;
     match revise(lens, &with, Some(FORMULA), &options.fit, stop) {
         Ok(revision) => Ok(Some(revision)),
         Err(FitError::Undefined { .. }) => Ok(None),
@@ -191,15 +198,15 @@ pub fn written(
 }
 
 /// Whether a law found is a rhythm whose period the films are too short for.
-pub fn once(c: &Candidate, duration: f64) -> bool {
+pub fn once(c: &ForceCandidate, duration: f64) -> bool {
     let frequency = c.entry.spec.params.iter().position(|p| p.unit == "Hz");
     frequency.and_then(|k| c.values.get(k)).is_some_and(|f| f * duration < 1.0)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::inquire::discover;
-    use super::super::outcome::{Value, Verdict};
+    use super::super::discovery::discover;
+    use super::super::outcome::{ParameterValue, Verdict};
     use super::super::tests::{CUBE, DISC, film_under, models};
     use super::*;
     use crate::num::never;
@@ -238,7 +245,9 @@ mod tests {
                     (&found.effects[..], FORMULA)
                 );
                 let c1 = &found.effects[0].parameters[0];
-                let (Value::Number(low), Value::Number(high)) = (&c1.low, &c1.high) else { panic!("{c1:?}") };
+                let (ParameterValue::Number(low), ParameterValue::Number(high)) = (&c1.low, &c1.high) else {
+                    panic!("{c1:?}")
+                };
                 assert!((*low..*high).contains(&-0.25), "{c1:?}");
             }
         }
@@ -248,18 +257,19 @@ mod tests {
     fn a_law_foretells_later_frames_only_where_other_videos_bear_it_out() {
         let scenes = film_under(&[vec![(DISC, 0.6, [-2.0, 0.0], [1.5, 0.0])]], |_| {});
         let base = models(&scenes);
-        let before = revise(&Lens::new(&scenes), &base, None, &DiscoverOptions::default().fit, &never);
+        let before =
+            revise(&WeakFormRegression::new(&scenes), &base, None, &DiscoverOptions::default().fit, &never);
         let before = Revision { left_out_rmse: 0.08, held_out_rmse: 0.04, ..before.expect("it runs") };
         let after = |left_out_rmse| Revision { left_out_rmse, held_out_rmse: 0.01, ..before.clone() };
-        assert!(foretells(&before, &after(0.07), 0.005));
-        assert!(!foretells(&before, &after(0.1), 0.005));
+        assert!(predicts_held_out(&before, &after(0.07), 0.005));
+        assert!(!predicts_held_out(&before, &after(0.1), 0.005));
     }
 
     #[test]
     fn a_law_is_shown_that_halves_what_is_beyond_the_noise() {
-        assert!(halves(0.0466, 0.0052, 0.005));
-        assert!(halves(0.0075, 0.0055, 0.005), "no error falls below the noise");
-        assert!(!halves(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
-        assert!(!halves(0.005, 0.005, 0.005));
+        assert!(halves_excess_error(0.0466, 0.0052, 0.005));
+        assert!(halves_excess_error(0.0075, 0.0055, 0.005), "no error falls below the noise");
+        assert!(!halves_excess_error(0.00126, 0.00121, 0.00001), "a law of six terms that changes little");
+        assert!(!halves_excess_error(0.005, 0.005, 0.005));
     }
 }

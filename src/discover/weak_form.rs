@@ -1,9 +1,9 @@
 //! The force lens: along free stretches, measured positions against the double integral of a model's
 //! accelerations along the measured path. Positions are never differentiated twice.
 
-use super::free::{Free, STEP, at_values, flats, free_parameters, values_of};
-use super::path::{Path, paths};
-use super::stretch::{Stretch, instants, integral};
+use super::free::{FreeParameter, STEP, at_values, flats, free_parameters, values_of};
+use super::segment::{FreeSegment, instants, integral};
+use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::Vec2;
 use crate::scene::Scene;
@@ -26,20 +26,20 @@ const TOLERANCE: f64 = 1e-4;
 const FEW_TRACKS: usize = 4;
 
 /// What the force lens looks at: free stretches of all scenes.
-pub struct Lens<'a> {
+pub struct WeakFormRegression<'a> {
     pub scenes: &'a [Scene],
     pub noises: Vec<Noise>,
-    pub paths: Vec<Vec<Path>>,
+    pub paths: Vec<Vec<SmoothTrack>>,
     /// For each scene, all bodies in each frame.
     instants: Vec<Vec<Snapshot>>,
-    stretches: Vec<Stretch>,
+    stretches: Vec<FreeSegment>,
     /// Rows that are left out together: one video's, or one object's where there is one video.
     pub folds: Vec<Vec<Range<usize>>>,
 }
 
 /// A least-squares solution of the lens.
 #[derive(Debug, Clone)]
-pub struct Seen {
+pub struct LensFit {
     pub values: Vec<f64>,
     pub sd: Vec<f64>,
     /// With the priors' share, and without, in units of the measurement noise.
@@ -49,41 +49,48 @@ pub struct Seen {
     pub left_out: f64,
 }
 
-impl<'a> Lens<'a> {
+impl<'a> WeakFormRegression<'a> {
     pub fn new(scenes: &'a [Scene]) -> Self {
         let noises: Vec<Noise> = scenes.iter().map(estimate_noise).collect();
-        let paths: Vec<Vec<Path>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
+        let paths: Vec<Vec<SmoothTrack>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
         let instants: Vec<Vec<Snapshot>> = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
         let (mut stretches, mut row) = (vec![], 0);
         let mut folds: BTreeMap<usize, Vec<Range<usize>>> = BTreeMap::new();
         for (index, scene) in scenes.iter().enumerate() {
-            for stretch in Stretch::all(index, scene, &paths[index], &instants[index], &mut row) {
+            for stretch in FreeSegment::all(index, scene, &paths[index], &instants[index], &mut row) {
                 let fold = if scenes.len() > 1 { index } else { stretch.body };
                 folds.entry(fold).or_default().push(stretch.span());
                 stretches.push(stretch);
             }
         }
-        Lens { scenes, noises, paths, instants, stretches, folds: folds.into_values().collect() }
+        WeakFormRegression {
+            scenes,
+            noises,
+            paths,
+            instants,
+            stretches,
+            folds: folds.into_values().collect(),
+        }
     }
 
     /// How many residuals there are, less what each stretch's start takes.
     pub fn degrees_of_freedom(&self) -> usize {
-        self.stretches.iter().map(Stretch::degrees_of_freedom).sum()
+        self.stretches.iter().map(FreeSegment::degrees_of_freedom).sum()
     }
 
     /// All rows but these.
     pub fn rest(&self, rows: &[Range<usize>]) -> Vec<Range<usize>> {
-        let all = self.stretches.iter().map(Stretch::span);
+        let all = self.stretches.iter().map(FreeSegment::span);
         all.filter(|r| !rows.contains(r)).collect()
     }
 
     /// Chi-square of all parts by what the others say; numbers of which they say nothing (the friction of a material that
     /// only this part shows) are the part's own.
-    pub fn left_out(&self, models: &[Model], free: &[Free], values: &[f64]) -> f64 {
+    pub fn left_out(&self, models: &[Model], free: &[FreeParameter], values: &[f64]) -> f64 {
         let one = |fold: &Vec<Range<usize>>| {
             let others = self.solve(models, free, values, PROOFS, fold);
             let untold = free.iter().zip(&others.sd).filter(|(f, sd)| **sd > UNTOLD * f.sd);
-            let own: Vec<Free> = untold.map(|(f, _)| f.clone()).collect();
+            let own: Vec<FreeParameter> = untold.map(|(f, _)| f.clone()).collect();
             if own.is_empty() {
                 return others.left_out;
             }
@@ -106,7 +113,7 @@ impl<'a> Lens<'a> {
     }
 
     /// Reduced chi-square of all objects but the worst, where there are others to compare with.
-    pub fn typical(&self, residual: &DVector<f64>) -> f64 {
+    pub fn trimmed_chi_square(&self, residual: &DVector<f64>) -> f64 {
         let mut tracks = self.by_track(residual);
         tracks.sort_by(|a, b| (b.0 - b.1).total_cmp(&(a.0 - a.1)));
         let others = tracks.get(usize::from(tracks.len() >= FEW_TRACKS)..).unwrap_or_default();
@@ -157,10 +164,10 @@ impl<'a> Lens<'a> {
         field: &Field,
         of: Option<&[bool]>,
         known: Option<&Written>,
-        mut f: impl FnMut(&Stretch, DVector<f64>),
+        mut f: impl FnMut(&FreeSegment, DVector<f64>),
     ) {
         let accelerations = field.accelerations(&self.instants[scene], of, known);
-        let written = |s: &&Stretch| s.scene == scene && of.is_none_or(|of| of[s.body]);
+        let written = |s: &&FreeSegment| s.scene == scene && of.is_none_or(|of| of[s.body]);
         for s in self.stretches.iter().filter(written) {
             let felt = s.measured.iter().map(|m| m.at.map_or(Vec2::zero(), |at| accelerations[at]));
             let integrated = integral(&self.scenes[scene], &s.frames, felt);
@@ -171,7 +178,7 @@ impl<'a> Lens<'a> {
     }
 
     /// Fits the free parameters from where they stand in the models.
-    pub fn fit(&self, models: &[Model], free: &[Free]) -> Seen {
+    pub fn fit(&self, models: &[Model], free: &[FreeParameter]) -> LensFit {
         self.solve(models, free, &values_of(models, free), ITERATIONS, &[])
     }
 
@@ -179,11 +186,11 @@ impl<'a> Lens<'a> {
     pub fn solve(
         &self,
         models: &[Model],
-        free: &[Free],
+        free: &[FreeParameter],
         start: &[f64],
         iterations: usize,
         without: &[Range<usize>],
-    ) -> Seen {
+    ) -> LensFit {
         let mut values = start.to_vec();
         let counted = self.counted(without);
         let mut residual = self.residual(models, &flats(models, free, &values));
@@ -225,11 +232,17 @@ impl<'a> Lens<'a> {
         let (chi_square, left_out) = (residual.norm_squared(), squares(&residual, without));
         let rows: usize = self.counted_rows(without).iter().map(Range::len).sum();
         let remains = ((chi_square - left_out) / f64::max(rows as f64, 1.0)).max(1.0);
-        Seen { chi_square, left_out, cost: cost + telling(free, &sd, remains), values, sd }
+        LensFit { chi_square, left_out, cost: cost + occam_penalty(free, &sd, remains), values, sd }
     }
 
     /// Sum of squares with the priors' terms.
-    fn cost(&self, residual: &DVector<f64>, free: &[Free], values: &[f64], without: &[Range<usize>]) -> f64 {
+    fn cost(
+        &self,
+        residual: &DVector<f64>,
+        free: &[FreeParameter],
+        values: &[f64],
+        without: &[Range<usize>],
+    ) -> f64 {
         let priors: f64 = free.iter().zip(values).map(|(f, v)| ((v - f.mean) / f.sd).powi(2)).sum();
         residual.norm_squared() - squares(residual, without) + priors
     }
@@ -248,7 +261,7 @@ impl<'a> Lens<'a> {
 
     /// Scenes with rows that are not in `without`.
     fn counted(&self, without: &[Range<usize>]) -> Vec<usize> {
-        let counts = |s: &&Stretch| !without.iter().any(|r| r.start == s.first_row);
+        let counts = |s: &&FreeSegment| !without.iter().any(|r| r.start == s.first_row);
         let mut scenes: Vec<usize> = self.stretches.iter().filter(counts).map(|s| s.scene).collect();
         scenes.dedup();
         scenes
@@ -258,7 +271,7 @@ impl<'a> Lens<'a> {
     pub fn jacobian(
         &self,
         models: &[Model],
-        free: &[Free],
+        free: &[FreeParameter],
         values: &[f64],
         residual: &DVector<f64>,
     ) -> DMatrix<f64> {
@@ -269,7 +282,7 @@ impl<'a> Lens<'a> {
     fn slopes(
         &self,
         models: &[Model],
-        free: &[Free],
+        free: &[FreeParameter],
         values: &[f64],
         residual: &DVector<f64>,
         counted: &[usize],
@@ -347,7 +360,7 @@ impl<'a> Lens<'a> {
         &self,
         jacobian: &DMatrix<f64>,
         residual: &DVector<f64>,
-        free: &[Free],
+        free: &[FreeParameter],
         values: &[f64],
         without: &[Range<usize>],
     ) -> (DMatrix<f64>, DVector<f64>) {
@@ -378,7 +391,7 @@ impl<'a> Lens<'a> {
     }
 
     /// How much chi-square would fall if the columns entered linearly beside the parameters of `base`, and their
-    /// amplitudes. `factor` and `base` are of [`Lens::projector`].
+    /// amplitudes. `factor` and `base` are of [`WeakFormRegression::projector`].
     pub fn gain(&self, projector: &Projector, columns: &DMatrix<f64>) -> Option<(f64, DVector<f64>)> {
         let (mut s, _) = self.information(projector, columns);
         let g = columns.tr_mul(&projector.residual);
@@ -410,7 +423,7 @@ impl<'a> Lens<'a> {
 
     /// Deviations of the free parameters by how much the objects disagree about them, whatever the noise is (White,
     /// Econometrica 48 (1980) 817, with objects as clusters); `None` where there are too few objects.
-    pub fn scatter(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Vec<f64>> {
+    pub fn scatter(&self, models: &[Model], free: &[FreeParameter], values: &[f64]) -> Option<Vec<f64>> {
         let residual = self.residual(models, &flats(models, free, values));
         let jacobian = self.jacobian(models, free, values, &residual);
         let inverse = self.normal(&jacobian, &residual, free, values, &[]).0.cholesky()?.inverse();
@@ -427,7 +440,7 @@ impl<'a> Lens<'a> {
     }
 
     /// What projects the parameters of a solution out of further columns.
-    pub fn projector(&self, models: &[Model], free: &[Free], values: &[f64]) -> Option<Projector> {
+    pub fn projector(&self, models: &[Model], free: &[FreeParameter], values: &[f64]) -> Option<Projector> {
         let residual = self.residual(models, &flats(models, free, values));
         let jacobian = self.jacobian(models, free, values, &residual);
         let (h, gradient) = self.normal(&jacobian, &residual, free, values, &[]);
@@ -441,12 +454,12 @@ fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
 
 /// What a law pays for masses that nobody gave and that it needs, in units of what `remains` (twice the logarithm of the Occam
 /// factors; MacKay, Information Theory, Inference, and Learning Algorithms, 2003, 28.1): one that takes all for alike needs none.
-fn telling(free: &[Free], sd: &[f64], remains: f64) -> f64 {
+fn occam_penalty(free: &[FreeParameter], sd: &[f64], remains: f64) -> f64 {
     let masses = free.iter().zip(sd).filter(|(f, _)| f.log);
     remains * masses.map(|(f, sd)| 2.0 * (f.sd / (sd * remains.sqrt())).max(1.0).ln()).sum::<f64>()
 }
 
-/// See [`Lens::projector`].
+/// See [`WeakFormRegression::projector`].
 pub struct Projector {
     pub residual: DVector<f64>,
     jacobian: DMatrix<f64>,
@@ -455,7 +468,7 @@ pub struct Projector {
 }
 
 impl Projector {
-    /// The residual with the columns at these amplitudes, the parameters of the base moved with them ([`Lens::joint`]).
+    /// The residual with the columns at these amplitudes, the parameters of the base moved with them ([`WeakFormRegression::joint`]).
     pub fn moved(&self, columns: &DMatrix<f64>, amplitudes: &[f64]) -> DVector<f64> {
         let added = columns * DVector::from_column_slice(amplitudes);
         let step = self.factor.solve(&(&self.gradient + self.jacobian.tr_mul(&added)));
@@ -466,7 +479,7 @@ impl Projector {
 fn damped_step(
     normal: &DMatrix<f64>,
     gradient: &DVector<f64>,
-    free: &[Free],
+    free: &[FreeParameter],
     values: &[f64],
     damping: f64,
 ) -> Vec<f64> {
@@ -481,7 +494,7 @@ fn damped_step(
 }
 
 /// Fits the models' parameters as the lens sees them.
-pub fn fit_forces(lens: &Lens, models: &[Model]) -> (Vec<Free>, Seen) {
+pub fn fit_forces(lens: &WeakFormRegression, models: &[Model]) -> (Vec<FreeParameter>, LensFit) {
     let free = free_parameters(lens.scenes, models);
     let seen = lens.fit(models, &free);
     (free, seen)
@@ -502,7 +515,7 @@ mod tests {
         let mut active = ActiveEffect::new(wind, &with[0].bodies);
         active.parameters.iter_mut().zip([0.03, 0.04]).for_each(|(p, force)| p.values.fill(force));
         with[0].effects.push(active);
-        let lens = Lens::new(&scenes);
+        let lens = WeakFormRegression::new(&scenes);
         let expected = 0.05 / with[0].bodies[0].mass;
         for told in lens.apart(&with, &without) {
             assert!((told - expected).abs() < 1e-9, "{told} is not {expected}");

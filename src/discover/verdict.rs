@@ -1,25 +1,27 @@
 //! What of the lenses' findings trajectories bear out, and the verdict.
 
-use super::account::{FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed};
-use super::alone::Alone;
+use super::alternatives::{as_good, keeps, otherwise};
 use super::change::{self, FORMULA, rank_formulas};
-use super::choice::{as_good, keeps, otherwise};
 use super::contact::ContactCandidate;
 use super::contact_law::{SCALE, estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
-use super::film::contacts;
-use super::force::Lens;
 use super::formula::{MOST_TERMS, ResidualLaw};
-use super::hearing::heard;
-use super::jackknife::{Shared, numbers_of, of_videos};
-use super::outcome::{Discovery, Found, Verdict, may_be_none};
-use super::outside::{compromise, foretells, law_beside, once, written};
+use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
+use super::intervals::{
+    FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed,
+};
+use super::jackknife::{SharedEstimate, numbers_of, of_videos};
+use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
 use super::proof::{self, at_noise, explains_all};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
 use super::screen::region;
 use super::search::{CLEAN, FreeMotion, fewer, instead};
-use super::whole::{STICKING, asked, mended, sticking, sticks};
-use super::written::with_numbers;
+use super::trajectory_check::heard;
+use super::user_formula::with_numbers;
+use super::weak_form::WeakFormRegression;
+use super::whole_trajectory::{STICKING, asked, recovers, sticking, sticks};
+use super::window_fits::WindowFits;
+use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect};
 use crate::fit::{FitError, FitOptions};
@@ -56,7 +58,7 @@ impl Default for DiscoverOptions {
 
 /// One reading of the base with what the lenses see of it.
 #[derive(Clone)]
-pub struct Reading {
+pub struct BaseModel {
     pub models: Vec<Model>,
     pub motion: FreeMotion,
     pub contacts: Vec<ContactCandidate>,
@@ -76,12 +78,12 @@ pub fn law_of<'c>(
 
 /// What the trajectories bear out of what the lenses see.
 pub fn conclude(
-    lens: &Lens,
-    reading: Reading,
+    lens: &WeakFormRegression,
+    reading: BaseModel,
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
-    let Reading { models, motion, contacts: of_contacts, .. } = reading;
+    let BaseModel { models, motion, contacts: of_contacts, .. } = reading;
     let noise_sigma = pooled_noise(lens);
     let region = region(lens.scenes);
     let room = options.max_effects > motion.found.len();
@@ -113,7 +115,7 @@ pub fn conclude(
     let stop: Stop = &part(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
     let (mut revisions, mut motion, mut proven) =
-        borne_out(lens, &base, revisions, motion, proven, &options.fit, stop)?;
+        is_supported(lens, &base, revisions, motion, proven, &options.fit, stop)?;
     if proven.is_none()
         && room
         && let Some((law, revision)) = heard(lens, &base, &motion, &revisions[0], &options.fit, stop)?
@@ -147,13 +149,13 @@ pub fn conclude(
         let last = &revisions[motion.found.len()];
         let suggestions: Vec<_> = of_contacts.iter().filter(open).take(SUGGESTIONS).collect();
         let tried = suggestions.into_par_iter().map(|c| {
-            let mended = mended(lens, last, c, &law(c), &options.fit, stop)?;
-            Ok(mended.map(|revision| (c, revision)))
+            let recovers = recovers(lens, last, c, &law(c), &options.fit, stop)?;
+            Ok(recovers.map(|revision| (c, revision)))
         });
         let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
-        let nearer = |a: &Revision, b: &Revision| proof::distance(&a.fit).total_cmp(&proof::distance(&b.fit));
-        if let Some((c, mended)) = tried.into_iter().flatten().min_by(|a, b| nearer(&a.1, &b.1)) {
-            revisions.push(mended);
+        let nearer = |a: &Revision, b: &Revision| proof::deviance(&a.fit).total_cmp(&proof::deviance(&b.fit));
+        if let Some((c, recovers)) = tried.into_iter().flatten().min_by(|a, b| nearer(&a.1, &b.1)) {
+            revisions.push(recovers);
             proven = Some(c);
         }
     }
@@ -168,23 +170,23 @@ pub fn conclude(
     });
     proven = other.as_ref().or(proven);
     let whole = match proven {
-        None if room && !stick && motion.typical < super::MISFIT => {
+        None if room && !stick && motion.trimmed_chi_square < super::MISFIT => {
             asked(lens, &revisions[motion.found.len()], &motion.models, &options.fit, stop)?
         }
         _ => None,
     };
-    let whole = whole.map(|(law, mended)| {
-        revisions.push(mended);
+    let whole = whole.map(|(law, recovers)| {
+        revisions.push(recovers);
         law
     });
     proven = proven.or(whole.as_ref());
     let last = &revisions[motion.found.len()];
-    let mut effects: Vec<Found> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
+    let mut effects: Vec<FoundEffect> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
     let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
     let lost = proven.is_none()
         && 2 * off > last.fit.scenes.len()
-        && Alone::of(&contacts(lens, &motion.models), stop)?.meetings_lost();
+        && WindowFits::of(&contacts(lens, &motion.models), stop)?.meetings_lost();
     // What sticks may look like another law of contact, which then does not follow what was filmed.
     let told = revisions.last().unwrap_or(last);
     let open = match proven {
@@ -198,7 +200,7 @@ pub fn conclude(
     };
     if let Some(stuck) = stuck.filter(|r| sticks(told, r)) {
         proven = None;
-        effects.extend(effect(STICKING).map(|entry| Found::of(entry, vec![])));
+        effects.extend(effect(STICKING).map(|entry| FoundEffect::of(entry, vec![])));
         revisions.truncate(motion.found.len() + 1);
         revisions.push(stuck);
     }
@@ -242,19 +244,20 @@ pub fn conclude(
     // one of several.
     let ended = revisions.last().map_or(f64::INFINITY, |r| r.reduced_chi_square);
     let followed = revisions.last().is_some_and(at_noise);
-    let misfit = motion.typical > super::MISFIT && !explained && !followed;
-    let compromise = compromise(lens, &base, &motion, &revisions, options, stop)?;
+    let misfit = motion.trimmed_chi_square > super::MISFIT && !explained && !followed;
+    let formula_beats_library = formula_beats_library(lens, &base, &motion, &revisions, options, stop)?;
     // The lens takes its blows for a force.
-    let compromise = compromise.filter(|_| !(unseen && explained));
+    let formula_beats_library = formula_beats_library.filter(|_| !(unseen && explained));
     // A rhythm that nobody saw repeat is none.
     let once = motion.found.iter().any(|c| once(c, region.duration));
     // Trajectories that are followed without any force have nothing outside; with one, it may be the image of another.
     let still = followed && motion.found.is_empty();
-    let outside = !still && (misfit || once || compromise.is_some() || (lost && effects.is_empty()));
+    let outside =
+        !still && (misfit || once || formula_beats_library.is_some() || (lost && effects.is_empty()));
     // Beside which of the library's laws: none, or all of force.
     let alone = |law: ResidualLaw| (law.text, 0);
     let beside = |law: ResidualLaw| (law.text, motion.found.len());
-    let law = compromise
+    let law = formula_beats_library
         .filter(|_| outside)
         .map(alone)
         .or_else(|| {
@@ -270,14 +273,14 @@ pub fn conclude(
     if let Some((text, kept)) = law
         && let models = if kept == 0 { &base } else { &motion.models }
         && let Some(with) = written(lens, &text, models, options, stop)?
-        && foretells(&revisions[kept], &with, noise_sigma)
+        && predicts_held_out(&revisions[kept], &with, noise_sigma)
     {
         let law = Formula::new(&text, vec![]).map(|law| (FORMULA.to_string(), law)).into_iter();
         ranked.splice(kept..kept, rank_formulas(lens, models, &law.collect::<Vec<_>>(), motion.unit()));
         // What the model's own numbers take back of it (a constant, by a tilt of the table) is no force.
-        let [typical, most] = lens.apart(&with.fit.models(), &revisions[kept].fit.models());
+        let [rms, most] = lens.apart(&with.fit.models(), &revisions[kept].fit.models());
         strength = format!(
-            "; on these tracks it changes accelerations by {typical:.3} m/s^2 (root mean square; {most:.3} at most)"
+            "; on these tracks it changes accelerations by {rms:.3} m/s^2 (root mean square; {most:.3} at most)"
         );
         let mut text = text;
         if revisions.last().is_some_and(|last| with.rmse < AS_NEAR * last.rmse) {
@@ -331,8 +334,8 @@ pub fn conclude(
 
 /// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the
 /// law of contact, and one for that law without the forces where there are both.
-fn borne_out<'c>(
-    lens: &Lens,
+fn is_supported<'c>(
+    lens: &WeakFormRegression,
     base: &[Model],
     mut revisions: Vec<Revision>,
     mut motion: FreeMotion,
@@ -345,8 +348,8 @@ fn borne_out<'c>(
     let added = motion.added();
     if let (Some(c), [all, alone @ ..]) = (proven, &with_contact[..]) {
         if let [alone] = alone
-            && !proof::borne_out(alone, all, added)
-            && proof::borne_out(&revisions[0], alone, c.added)
+            && !proof::is_supported(alone, all, added)
+            && proof::is_supported(&revisions[0], alone, c.added)
         {
             let motion = fewer(lens, base, &motion, forces, stop)?;
             revisions.truncate(1);
@@ -355,15 +358,15 @@ fn borne_out<'c>(
         }
         let before = &revisions[forces];
         // Where chaos leaves trajectories nothing to say, several short films stand.
-        let films_stand = || c.strong() && c.gained > 1 && proof::silent(&before.fit, &all.fit);
-        if keeps(c, all) && (proof::borne_out(before, all, c.added) || films_stand()) {
+        let films_stand = || c.strong() && c.gained > 1 && proof::uninformative(&before.fit, &all.fit);
+        if keeps(c, all) && (proof::is_supported(before, all, c.added) || films_stand()) {
             revisions.push(all.clone());
             return Ok((revisions, motion, proven));
         }
     }
     // A lens knows less of the state than a trajectory (a ball's spin): where it is blind to what trajectories follow
     // from the start, what it saw is nothing.
-    let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.typical > super::MISFIT;
+    let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.trimmed_chi_square > super::MISFIT;
     if let [.., before, after] = &revisions[..]
         && !blind
         && let Some(nearer) = begun_where_followed(lens, &motion.models, before, after, options, stop)?
@@ -377,7 +380,8 @@ fn borne_out<'c>(
         let own = left.last().map_or(0, |c| c.added);
         let all = left.iter().map(|c| c.added).sum();
         // Each step by itself, and all of them against none: one may mend what another spoilt.
-        if !blind && proof::borne_out(before, after, own) && proof::borne_out(&revisions[0], after, all) {
+        if !blind && proof::is_supported(before, after, own) && proof::is_supported(&revisions[0], after, all)
+        {
             break;
         }
         refused += 1;
@@ -399,7 +403,7 @@ fn borne_out<'c>(
 /// The law that explains most alone in place of several, where trajectories are as near to it and the price of the numbers that
 /// the several have more is paid: what one leaves may be taken up by another with a rival beside.
 fn one_for_all(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     base: &[Model],
     motion: &FreeMotion,
     several: &Revision,
@@ -413,19 +417,19 @@ fn one_for_all(
     }
     let one = instead(lens, base, motion, law, stop)?;
     let revision = revise(lens, &one.models, Some(name), options, stop)?;
-    let nearer = proof::distance(&revision.fit) < proof::distance(&several.fit) + motion.dearer(law.added);
+    let nearer = proof::deviance(&revision.fit) < proof::deviance(&several.fit) + motion.dearer(law.added);
     Ok(nearer.then_some((one, revision)))
 }
 
 /// Numbers of an unseen thing by trajectories that are followed; as uncertain as short films have them, and as far as these
 /// disagree.
-fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shared>>> {
+fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<SharedEstimate>>> {
     let all = proof::follows(revision) || at_noise(revision);
     let one = |(p, (known, own)): (&ParamSpec, (&f64, &f64))| {
         let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
         let apart = value - known;
         let apart = if p.unit == "rad" { apart.sin().abs() } else { apart };
-        Some(Shared { value, sd, scatter: own.hypot(apart) })
+        Some(SharedEstimate { value, sd, scatter: own.hypot(apart) })
     };
     all.then(|| c.entry.spec.params.iter().zip(c.values.iter().zip(&c.sd)).map(one).collect())
 }
@@ -433,7 +437,7 @@ fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shar
 /// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
 /// against the law. `None` where that is not nearer.
 fn begun_where_followed(
-    lens: &Lens,
+    lens: &WeakFormRegression,
     models: &[Model],
     before: &Revision,
     after: &Revision,
@@ -447,5 +451,5 @@ fn begun_where_followed(
     let stands = |k: usize| if farther[k] { &before.fit.scenes[k].model } else { &after.fit.scenes[k].model };
     let begun: Vec<Option<&Model>> = (0..farther.len()).map(|k| Some(stands(k))).collect();
     let again = revise_from(lens, models, &begun, after.effect.as_deref(), options, stop)?;
-    Ok((proof::distance(&again.fit) < proof::distance(&after.fit)).then_some(again))
+    Ok((proof::deviance(&again.fit) < proof::deviance(&after.fit)).then_some(again))
 }

@@ -1,7 +1,7 @@
 //! Blows that nothing in sight dealt: where a velocity jumps, and no object near enough takes up the momentum.
 
-use super::force::Lens;
-use super::path::{Jump, bends, change_near, positions};
+use super::smooth_track::{ChangePoint, bends, change_near, positions};
+use super::weak_form::WeakFormRegression;
 use crate::num::Vec2;
 use crate::scene::Scene;
 use crate::world::Model;
@@ -12,14 +12,22 @@ const BESIDE: usize = 2;
 const DEALT: f64 = 0.4;
 
 /// All of them, by scene.
-pub fn struck(lens: &Lens, models: &[Model]) -> Vec<(usize, Jump)> {
+pub fn unexplained_impacts(lens: &WeakFormRegression, models: &[Model]) -> Vec<(usize, ChangePoint)> {
     let of = |(index, (scene, model)): (usize, (&Scene, &Model))| {
-        struck_in(lens, index, scene, model).into_iter().map(move |jump| (index, jump)).collect::<Vec<_>>()
+        impacts_of_scene(lens, index, scene, model)
+            .into_iter()
+            .map(move |jump| (index, jump))
+            .collect::<Vec<_>>()
     };
     lens.scenes.iter().zip(models).enumerate().flat_map(of).collect()
 }
 
-fn struck_in(lens: &Lens, index: usize, scene: &Scene, model: &Model) -> Vec<Jump> {
+fn impacts_of_scene(
+    lens: &WeakFormRegression,
+    index: usize,
+    scene: &Scene,
+    model: &Model,
+) -> Vec<ChangePoint> {
     let own: Vec<Vec<Option<Vec2>>> = scene.tracks.iter().map(|t| positions(scene, t)).collect();
     let noise = |i: usize| lens.noises[index].of_track(&scene.tracks[i]);
     let mass = |i: usize| model.bodies.get(i).map_or(1.0, |b| b.mass);
@@ -58,7 +66,7 @@ mod tests {
         let beside = vec![(DISC, 0.6, [-0.5, 0.0], [1.2, 0.0]), (CUBE, 2.0, [0.7, 0.5], [0.0, 0.0])];
         let meeting = vec![(DISC, 0.6, [-1.5, 0.0], [1.2, 0.0]), (DISC, 0.6, [-0.5, 0.1], [0.0, 0.0])];
         let scenes = film(&[beside, meeting], Some(("hidden_wall", &wall)));
-        let found = struck(&Lens::new(&scenes), &models(&scenes));
+        let found = unexplained_impacts(&WeakFormRegression::new(&scenes), &models(&scenes));
         let [(0, jump)] = &found[..] else { panic!("{found:?}") };
         assert!((jump.position.x - 0.8).abs() < 0.05 && jump.change.x < -1.0, "{jump:?}");
     }

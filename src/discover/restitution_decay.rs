@@ -1,6 +1,6 @@
 //! Restitution that falls with speed, for which numbers of pairs stand in: each pair is seen at a few speeds only.
 
-use super::film::Contacts;
+use super::windows::ContactWindows;
 use crate::world::{EventKind, Model, trace};
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ const LEAST: f64 = 0.02;
 const STEEPEST: f64 = 20.0;
 
 /// A first contact of two objects in a film: its speed of approach (m/s) and its coefficient of restitution.
-struct Meeting {
+struct FirstContact {
     film: usize,
     label: usize,
     speed: f64,
@@ -27,10 +27,10 @@ struct Meeting {
 /// Models of the films in which restitution falls with speed as the first contacts of all pairs say (1/v0, s/m, beside them),
 /// while each of these rebounds as before: what comes after hangs on that, and a search that begins with other rebounds loses
 /// it. `None` where slow contacts do not rebound more.
-pub fn as_met(films: &Contacts, models: &[Model]) -> Option<(f64, Vec<Model>)> {
-    let meetings: Vec<Meeting> = (0..models.len()).flat_map(|film| met(films, models, film)).collect();
+pub fn as_met(films: &ContactWindows, models: &[Model]) -> Option<(f64, Vec<Model>)> {
+    let meetings: Vec<FirstContact> = (0..models.len()).flat_map(|film| met(films, models, film)).collect();
     let n = meetings.len() as f64;
-    let mean = |of: &dyn Fn(&Meeting) -> f64| meetings.iter().map(of).sum::<f64>() / n;
+    let mean = |of: &dyn Fn(&FirstContact) -> f64| meetings.iter().map(of).sum::<f64>() / n;
     let (speed, level) = (mean(&|m| m.speed), mean(&|m| m.restitution.ln()));
     let spread = mean(&|m| (m.speed - speed).powi(2));
     let inverse_v0 = -mean(&|m| (m.speed - speed) * m.restitution.ln()) / spread;
@@ -38,7 +38,7 @@ pub fn as_met(films: &Contacts, models: &[Model]) -> Option<(f64, Vec<Model>)> {
         return None;
     }
     let common = (level + speed * inverse_v0).exp().min(1.0);
-    let at_rest = |m: &Meeting| m.restitution * (m.speed * inverse_v0).exp();
+    let at_rest = |m: &FirstContact| m.restitution * (m.speed * inverse_v0).exp();
     let mut models = models.to_vec();
     for (film, model) in models.iter_mut().enumerate() {
         for p in model.effects.iter_mut().filter(|e| e.name == BOUNCE).flat_map(|e| &mut e.parameters) {
@@ -58,7 +58,7 @@ pub fn as_met(films: &Contacts, models: &[Model]) -> Option<(f64, Vec<Model>)> {
 }
 
 /// The first contact of each pair in a film, as its model has it.
-fn met(films: &Contacts, models: &[Model], film: usize) -> Vec<Meeting> {
+fn met(films: &ContactWindows, models: &[Model], film: usize) -> Vec<FirstContact> {
     let model = &models[film];
     let parameter = |name: &str| model.effect(BOUNCE)?.parameters.iter().find(|p| p.name == name);
     let (Some(common), Some(of_pair)) = (parameter(COMMON), parameter(OF_PAIR)) else { return vec![] };
@@ -74,7 +74,7 @@ fn met(films: &Contacts, models: &[Model], film: usize) -> Vec<Meeting> {
         let restitution = f64::max(common.values[at] * of_pair.values[label], LEAST);
         // Newton's law: the impulse takes the approach and gives the rebound.
         let speed = impulse.abs() * (1.0 / a.mass + 1.0 / b.mass) / (1.0 + restitution);
-        first.entry(label).or_insert(Meeting { film, label, speed, restitution });
+        first.entry(label).or_insert(FirstContact { film, label, speed, restitution });
     }
     first.into_values().collect()
 }
@@ -95,7 +95,7 @@ mod tests {
     }
 
     /// Discs that meet head on at these speeds, each pair with a restitution of its own.
-    fn meeting(speeds: &[f64], restitution: impl Fn(f64) -> f64) -> (Contacts, Vec<Model>) {
+    fn meeting(speeds: &[f64], restitution: impl Fn(f64) -> f64) -> (ContactWindows, Vec<Model>) {
         let launch = |v: &f64| vec![(DISC, 0.6, [-0.6, 0.0], [*v, 0.0]), (DISC, 0.9, [0.0, 0.0], [0.0, 0.0])];
         let scenes = film(&speeds.iter().map(launch).collect::<Vec<_>>(), None);
         let mut models = models(&scenes);
@@ -111,7 +111,7 @@ mod tests {
         set(&mut models, COMMON, &vec![0.5; speeds.len()]);
         set(&mut models, OF_PAIR, &speeds.iter().map(|v| restitution(*v) / 0.5).collect::<Vec<_>>());
         let meetings = vec![vec![]; speeds.len()];
-        (Contacts { scenes, models: models.clone(), meetings, jumps: vec![] }, models)
+        (ContactWindows { scenes, models: models.clone(), meetings, jumps: vec![] }, models)
     }
 
     #[test]
