@@ -246,7 +246,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         table: None,
         noise_sigma: Some(SIGMA),
         tracks: vec![Track::default(); count],
-        strays: vec![],
+        outliers: vec![],
         objects: vec![],
     };
     let (mut bodies, mut masses, mut mus, mut places) = (vec![], vec![], vec![], vec![]);

@@ -7,7 +7,7 @@ use std::io::BufWriter;
 use std::time::Instant;
 use vrdp::fit::{FitOptions, fit};
 use vrdp::num::never;
-use vrdp::reason::{Request, imagine};
+use vrdp::reason::{PredictionRequest, predict};
 use vrdp::recording::messages::{STATES, v1};
 use vrdp::recording::{MAX_TIME, Reader, Recording, encode};
 use vrdp::scene::{Scene, parse};
@@ -25,11 +25,11 @@ fn benches(criterion: &mut Criterion) {
     let fit = fit(std::slice::from_ref(&scene), &[start], &FitOptions::default(), &never)
         .expect("the committed scene can be fitted");
     for rollouts in [0, 32] {
-        let request = Request { interventions: vec![], frames: FRAMES, rollouts, seed: 0 };
-        let imagined = imagine(&scene, &fit, 0, &request, &never).expect("the fit can be simulated");
+        let request = PredictionRequest { interventions: vec![], frames: FRAMES, rollouts, seed: 0 };
+        let prediction = predict(&scene, &fit, 0, &request, &never).expect("the fit can be simulated");
         let recording = Recording {
             scene: &scene,
-            imagined: &imagined,
+            prediction: &prediction,
             fit: &fit,
             video: "v",
             model: "m",

@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use vrdp::num::{Vec2, never, vec2};
 use vrdp::scene::{
-    BoundingBox, Camera, Detection, LinkOptions, PointPair, Scene, Scores, Shape, calibrate, link,
+    AttributeScores, BoundingBox, Camera, Detection, LinkOptions, PointPair, Scene, Shape, calibrate, link,
     mask_bounds, parse,
 };
 
@@ -217,7 +217,7 @@ fn camera(worlds: &[World]) {
 /// from metres, and from image points.
 fn physics(worlds: &[World]) {
     use vrdp::fit::{FitOptions, fit};
-    use vrdp::reason::{Request, imagine};
+    use vrdp::reason::{PredictionRequest, predict};
     use vrdp::world::Preset;
     for (name, scene) in [
         ("metres and yaws", &(|w: &World| w.scene.clone()) as &dyn Fn(&World) -> Scene),
@@ -231,8 +231,8 @@ fn physics(worlds: &[World]) {
             let fit = fit(std::slice::from_ref(&scene), &[model], &FitOptions::default(), &never).unwrap();
             adequate += usize::from(fit.scenes[0].adequate);
             let frames = world.truth["trajectory"].as_array().unwrap().len();
-            let request = Request { interventions: vec![], frames, rollouts: ROLLOUTS, seed: 0 };
-            let found = imagine(&scene, &fit, 0, &request, &never).unwrap();
+            let request = PredictionRequest { interventions: vec![], frames, rollouts: ROLLOUTS, seed: 0 };
+            let found = predict(&scene, &fit, 0, &request, &never).unwrap();
             let (mut observed, mut future) = (vec![], vec![]);
             for (frame, row) in found.best.states.iter().enumerate() {
                 for (object, state) in row.iter().enumerate() {
@@ -412,7 +412,7 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
                 } else {
                     words[k]
                 };
-                Scores::from([(words.to_string(), 1.0)])
+                AttributeScores::from([(words.to_string(), 1.0)])
             };
             let (color, material, shape) = (look(0), look(1), look(2));
             found.push((Detection { frame, bounds, color, material, shape, score: 1.0 }, Some(o)));
@@ -428,7 +428,7 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
             bottom: (v + h).min(height as f64),
         };
         let mut look = |k: usize| {
-            Scores::from([(LOOKS[k][uniform(0.0, LOOKS[k].len() as f64) as usize].to_string(), 1.0)])
+            AttributeScores::from([(LOOKS[k][uniform(0.0, LOOKS[k].len() as f64) as usize].to_string(), 1.0)])
         };
         let (color, material, shape) = (look(0), look(1), look(2));
         let frame = uniform(0.0, world.scene.times.len() as f64) as usize;

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use vrdp::fit::{Fit, FitOptions, drawn, estimate};
 use vrdp::num::{Differential, Jet, Real, Vec2, never, vec2};
-use vrdp::reason::{Imagined, Request, imagine};
+use vrdp::reason::{Prediction, PredictionRequest, predict};
 use vrdp::scene::{Camera, Scene, parse};
 use vrdp::world::{BODY_VALUES, EventKind, Intervention, Limits, MASS, Model, Preset, simulate, trace};
 
@@ -136,8 +136,8 @@ impl Figures {
         let rows = list(&truth["trajectory"]);
         let observed = scene.times.len();
         let run = |interventions: Vec<Intervention>, frames| {
-            let request = Request { interventions, frames, rollouts: ROLLOUTS, seed: 0 };
-            imagine(scene, fit, 0, &request, &never)
+            let request = PredictionRequest { interventions, frames, rollouts: ROLLOUTS, seed: 0 };
+            predict(scene, fit, 0, &request, &never)
         };
         let prediction = run(vec![], rows.len())?;
         let [mut seen, mut future, mut removed, mut mass] = [(); 4].map(|()| vec![]);
@@ -161,8 +161,8 @@ impl Figures {
                 }
                 _ => continue,
             };
-            let imagined = run(vec![edit], observed)?;
-            self.count(kind, &pairs(&imagined, observed), &true_pairs(&case, observed));
+            let prediction = run(vec![edit], observed)?;
+            self.count(kind, &pairs(&prediction, observed), &true_pairs(&case, observed));
             let ids = if case["object_order"].is_array() {
                 list(&case["object_order"]).iter().filter_map(|v| Some(v.as_u64()? as u32)).collect()
             } else {
@@ -171,7 +171,7 @@ impl Figures {
             let every = case["frame_step"].as_u64().unwrap_or(1) as usize;
             for (key, row) in list(&case["trajectory"]).iter().enumerate().take(KEYFRAMES) {
                 for (id, at) in ids.iter().zip(positions(row)).filter(|(_, at)| in_view(*at)) {
-                    let found = off(&imagined, key * every, *id, at).map(|(off, _)| off.norm());
+                    let found = off(&prediction, key * every, *id, at).map(|(off, _)| off.norm());
                     if kind == 0 { removed.extend(found) } else { mass.extend(found) }
                 }
             }
@@ -297,16 +297,16 @@ fn positions(row: &Json) -> Vec<Vec2> {
 }
 
 /// How far an object is from where it truly was, and the predicted deviation; `None` where either is absent.
-fn off(imagined: &Imagined, frame: usize, id: u32, truth: Vec2) -> Option<(Vec2, f64)> {
-    let body = imagined.best.ids.iter().position(|other| *other == id)?;
-    let state = (*imagined.best.states.get(frame)?.get(body)?)?;
+fn off(prediction: &Prediction, frame: usize, id: u32, truth: Vec2) -> Option<(Vec2, f64)> {
+    let body = prediction.best.ids.iter().position(|other| *other == id)?;
+    let state = (*prediction.best.states.get(frame)?.get(body)?)?;
     let off = state.position - truth;
-    off.norm().is_finite().then_some((off, imagined.sd[frame][body]?))
+    off.norm().is_finite().then_some((off, prediction.sd[frame][body]?))
 }
 
 /// Pairs that collide within the video, in at least half of the rollouts.
-fn pairs(imagined: &Imagined, frames: usize) -> Vec<[u32; 2]> {
-    let likely = imagined
+fn pairs(prediction: &Prediction, frames: usize) -> Vec<[u32; 2]> {
+    let likely = prediction
         .events
         .iter()
         .filter(|e| e.event.kind == EventKind::Collision && e.frame < frames && e.probability >= 0.5);

@@ -4,10 +4,10 @@ use super::request::Report;
 use super::v1;
 use crate::engine::EngineError;
 use crate::scene::{
-    BoundingBox, CalibrateError, Calibration, Camera, Covariance, DEFAULT_SIZE, Detection, IMAGE_NOISE,
-    IMAGE_NOISE_RANGE, Intrinsics, LinkError, LinkOptions, LinkReport, MAX_DETECTIONS, MAX_FRAMES, MAX_NAME,
-    Object, Pixel, PointPair, Pose, Rotation, SIZE_RANGE, Scores, Track, Violation, decompress, link,
-    mask_bounds,
+    AttributeScores, BoundingBox, CalibrateError, Calibration, Camera, CameraPose, Covariance, DEFAULT_SIZE,
+    Detection, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LinkError, LinkOptions, LinkReport,
+    MAX_DETECTIONS, MAX_FRAMES, MAX_NAME, Object, Pixel, PointPair, Rotation, SIZE_RANGE, Track, Violation,
+    decompress, link, mask_bounds,
 };
 
 /// Most words that one detection has for an attribute.
@@ -58,7 +58,7 @@ pub fn camera(r: &mut Report, camera: v1::Camera) -> Option<Camera> {
         focal: [intrinsics.focal_u, focal_v],
         centre: [intrinsics.centre_u, intrinsics.centre_v],
     };
-    let made = Camera::from_parts(&lens, &Pose { rotation, translation: [x, y, z] }, image_size);
+    let made = Camera::from_parts(&lens, &CameraPose { rotation, translation: [x, y, z] }, image_size);
     let field = |field| if field == "focal_length" { "intrinsics.focal_u" } else { "pose.rotation" };
     made.map_err(|e| r.add(format!("{path}.{}", field(e.field())), e.to_string())).ok()
 }
@@ -204,7 +204,7 @@ fn detection(r: &mut Report, path: &str, d: v1::Detection, [width, height]: [f64
         wrong("score", format!("is {score}; give a number up to 1"));
     }
     let mut words = |field: &str, given: Vec<v1::Score>| {
-        let mut scores = Scores::new();
+        let mut scores = AttributeScores::new();
         for (k, one) in given.iter().take(MAX_WORDS).enumerate() {
             let score = if one.score == 0.0 { 1.0 } else { one.score };
             if !(score > 0.0 && score.is_finite()) || one.word.len() > MAX_NAME {

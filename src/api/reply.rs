@@ -4,7 +4,7 @@ use super::v1;
 use crate::effects::{EFFECTS, Scope};
 use crate::engine::{Answered, Engine, Job, Simulated, StoredFit};
 use crate::fit::{Estimate, Outcome};
-use crate::reason::{ChoiceAnswer, CutShort, Imagined, LikelyEvent, Step};
+use crate::reason::{ChoiceAnswer, CutShort, DerivationStep, LikelyEvent, Prediction};
 use crate::world::{Ending, EventKind, State};
 use std::time::Duration;
 
@@ -124,12 +124,12 @@ pub fn simulation(video: &str, done: &Simulated) -> v1::SimulateResponse {
         video: format!("videos/{video}"),
         model: model_name(video, &done.model),
         fps: done.fps,
-        observed_frames: done.imagined.observed_frames as u32,
-        frames: frames(&done.imagined),
-        events: done.imagined.events.iter().map(event).collect(),
+        observed_frames: done.prediction.observed_frames as u32,
+        frames: frames(&done.prediction),
+        events: done.prediction.events.iter().map(event).collect(),
         trace: trace_name(&done.trace),
-        unreached_object_ids: done.imagined.unreached.clone(),
-        cut_short: done.imagined.cut_short.map(cut_short),
+        unreached_object_ids: done.prediction.unreached.clone(),
+        cut_short: done.prediction.cut_short.map(cut_short),
     }
 }
 
@@ -148,9 +148,9 @@ fn cut_short(cut: CutShort) -> v1::CutShort {
     }
 }
 
-fn frames(imagined: &Imagined) -> Vec<v1::SimulatedFrame> {
-    let best = &imagined.best;
-    let rows = best.states.iter().zip(&best.times).zip(&imagined.sd).enumerate();
+fn frames(prediction: &Prediction) -> Vec<v1::SimulatedFrame> {
+    let best = &prediction.best;
+    let rows = best.states.iter().zip(&best.times).zip(&prediction.sd).enumerate();
     rows.map(|(i, ((states, time), sds))| v1::SimulatedFrame {
         frame: i as u32,
         time: *time,
@@ -200,7 +200,7 @@ pub fn answer(video: &str, done: &Answered) -> v1::AskResponse {
         answer: answer.answer.clone(),
         probability: answer.probability,
         choices: answer.choices.iter().map(choice).collect(),
-        trail: answer.trail.iter().map(step).collect(),
+        trail: answer.derivation.iter().map(step).collect(),
         program: Some(v1::Program { tokens: answer.program.clone() }),
         explanation: answer.explanation.clone(),
         traces: done.traces.iter().map(|id| trace_name(id)).collect(),
@@ -213,10 +213,10 @@ fn choice(c: &ChoiceAnswer) -> v1::ChoiceAnswer {
         choice: c.choice.clone(),
         correct: c.correct,
         probability: c.probability,
-        trail: c.trail.iter().map(step).collect(),
+        trail: c.derivation.iter().map(step).collect(),
     }
 }
 
-fn step(s: &Step) -> v1::Step {
+fn step(s: &DerivationStep) -> v1::Step {
     v1::Step { token: s.token.clone(), text: s.result.clone() }
 }

@@ -5,7 +5,7 @@ use super::{camera, v1};
 use crate::engine::EngineError;
 use crate::num::vec2;
 use crate::scene::{
-    LinkReport, MAX_FRAMES, Object, Pixel, Sample, Scene, Stray, Table, Track, Violation, WorldKind,
+    LinkReport, MAX_FRAMES, Object, Outlier, Pixel, Sample, Scene, Table, Track, Violation, WorldKind,
 };
 
 /// Frame rate where none is given (1/s).
@@ -89,13 +89,13 @@ pub fn scene(video: Option<v1::Video>) -> Result<Scene, EngineError> {
         noise_sigma: video.noise_sigma,
         objects,
         tracks,
-        strays: vec![],
+        outliers: vec![],
     };
     // Where image points have no place, what validation says of positions is of no use.
     if !pixels.is_empty() && !r.0.is_empty() {
         return r.finish(scene);
     }
-    match scene.clone().accepted() {
+    match scene.clone().validate() {
         Ok(scene) => r.finish(scene),
         Err(error) => {
             r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
@@ -155,13 +155,13 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         WorldKind::Billiards => v1::World::Billiards,
     };
     let objects = scene.objects.iter().enumerate().map(|(index, object)| {
-        let samples = if whole { scene.measured(index) } else { vec![] };
+        let samples = if whole { scene.all_samples(index) } else { vec![] };
         self::object(object, &samples)
     });
-    let stray = |stray: &Stray| v1::Stray {
-        object: scene.objects.get(stray.object).map_or(0, |o| o.id),
-        frame: stray.sample.frame as u32,
-        off: stray.off,
+    let outlier = |outlier: &Outlier| v1::Stray {
+        object: scene.objects.get(outlier.object).map_or(0, |o| o.id),
+        frame: outlier.sample.frame as u32,
+        off: outlier.distance,
     };
     v1::Video {
         name: format!("videos/{id}"),
@@ -176,7 +176,7 @@ pub fn video(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         objects: objects.collect(),
         image_noise_px: 0.0,
         linking: None,
-        strays: if whole { scene.strays.iter().map(stray).collect() } else { vec![] },
+        strays: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
     }
 }
 

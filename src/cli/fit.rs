@@ -181,8 +181,8 @@ impl Watch {
 /// What people call an object of a scene.
 pub fn name(scene: &Scene, id: u32) -> String {
     match scene.objects.iter().find(|o| o.id == id) {
-        Some(o) if o.color.is_empty() => o.words(),
-        Some(o) => format!("{id} {}", o.words()),
+        Some(o) if o.color.is_empty() => o.description(),
+        Some(o) => format!("{id} {}", o.description()),
         None => id.to_string(),
     }
 }

@@ -7,8 +7,8 @@ use super::{input, output, progress};
 use crate::api;
 use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::scene::{
-    CLEVRER_CAMERA, DEFAULT_SIZE, Scene, Scores, is_tracker, observed, parse, parse_csv, parse_proposals,
-    parse_tracker,
+    AttributeScores, CLEVRER_CAMERA, DEFAULT_SIZE, Scene, is_tracker, observed_json, parse, parse_csv,
+    parse_proposals, parse_tracker,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -153,7 +153,7 @@ async fn one(
     }
     std::fs::create_dir_all(args.out.join(name))
         .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
-    output::file(&file, observed(&scene).to_string().as_bytes())?;
+    output::file(&file, observed_json(&scene).to_string().as_bytes())?;
     let (gaps, frames) = linking.map_or_else(|| gaps(&scene), |l| (l.gaps_bridged, l.frames_bridged));
     let (given, dropped) = linking.map_or((None, None), |l| (Some(l.detections), Some(l.detections_dropped)));
     let mut text = format!(
@@ -171,7 +171,7 @@ async fn one(
         text += &format!(
             "\n  {} {}{of}: {} samples, frames {} to {}",
             object.id,
-            object.words(),
+            object.description(),
             track.samples.len(),
             first.map_or(0, |s| s.frame),
             last.map_or(0, |s| s.frame)
@@ -185,7 +185,7 @@ async fn one(
         "objects": scene.objects.len(),
         "gaps_bridged": gaps,
         "frames_bridged": frames,
-        "strays": scene.strays.len(),
+        "strays": scene.outliers.len(),
         "detections": given,
         "detections_dropped": dropped,
     });
@@ -240,7 +240,7 @@ fn detections(args: &Args, name: &str, text: &str) -> Result<CreateVideoRequest,
     };
     let proposals = parse_proposals(text, [camera.image_width, camera.image_height])
         .map_err(|e| Failure::input(e.to_string()))?;
-    let scores = |scores: &Scores| {
+    let scores = |scores: &AttributeScores| {
         scores
             .iter()
             .filter(|s| *s.1 > 0.0)

@@ -3,7 +3,7 @@
 use super::error::Failure;
 use super::output;
 use crate::api::v1::{Formula, ModelChoice, model_choice};
-use crate::scene::{Scene, Stray, parse, parse_csv};
+use crate::scene::{Outlier, Scene, parse, parse_csv};
 use crate::world::Preset;
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
@@ -90,12 +90,12 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
 
 /// What was set aside of a scene, for people.
 pub fn set_aside(scene: &Scene) -> Option<String> {
-    let one = |stray: &Stray| {
-        let id = scene.objects.get(stray.object).map_or(0, |o| o.id);
-        format!("object {id} in frame {} ({:.3} m off)", stray.sample.frame, stray.off)
+    let one = |outlier: &Outlier| {
+        let id = scene.objects.get(outlier.object).map_or(0, |o| o.id);
+        format!("object {id} in frame {} ({:.3} m off)", outlier.sample.frame, outlier.distance)
     };
-    let named: Vec<String> = scene.strays.iter().take(STRAYS_NAMED).map(one).collect();
-    let more = scene.strays.len() - named.len();
+    let named: Vec<String> = scene.outliers.iter().take(STRAYS_NAMED).map(one).collect();
+    let more = scene.outliers.len() - named.len();
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     let named = named.join(", ");
     (!named.is_empty()).then(|| format!("the tracker went astray, which is set aside: {named}{more}"))

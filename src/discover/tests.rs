@@ -70,7 +70,7 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             table: None,
             noise_sigma: None,
             tracks: vec![Track::default(); launches.len()],
-            strays: vec![],
+            outliers: vec![],
             objects: launches.iter().enumerate().map(object).collect(),
         };
         let mut model = Preset::for_world(scene.world).model(&scene);

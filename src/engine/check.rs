@@ -2,7 +2,7 @@
 
 use super::EngineError;
 use super::trace::refused;
-use crate::reason::{Imagined, MAX_SIMULATED_FRAMES};
+use crate::reason::{MAX_SIMULATED_FRAMES, Prediction};
 use crate::scene::{MASS_RANGE, Scene};
 use crate::world::{Intervention, Model, trace};
 
@@ -90,9 +90,9 @@ pub fn places(edited: &Model, interventions: &[Intervention]) -> Result<(), Engi
 }
 
 /// Refuses a simulation whose numbers overflowed.
-pub fn finite(imagined: &Imagined) -> Result<(), EngineError> {
-    let best = &imagined.best;
-    for (frame, (states, sds)) in best.states.iter().zip(&imagined.sd).enumerate() {
+pub fn finite(prediction: &Prediction) -> Result<(), EngineError> {
+    let best = &prediction.best;
+    for (frame, (states, sds)) in best.states.iter().zip(&prediction.sd).enumerate() {
         for ((state, sd), object) in states.iter().zip(sds).zip(&best.ids) {
             let Some(s) = state else { continue };
             let numbers = [s.position.x, s.position.y, s.yaw, s.velocity.x, s.velocity.y, s.spin];

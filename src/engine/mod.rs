@@ -29,7 +29,7 @@ pub use trace::{Download, TraceFilter, TraceKind, TraceRecord};
 
 use crate::fit::{Fit, FitError, FitOptions, drawn, estimate_one};
 use crate::reason::{
-    Answer, AskOptions, FUTURE_FRAMES, Imagined, Question, ReasonError, Request, ask, imagine,
+    Answer, AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, ReasonError, ask, predict,
 };
 use crate::scene::{Scene, Violation, canonical_digest};
 use crate::store::{Kind, Store, StoreError};
@@ -144,7 +144,7 @@ pub struct Simulated {
     pub model: String,
     pub fps: f64,
     /// Without its ensemble.
-    pub imagined: Imagined,
+    pub prediction: Prediction,
     pub trace: String,
 }
 
@@ -210,7 +210,7 @@ impl Engine {
             draws: Memo::new("draws", CACHED_BYTES, fit_bytes),
             studies: Memo::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
             simulations: Memo::new("simulation", CACHED_BYTES, |s| {
-                let best = &s.imagined.best;
+                let best = &s.prediction.best;
                 BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
             }),
             answers: Memo::new("answer", CACHED_BYTES, |a| {
@@ -444,25 +444,25 @@ impl Engine {
         let model = &fitted.fit.scenes.first().ok_or_else(|| no_video(video))?.model;
         let edited = check::edit(model, &options.interventions)?;
         let SimulateOptions { interventions, rollouts, seed, .. } = options;
-        let request = Request { interventions, frames, rollouts, seed };
+        let request = PredictionRequest { interventions, frames, rollouts, seed };
         let digest = canonical_digest("simulation", &(video, &fitted.id, &request));
         let engine = self.clone();
         let work = move |control| async move {
             figures::result("simulation", "made");
-            let ((imagined, batch), _place) = {
+            let ((prediction, batch), _place) = {
                 let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
                 let job = move |stop: crate::num::Stop| {
                     check::places(&edited, &request.interventions)?;
-                    let imagined = imagine(&scene, &fitted.fit, 0, &request, stop)?;
-                    check::finite(&imagined)?;
+                    let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
+                    check::finite(&prediction)?;
                     let json = serde_json::json!({ "simulate": &request }).to_string();
-                    let file = trace::simulation(&scene, &fitted, &imagined, request.seed, &json)?;
-                    Ok((Imagined { ensemble: vec![], ..imagined }, backlog.admit(vec![file], stop)?))
+                    let file = trace::simulation(&scene, &fitted, &prediction, request.seed, &json)?;
+                    Ok((Prediction { ensemble: vec![], ..prediction }, backlog.admit(vec![file], stop)?))
                 };
                 engine.pool.run(control, job).await?
             };
             let trace = engine.publish(batch).await?.pop().unwrap_or_default();
-            Ok(Simulated { model: fitted.id.clone(), fps: scene.fps, imagined, trace })
+            Ok(Simulated { model: fitted.id.clone(), fps: scene.fps, prediction, trace })
         };
         self.simulations.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }
@@ -488,11 +488,11 @@ impl Engine {
                 let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
-                for imagined in &mut answer.simulations {
-                    check::places(&imagined.model, &imagined.interventions)?;
-                    check::finite(imagined)?;
-                    files.push(trace::simulation(&scene, &fitted, imagined, options.seed, &request)?);
-                    imagined.ensemble = vec![];
+                for prediction in &mut answer.simulations {
+                    check::places(&prediction.model, &prediction.interventions)?;
+                    check::finite(prediction)?;
+                    files.push(trace::simulation(&scene, &fitted, prediction, options.seed, &request)?);
+                    prediction.ensemble = vec![];
                 }
                 Ok((answer, backlog.admit(files, stop)?))
             };

@@ -4,7 +4,7 @@ use super::shelf::Lease;
 use super::{Discovered, Engine, EngineError, StoredFit, figures};
 use crate::fit::{Begin, FitError, FitOptions, beginning};
 use crate::num::Stop;
-use crate::reason::Imagined;
+use crate::reason::Prediction;
 use crate::recording::{self, Change, Recording, RecordingError, Step};
 use crate::scene::Scene;
 use crate::store::Kind;
@@ -109,14 +109,14 @@ impl Backlog {
 pub fn simulation(
     scene: &Scene,
     fitted: &StoredFit,
-    imagined: &Imagined,
+    prediction: &Prediction,
     seed: u64,
     request_json: &str,
 ) -> Result<TraceFile, EngineError> {
     let (video, model, fit) = (&fitted.video, &fitted.id, &fitted.fit);
-    let bytes = recording::encode(&Recording { scene, imagined, fit, video, model, seed, request_json })?;
-    let interventions = imagined.interventions.iter().map(words).collect();
-    let frames = imagined.best.times.len();
+    let bytes = recording::encode(&Recording { scene, prediction, fit, video, model, seed, request_json })?;
+    let interventions = prediction.interventions.iter().map(words).collect();
+    let frames = prediction.best.times.len();
     let mut file = TraceFile::new(bytes, video, model, frames, TraceKind::Simulation);
     file.record = TraceRecord { seed, interventions, ..file.record };
     Ok(file)

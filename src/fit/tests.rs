@@ -32,7 +32,7 @@ pub(super) fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
         table: None,
         noise_sigma: None,
         tracks: vec![Track::default(); 3],
-        strays: vec![],
+        outliers: vec![],
         objects: objects(),
     };
     let mut model = Preset::for_world(scene.world).model(&scene);
@@ -264,7 +264,7 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
         table: Some(crate::scene::Table { x: [0.0, 1.5], y: [0.0, 3.0] }),
         noise_sigma: None,
         tracks: vec![Track::default(); 2],
-        strays: vec![],
+        outliers: vec![],
         objects: vec![ball(0), ball(4)],
     };
     let mut truth = Preset::for_world(scene.world).model(&scene);

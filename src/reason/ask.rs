@@ -2,9 +2,9 @@
 
 use super::english::{choice_program, is_explanatory, question_program};
 use super::events::{FUTURE_FRAMES, World, world};
-use super::program::{Op, Program, Type};
-use super::run::{Facts, Halt, Step, Value, describe, describe_event, run};
-use super::{Imagined, ReasonError, Request, imagine, ops};
+use super::program::{Op, QuestionProgram, Type};
+use super::run::{DerivationStep, Halt, RolloutContext, Value, describe, describe_event, run};
+use super::{Prediction, PredictionRequest, ReasonError, ops, predict};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -42,12 +42,13 @@ pub struct Answer {
     pub choices: Vec<ChoiceAnswer>,
     /// How sure the answer is: of an open one the share of the rollouts that give it, else of the least sure choice.
     pub probability: f64,
-    pub trail: Vec<Step>,
+    #[serde(rename = "trail")]
+    pub derivation: Vec<DerivationStep>,
     pub program: Vec<String>,
     /// One or two sentences.
     pub explanation: String,
     /// The simulations it stands on.
-    pub simulations: Vec<Imagined>,
+    pub simulations: Vec<Prediction>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -56,7 +57,8 @@ pub struct ChoiceAnswer {
     pub correct: bool,
     /// Share of the rollouts in which it is correct.
     pub probability: f64,
-    pub trail: Vec<Step>,
+    #[serde(rename = "trail")]
+    pub derivation: Vec<DerivationStep>,
 }
 
 /// What is simulated so far.
@@ -68,7 +70,7 @@ struct Session<'a> {
     stop: Stop<'a>,
     effects: Vec<String>,
     worlds: Vec<World>,
-    simulations: Vec<Imagined>,
+    simulations: Vec<Prediction>,
 }
 
 /// Answers a question about scene `index` of the fit. Deterministic.
@@ -120,32 +122,33 @@ pub fn ask(
     Ok(answer)
 }
 
-type Choices = Vec<(String, Program)>;
+type Choices = Vec<(String, QuestionProgram)>;
 
-fn programs(question: &Question) -> Result<(Program, Choices), ReasonError> {
+fn programs(question: &Question) -> Result<(QuestionProgram, Choices), ReasonError> {
     match question {
         Question::English { question, choices } => {
             let tokens = question_program(question)?;
             let observed = is_explanatory(&tokens);
-            let choices =
-                choices.iter().map(|c| Ok((c.clone(), Program::parse(&choice_program(c, observed)?)?)));
-            Ok((Program::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
+            let choices = choices
+                .iter()
+                .map(|c| Ok((c.clone(), QuestionProgram::parse(&choice_program(c, observed)?)?)));
+            Ok((QuestionProgram::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
         }
         Question::Program { program, choices } => {
-            let choices = choices.iter().map(|c| Ok((c.join(" "), Program::parse(c)?)));
-            Ok((Program::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
+            let choices = choices.iter().map(|c| Ok((c.join(" "), QuestionProgram::parse(c)?)));
+            Ok((QuestionProgram::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
         }
     }
 }
 
 /// How far the simulations look, which objects were kept as observed in every counterfactual, and whether a simulation ended early.
-fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
-    let imagined: Vec<&Imagined> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
-    let kept = scene.objects.iter().filter(|o| imagined.iter().all(|s| s.unreached.contains(&o.id)));
+fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
+    let prediction: Vec<&Prediction> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
+    let kept = scene.objects.iter().filter(|o| prediction.iter().all(|s| s.unreached.contains(&o.id)));
     let kept: Vec<String> = kept.map(ops::phrase).collect();
     let mut words = String::new();
     let end = scene.times.last().copied().unwrap_or(0.0);
-    let looked = |from: &str, s: &Imagined| {
+    let looked = |from: &str, s: &Prediction| {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
             true => format!(" {from} is simulated to {until:.1} s, {:.1} s beyond the video.", until - end),
@@ -156,8 +159,8 @@ fn reach(scene: &Scene, simulations: &[Imagined]) -> String {
         .iter()
         .find(|s| s.interventions.is_empty())
         .map_or(String::new(), |s| looked("What comes", s));
-    words += &imagined.first().map_or(String::new(), |s| looked("What would be", s));
-    if !imagined.is_empty() && !kept.is_empty() {
+    words += &prediction.first().map_or(String::new(), |s| looked("What would be", s));
+    if !prediction.is_empty() && !kept.is_empty() {
         words += &format!(" The change does not reach {}, which moves as observed.", kept.join(" or "));
     }
     if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
@@ -186,7 +189,7 @@ pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectE
 }
 
 /// Checks that the program leaves one value, of the wanted type.
-fn result(program: &Program, mut stack: Vec<Type>, wanted: Option<Type>) -> Result<(), ReasonError> {
+fn result(program: &QuestionProgram, mut stack: Vec<Type>, wanted: Option<Type>) -> Result<(), ReasonError> {
     program.check(&mut stack)?;
     match stack[..] {
         [one] if wanted.is_none_or(|w| w == one) => Ok(()),
@@ -201,26 +204,26 @@ impl Session<'_> {
     /// Runs the programs one after the other on a rollout, simulating what they ask for.
     fn evaluate(
         &mut self,
-        programs: &[&Program],
+        programs: &[&QuestionProgram],
         rollout: usize,
-    ) -> Result<(Option<Value>, Vec<Step>), ReasonError> {
+    ) -> Result<(Option<Value>, Vec<DerivationStep>), ReasonError> {
         loop {
             let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
             let (scene, effects, worlds) = (self.scene, &self.effects, &self.worlds);
-            let facts = Facts { scene, bodies, effects, worlds, rollout };
-            let mut trail = vec![];
+            let context = RolloutContext { scene, bodies, effects, worlds, rollout };
+            let mut derivation = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
-                let (stack, steps) = run(program, facts, stack)?;
-                trail.extend(steps);
+                let (stack, steps) = run(program, context, stack)?;
+                derivation.extend(steps);
                 Ok(stack)
             });
             match outcome {
-                Ok(mut stack) => return Ok((stack.pop(), trail)),
+                Ok(mut stack) => return Ok((stack.pop(), derivation)),
                 // Simulated already, with fewer rollouts than asked for: this one has no say.
-                Err(Halt::Needs(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                Err(Halt::NeedsSimulation(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
                     return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
                 }
-                Err(Halt::Needs(interventions)) => self.simulate(&interventions)?,
+                Err(Halt::NeedsSimulation(interventions)) => self.simulate(&interventions)?,
                 Err(Halt::Error(error)) => return Err(error),
             }
         }
@@ -239,15 +242,18 @@ impl Session<'_> {
         let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
         let frames = self.scene.times.len() + after;
         let AskOptions { rollouts, seed } = self.options;
-        let request = Request { interventions: interventions.to_vec(), frames, rollouts, seed };
-        let imagined = imagine(self.scene, self.fit, self.index, &request, self.stop)?;
-        self.worlds.push(world(self.scene, &imagined));
-        self.simulations.push(imagined);
+        let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts, seed };
+        let prediction = predict(self.scene, self.fit, self.index, &request, self.stop)?;
+        self.worlds.push(world(self.scene, &prediction));
+        self.simulations.push(prediction);
         Ok(())
     }
 
-    /// Values over the ensemble (the best rollout alone where there is none), and the best rollout's trail.
-    fn over_rollouts(&mut self, programs: &[&Program]) -> Result<(Vec<Value>, Vec<Step>), ReasonError> {
+    /// Values over the ensemble (the best rollout alone where there is none), and the best rollout's derivation.
+    fn over_rollouts(
+        &mut self,
+        programs: &[&QuestionProgram],
+    ) -> Result<(Vec<Value>, Vec<DerivationStep>), ReasonError> {
         let best = self.evaluate(programs, 0);
         let mut values = vec![];
         for rollout in 1..=self.options.rollouts {
@@ -259,28 +265,28 @@ impl Session<'_> {
             }
         }
         match best {
-            Ok((value, trail)) => {
+            Ok((value, derivation)) => {
                 if values.is_empty() {
                     values.extend(value);
                 }
-                Ok((values, trail))
+                Ok((values, derivation))
             }
             Err(ReasonError::NoSingleEvent { .. }) if !values.is_empty() => Ok((values, vec![])),
             Err(error) => Err(error),
         }
     }
 
-    fn choices(&mut self, program: &Program, choices: &Choices) -> Result<Answer, ReasonError> {
+    fn choices(&mut self, program: &QuestionProgram, choices: &Choices) -> Result<Answer, ReasonError> {
         let mut answers = vec![];
         for (text, choice) in choices {
-            let (values, trail) = self.over_rollouts(&[choice, program])?;
+            let (values, derivation) = self.over_rollouts(&[choice, program])?;
             let yes = values.iter().filter(|v| **v == Value::Bool(true)).count();
             let probability = yes as f64 / values.len().max(1) as f64;
             answers.push(ChoiceAnswer {
                 choice: text.clone(),
                 correct: probability >= 0.5,
                 probability,
-                trail,
+                derivation,
             });
         }
         let sure = |c: &ChoiceAnswer| if c.correct { c.probability } else { 1.0 - c.probability };
@@ -297,15 +303,15 @@ impl Session<'_> {
                 [] => format!("In {rollouts} simulations: no choice is right."),
                 _ => format!("In {rollouts} simulations: right is {}.", right.join(", ")),
             },
-            trail: answers.first().map(|c| c.trail.clone()).unwrap_or_default(),
+            derivation: answers.first().map(|c| c.derivation.clone()).unwrap_or_default(),
             choices: answers,
             program: vec![],
             simulations: vec![],
         })
     }
 
-    fn open(&mut self, program: &Program) -> Result<Answer, ReasonError> {
-        let (values, trail) = self.over_rollouts(&[program])?;
+    fn open(&mut self, program: &QuestionProgram) -> Result<Answer, ReasonError> {
+        let (values, derivation) = self.over_rollouts(&[program])?;
         let (answer, probability) = if matches!(values.first(), Some(Value::Events(_))) {
             self.likely_events(&values)
         } else {
@@ -326,7 +332,7 @@ impl Session<'_> {
             answer: Some(answer),
             choices: vec![],
             probability,
-            trail,
+            derivation,
             program: vec![],
             simulations: vec![],
         })
@@ -334,7 +340,7 @@ impl Session<'_> {
 
     /// Events that at least half of the rollouts show, in words, and the share of the least likely of them.
     fn likely_events(&self, values: &[Value]) -> (String, f64) {
-        let mut tally: Vec<(super::events::Happening, usize)> = vec![];
+        let mut tally: Vec<(super::events::SceneEvent, usize)> = vec![];
         for value in values {
             let Value::Events(events) = value else { continue };
             for (k, event) in events.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! What happened, in each rollout: collisions, entrances and exits by frame, and which objects moved.
 
-use super::Imagined;
+use super::Prediction;
 use crate::scene::{Scene, WorldKind};
 use crate::world::{EventKind, Intervention, Trace};
 use std::collections::BTreeSet;
@@ -27,16 +27,16 @@ pub enum Kind {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Happening {
+pub struct SceneEvent {
     pub kind: Kind,
     pub frame: usize,
     /// Indices of the scene's objects, sorted.
     pub objects: Vec<usize>,
 }
 
-impl Happening {
+impl SceneEvent {
     /// The same event, whenever it happens.
-    pub fn is_like(&self, other: &Happening) -> bool {
+    pub fn is_like(&self, other: &SceneEvent) -> bool {
         self.kind != Kind::Never && self.kind == other.kind && self.objects == other.objects
     }
 }
@@ -52,40 +52,40 @@ pub struct World {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Past {
     /// By frame.
-    pub events: Vec<Happening>,
+    pub events: Vec<SceneEvent>,
     /// `moving[object][frame]` of the observed frames; `None` where it was not seen.
     pub moving: Vec<Vec<Option<bool>>>,
 }
 
 /// Reads the events off every rollout of a simulation.
-pub fn world(scene: &Scene, imagined: &Imagined) -> World {
-    let traces = std::iter::once(&imagined.best).chain(&imagined.ensemble);
-    let plain = imagined.interventions.is_empty();
+pub fn world(scene: &Scene, prediction: &Prediction) -> World {
+    let traces = std::iter::once(&prediction.best).chain(&prediction.ensemble);
+    let plain = prediction.interventions.is_empty();
     let rollouts = traces.map(|trace| Past {
         events: events(scene, trace, plain),
         moving: if plain { moving(scene, trace) } else { vec![] },
     });
-    World { interventions: imagined.interventions.clone(), rollouts: rollouts.collect() }
+    World { interventions: prediction.interventions.clone(), rollouts: rollouts.collect() }
 }
 
 /// By CLEVRER's rule a pair collides once: its annotations tell the first contact, also where the two part and meet again.
-fn events(scene: &Scene, trace: &Trace, plain: bool) -> Vec<Happening> {
+fn events(scene: &Scene, trace: &Trace, plain: bool) -> Vec<SceneEvent> {
     let mut events = vec![];
     for event in trace.events.iter().filter(|e| e.kind == EventKind::Collision) {
         let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
         objects.sort_unstable();
-        let again = events.iter().any(|e: &Happening| e.objects == objects);
+        let again = events.iter().any(|e: &SceneEvent| e.objects == objects);
         let side = event.wall.as_ref().and_then(|wall| SIDES.iter().find(|side| *side == wall));
         if let (Some(side), 1) = (side, objects.len()) {
             let frame = scene.frame_at(event.time);
-            events.push(Happening { kind: Kind::Side(side), frame, objects });
+            events.push(SceneEvent { kind: Kind::Side(side), frame, objects });
         } else if objects.len() == 2 && !(again && scene.world == WorldKind::Clevrer) {
-            events.push(Happening { kind: Kind::Collision, frame: scene.frame_at(event.time), objects });
+            events.push(SceneEvent { kind: Kind::Collision, frame: scene.frame_at(event.time), objects });
         }
     }
     for object in 0..scene.objects.len() {
         let seen = if plain { observed(scene, object, trace) } else { seen(scene, object, trace) };
-        let mut add = |kind, frame| events.push(Happening { kind, frame, objects: vec![object] });
+        let mut add = |kind, frame| events.push(SceneEvent { kind, frame, objects: vec![object] });
         if let Some(&first) = seen.first().filter(|f| **f > 0) {
             add(Kind::In, first);
         }

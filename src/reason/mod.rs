@@ -4,8 +4,8 @@ mod ask;
 mod english;
 mod events;
 mod grammar;
-mod imagine;
 mod ops;
+mod predict;
 mod program;
 mod run;
 #[cfg(test)]
@@ -14,10 +14,10 @@ mod tests;
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{choice_program, examples, question_program};
 pub use events::{FUTURE_FRAMES, MOVING_SPEED};
-pub use imagine::{CutShort, Imagined, LikelyEvent, MAX_SIMULATED_FRAMES, Request, imagine};
+pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 
-pub use program::{Op, Program, TOKENS, Type};
-pub use run::Step;
+pub use program::{Op, QuestionProgram, TOKENS, Type};
+pub use run::DerivationStep;
 
 use crate::num::Stopped;
 use crate::world::InterventionError;

@@ -1,7 +1,7 @@
 //! The operations of programs, one function each.
 
 use super::ReasonError;
-use super::events::{Happening, Kind, Past, SIDES};
+use super::events::{Kind, Past, SIDES, SceneEvent};
 use crate::num::{Vec2, vec2};
 use crate::scene::{Object, Scene};
 use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
@@ -14,7 +14,7 @@ const END_MARGIN: usize = 3;
 
 /// "the red metal cube", "the cube 3" where it has no colour.
 pub fn phrase(object: &Object) -> String {
-    format!("the {}", object.words())
+    format!("the {}", object.description())
 }
 
 pub fn all(scene: &Scene) -> Vec<usize> {
@@ -22,11 +22,11 @@ pub fn all(scene: &Scene) -> Vec<usize> {
 }
 
 /// Every event one could ask about: any two objects collide, any one enters, exits or meets a side of the table.
-pub fn conceivable(scene: &Scene) -> Vec<Happening> {
+pub fn conceivable(scene: &Scene) -> Vec<SceneEvent> {
     let n = scene.objects.len();
-    let event = |kind, objects| Happening { kind, frame: 0, objects };
+    let event = |kind, objects| SceneEvent { kind, frame: 0, objects };
     let pairs = (0..n).flat_map(|b| (0..b).map(move |a| vec![a, b]));
-    let mut events: Vec<Happening> = pairs.map(|p| event(Kind::Collision, p)).collect();
+    let mut events: Vec<SceneEvent> = pairs.map(|p| event(Kind::Collision, p)).collect();
     for i in 0..n {
         events.extend([event(Kind::In, vec![i]), event(Kind::Out, vec![i])]);
         if scene.table.is_some() {
@@ -36,9 +36,9 @@ pub fn conceivable(scene: &Scene) -> Vec<Happening> {
     events
 }
 
-pub fn edge(scene: &Scene, kind: Kind) -> Happening {
+pub fn edge(scene: &Scene, kind: Kind) -> SceneEvent {
     let last = scene.times.len().saturating_sub(END_MARGIN);
-    Happening { kind, frame: if kind == Kind::Start { 0 } else { last }, objects: vec![] }
+    SceneEvent { kind, frame: if kind == Kind::Start { 0 } else { last }, objects: vec![] }
 }
 
 pub fn filter_word(scene: &Scene, objects: &[usize], of: fn(&Object) -> &str, word: &str) -> Vec<usize> {
@@ -59,31 +59,31 @@ pub fn filter_motion(past: &Past, objects: &[usize], frame: Option<usize>, movin
     objects.iter().filter(fits).copied().collect()
 }
 
-pub fn filter_kind(events: &[Happening], kind: Kind, objects: &[usize]) -> Vec<Happening> {
-    let fits = |e: &&Happening| e.kind == kind && e.objects.iter().any(|o| objects.contains(o));
+pub fn filter_kind(events: &[SceneEvent], kind: Kind, objects: &[usize]) -> Vec<SceneEvent> {
+    let fits = |e: &&SceneEvent| e.kind == kind && e.objects.iter().any(|o| objects.contains(o));
     events.iter().filter(fits).cloned().collect()
 }
 
 /// Collisions of the object with one of the partners.
-pub fn filter_partner(events: &[Happening], object: usize, partners: &[usize]) -> Vec<Happening> {
-    let others = |e: &&Happening| e.objects.iter().any(|o| *o != object && partners.contains(o));
+pub fn filter_partner(events: &[SceneEvent], object: usize, partners: &[usize]) -> Vec<SceneEvent> {
+    let others = |e: &&SceneEvent| e.objects.iter().any(|o| *o != object && partners.contains(o));
     filter_kind(events, Kind::Collision, &[object]).iter().filter(others).cloned().collect()
 }
 
-pub fn filter_time(events: &[Happening], frame: Option<usize>, after: bool) -> Vec<Happening> {
-    let fits = |e: &&Happening| frame.is_none_or(|f| if after { e.frame > f } else { e.frame < f });
+pub fn filter_time(events: &[SceneEvent], frame: Option<usize>, after: bool) -> Vec<SceneEvent> {
+    let fits = |e: &&SceneEvent| frame.is_none_or(|f| if after { e.frame > f } else { e.frame < f });
     events.iter().filter(fits).cloned().collect()
 }
 
-pub fn order(events: &[Happening], place: usize) -> Option<Happening> {
-    let mut sorted: Vec<&Happening> = events.iter().collect();
+pub fn order(events: &[SceneEvent], place: usize) -> Option<SceneEvent> {
+    let mut sorted: Vec<&SceneEvent> = events.iter().collect();
     sorted.sort_by_key(|e| e.frame);
     if place == usize::MAX { sorted.last() } else { sorted.get(place) }.map(|e| (*e).clone())
 }
 
 /// What led to the event: earlier events of its participants, and what led to those; not the event itself.
-pub fn ancestors(events: &[Happening], of: &Happening) -> Vec<Happening> {
-    let mut found: Vec<Happening> = vec![];
+pub fn ancestors(events: &[SceneEvent], of: &SceneEvent) -> Vec<SceneEvent> {
+    let mut found: Vec<SceneEvent> = vec![];
     let mut open = vec![of.clone()];
     while let Some(event) = open.pop() {
         for earlier in events.iter().filter(|e| e.frame < event.frame) {
@@ -97,11 +97,11 @@ pub fn ancestors(events: &[Happening], of: &Happening) -> Vec<Happening> {
     found
 }
 
-pub fn has_object(events: &[Happening], object: usize) -> bool {
+pub fn has_object(events: &[SceneEvent], object: usize) -> bool {
     events.iter().any(|e| e.objects.contains(&object))
 }
 
-pub fn has_event(events: &[Happening], event: &Happening) -> bool {
+pub fn has_event(events: &[SceneEvent], event: &SceneEvent) -> bool {
     events.iter().any(|e| e.is_like(event))
 }
 
@@ -138,15 +138,15 @@ pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Resul
 }
 
 /// The one event; the same event twice is taken as its first time.
-pub fn unique_event(events: &[Happening]) -> Result<Happening, ReasonError> {
+pub fn unique_event(events: &[SceneEvent]) -> Result<SceneEvent, ReasonError> {
     match events {
-        [] => Ok(Happening { kind: Kind::Never, frame: 0, objects: vec![] }),
+        [] => Ok(SceneEvent { kind: Kind::Never, frame: 0, objects: vec![] }),
         [first, rest @ ..] if rest.iter().all(|e| e.is_like(first)) => Ok(first.clone()),
         several => Err(ReasonError::NoSingleEvent { found: format!("{} of them", several.len()) }),
     }
 }
 
-pub fn partner(event: &Happening, object: usize) -> Result<usize, ReasonError> {
+pub fn partner(event: &SceneEvent, object: usize) -> Result<usize, ReasonError> {
     let other = event.objects.iter().find(|o| **o != object).copied();
     other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
 }

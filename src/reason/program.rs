@@ -96,16 +96,16 @@ ops! {
 
 /// A parsed program: its operations and the tokens they came from.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Program {
+pub struct QuestionProgram {
     pub ops: Vec<Op>,
     pub tokens: Vec<String>,
 }
 
-impl Program {
+impl QuestionProgram {
     /// Most tokens of a program: the longest in the data set has 24.
     pub const MAX_TOKENS: usize = 200;
 
-    pub fn parse(tokens: &[String]) -> Result<Program, ReasonError> {
+    pub fn parse(tokens: &[String]) -> Result<QuestionProgram, ReasonError> {
         if tokens.is_empty() || tokens.len() > Self::MAX_TOKENS {
             return Err(ReasonError::ProgramLength { tokens: tokens.len(), most: Self::MAX_TOKENS });
         }
@@ -117,7 +117,7 @@ impl Program {
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })
         });
-        Ok(Program { ops: ops.collect::<Result<_, _>>()?, tokens: tokens.to_vec() })
+        Ok(QuestionProgram { ops: ops.collect::<Result<_, _>>()?, tokens: tokens.to_vec() })
     }
 
     /// Runs the types over `stack`; the first operation whose input does not fit is named.

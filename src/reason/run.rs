@@ -1,16 +1,16 @@
-//! Runs a program against the facts of one rollout and keeps the trail of its steps.
+//! Runs a program against the context of one rollout and keeps the derivation of its steps.
 
 use super::ReasonError;
-use super::events::{Happening, Kind, Past, World};
+use super::events::{Kind, Past, SceneEvent, World};
 use super::ops;
-use super::program::{Op, Program};
+use super::program::{Op, QuestionProgram};
 use crate::scene::Scene;
 use crate::world::{BodySpec, Intervention};
 use serde::{Deserialize, Serialize};
 
 /// One step of a program: its token and what came of it, in words.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Step {
+pub struct DerivationStep {
     pub token: String,
     pub result: String,
 }
@@ -19,8 +19,8 @@ pub struct Step {
 pub enum Value {
     Objects(Vec<usize>),
     Object(usize),
-    Events(Vec<Happening>),
-    Event(Happening),
+    Events(Vec<SceneEvent>),
+    Event(SceneEvent),
     Frame(Option<usize>),
     Word(&'static str),
     Order(usize),
@@ -35,7 +35,7 @@ pub enum Value {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Halt {
     /// It asks for a world that has not been simulated.
-    Needs(Vec<Intervention>),
+    NeedsSimulation(Vec<Intervention>),
     Error(ReasonError),
 }
 
@@ -47,7 +47,7 @@ impl From<ReasonError> for Halt {
 
 /// What a program is run against: a scene and one rollout of each simulated world.
 #[derive(Clone, Copy)]
-pub struct Facts<'a> {
+pub struct RolloutContext<'a> {
     pub scene: &'a Scene,
     /// Of the fitted model.
     pub bodies: &'a [BodySpec],
@@ -57,23 +57,29 @@ pub struct Facts<'a> {
     pub rollout: usize,
 }
 
-impl Facts<'_> {
+impl RolloutContext<'_> {
     fn past(&self, interventions: &[Intervention]) -> Result<&Past, Halt> {
         let world = self.worlds.iter().find(|w| w.interventions == interventions);
-        world.and_then(|w| w.rollouts.get(self.rollout)).ok_or_else(|| Halt::Needs(interventions.to_vec()))
+        world
+            .and_then(|w| w.rollouts.get(self.rollout))
+            .ok_or_else(|| Halt::NeedsSimulation(interventions.to_vec()))
     }
 
     /// Events of a world, those of the video or those after it.
-    fn events(&self, interventions: &[Intervention], after: bool) -> Result<Vec<Happening>, Halt> {
+    fn events(&self, interventions: &[Intervention], after: bool) -> Result<Vec<SceneEvent>, Halt> {
         let end = self.scene.times.len();
         let events = self.past(interventions)?.events.iter();
         Ok(events.filter(|e| (e.frame >= end) == after).cloned().collect())
     }
 }
 
-/// Runs a checked program on top of `stack`; with its trail on the best rollout.
-pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Vec<Value>, Vec<Step>), Halt> {
-    let mut trail = vec![];
+/// Runs a checked program on top of `stack`; with its derivation on the best rollout.
+pub fn run(
+    program: &QuestionProgram,
+    context: RolloutContext,
+    mut stack: Vec<Value>,
+) -> Result<(Vec<Value>, Vec<DerivationStep>), Halt> {
+    let mut derivation = vec![];
     let mut words: Vec<&str> = vec![];
     for (op, token) in program.ops.iter().zip(&program.tokens) {
         match op {
@@ -81,14 +87,14 @@ pub fn run(program: &Program, facts: Facts, mut stack: Vec<Value>) -> Result<(Ve
             Op::Color(w) | Op::Material(w) | Op::Shape(w) => words.push(w),
             _ => {}
         }
-        let value = step(*op, facts, &mut stack, &words)?;
-        // Only the best rollout's trail is told, and telling costs more than the step.
-        if facts.rollout == 0 {
-            trail.push(Step { token: token.clone(), result: describe(facts.scene, &value) });
+        let value = step(*op, context, &mut stack, &words)?;
+        // Only the best rollout's derivation is told, and telling costs more than the step.
+        if context.rollout == 0 {
+            derivation.push(DerivationStep { token: token.clone(), result: describe(context.scene, &value) });
         }
         stack.push(value);
     }
-    Ok((stack, trail))
+    Ok((stack, derivation))
 }
 
 /// The type check makes this unreachable from outside.
@@ -97,9 +103,9 @@ fn untyped(op: Op) -> Halt {
     Halt::Error(ReasonError::ProgramResult { expected, found: format!("{op:?} on a wrong value") })
 }
 
-fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<Value, Halt> {
+fn step(op: Op, context: RolloutContext, stack: &mut Vec<Value>, words: &[&str]) -> Result<Value, Halt> {
     use Value::*;
-    let scene = facts.scene;
+    let scene = context.scene;
     // An object by itself stands for its removal.
     let changes = |value| match value {
         Object(object) => Ok(vec![Intervention::Remove { id: ops::id(scene, object)? }]),
@@ -109,8 +115,8 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
     let mut pop = || stack.pop().ok_or_else(|| untyped(op));
     Ok(match op {
         Op::Objects => Objects(ops::all(scene)),
-        Op::Events => Events(facts.events(&[], false)?),
-        Op::UnseenEvents => Events(facts.events(&[], true)?),
+        Op::Events => Events(context.events(&[], false)?),
+        Op::UnseenEvents => Events(context.events(&[], true)?),
         Op::AllEvents => Events(ops::conceivable(scene)),
         Op::Start => Event(ops::edge(scene, Kind::Start)),
         Op::End => Event(ops::edge(scene, Kind::End)),
@@ -152,7 +158,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             };
             match pop()? {
                 Objects(objects) => {
-                    Objects(ops::filter_motion(facts.past(&[])?, &objects, frame, op == Op::FilterMoving))
+                    Objects(ops::filter_motion(context.past(&[])?, &objects, frame, op == Op::FilterMoving))
                 }
                 _ => return Err(untyped(op)),
             }
@@ -259,12 +265,12 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             (Word(side), Factor(length), Object(beside), Objects(alike)) => {
                 let alike = ops::first_object(scene, &alike, "the object to be another of")?;
                 let ids = [ops::id(scene, alike)?, ops::id(scene, beside)?];
-                Change(vec![ops::another(facts.bodies, ids, ops::towards(side, length))?])
+                Change(vec![ops::another(context.bodies, ids, ops::towards(side, length))?])
             }
             _ => return Err(untyped(op)),
         },
         Op::SwitchOff => match pop()? {
-            Word(law) => Change(ops::switch_off(facts.effects, law)?),
+            Word(law) => Change(ops::switch_off(context.effects, law)?),
             _ => return Err(untyped(op)),
         },
         Op::Both => {
@@ -276,7 +282,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
             if matches!(stack.last(), Some(Events(_))) {
                 stack.pop();
             }
-            Events(facts.events(&changes, false)?)
+            Events(context.events(&changes, false)?)
         }
         Op::QueryColor | Op::QueryMaterial | Op::QueryShape => match pop()? {
             Object(object) => match scene.objects.get(object) {
@@ -289,7 +295,7 @@ fn step(op: Op, facts: Facts, stack: &mut Vec<Value>, words: &[&str]) -> Result<
 }
 
 /// What never happened has no time and no causes.
-fn happened(event: Happening) -> Result<Happening, ReasonError> {
+fn happened(event: SceneEvent) -> Result<SceneEvent, ReasonError> {
     match event.kind {
         Kind::Never => Err(ReasonError::NoSingleEvent { found: "none".into() }),
         _ => Ok(event),
@@ -353,7 +359,7 @@ fn describe_change(scene: &Scene, change: &Intervention) -> String {
 }
 
 /// "the red metal cube collides with the blue rubber sphere (frame 44)".
-pub fn describe_event(scene: &Scene, event: &Happening) -> String {
+pub fn describe_event(scene: &Scene, event: &SceneEvent) -> String {
     let name = |k: usize| {
         let object = event.objects.get(k).and_then(|i| scene.objects.get(*i));
         object.map(ops::phrase).unwrap_or_default()

@@ -2,9 +2,9 @@
 
 use super::ask::doubt;
 use super::english::{choice_program, question_program};
-use super::events::{Happening, Kind, Past, World, world};
-use super::program::{Program, Type};
-use super::run::{Facts, Halt, Value, describe, run};
+use super::events::{Kind, Past, SceneEvent, World, world};
+use super::program::{QuestionProgram, Type};
+use super::run::{Halt, RolloutContext, Value, describe, run};
 use super::*;
 use crate::fit::{Estimate, ObjectEstimate};
 use crate::num::{Vec2, never, vec2};
@@ -52,11 +52,11 @@ fn every_program_of_the_data_type_checks() {
         .unwrap_or_default();
     questions.extend(extra.lines().map(|l| serde_json::from_str::<Json>(l).unwrap()));
     for q in &questions {
-        let program = Program::parse(&tokens(&q["program"])).unwrap();
+        let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
         let choices = list(&q["choices"]);
         for c in &choices {
             let mut stack = vec![];
-            Program::parse(&tokens(&c["program"])).unwrap().check(&mut stack).unwrap();
+            QuestionProgram::parse(&tokens(&c["program"])).unwrap().check(&mut stack).unwrap();
             program.check(&mut stack).unwrap();
             assert_eq!(stack, [Type::Bool]);
         }
@@ -212,12 +212,12 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
 fn every_example_is_understood() {
     for text in examples() {
         let tokens = question_program(&text).or_else(|_| choice_program(&text, false)).unwrap();
-        Program::parse(&tokens)
+        QuestionProgram::parse(&tokens)
             .unwrap()
             .check(&mut vec![])
             .or_else(|_| {
                 // What asks about choices needs one on the stack.
-                Program::parse(&tokens).unwrap().check(&mut vec![Type::Event])
+                QuestionProgram::parse(&tokens).unwrap().check(&mut vec![Type::Event])
             })
             .unwrap_or_else(|e| panic!("{text}: {e}"));
     }
@@ -235,16 +235,16 @@ fn billiards_ask_about_the_sides_of_the_table() {
 /// The events of one true world.
 fn past(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> Past {
     let index = |v: &Json| scene.object_index(v.as_u64().unwrap() as u32).unwrap();
-    let mut events: Vec<Happening> = list(collisions)
+    let mut events: Vec<SceneEvent> = list(collisions)
         .iter()
         .map(|c| {
             let mut objects: Vec<usize> = list(&c["object_ids"]).iter().map(index).collect();
             objects.sort_unstable();
-            Happening { kind: Kind::Collision, frame: c["frame_id"].as_u64().unwrap() as usize, objects }
+            SceneEvent { kind: Kind::Collision, frame: c["frame_id"].as_u64().unwrap() as usize, objects }
         })
         .collect();
     if plain {
-        events.extend(list(&truth["in_out"]).iter().map(|e| Happening {
+        events.extend(list(&truth["in_out"]).iter().map(|e| SceneEvent {
             kind: if e["type"] == "in" { Kind::In } else { Kind::Out },
             frame: e["frame_id"].as_u64().unwrap() as usize,
             objects: vec![index(&e["object_id"])],
@@ -288,18 +288,20 @@ fn true_events_give_the_true_answers() {
                 rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
             });
         }
-        let facts = Facts { scene: &scene, bodies: &[], effects: &[], worlds: &worlds, rollout: 0 };
+        let context =
+            RolloutContext { scene: &scene, bodies: &[], effects: &[], worlds: &worlds, rollout: 0 };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
-            let program = Program::parse(&tokens(&q["program"])).unwrap();
+            let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);
             let ok = if choices.is_empty() {
-                let out: Result<_, Halt> = run(&program, facts, vec![]);
+                let out: Result<_, Halt> = run(&program, context, vec![]);
                 out.is_ok_and(|(s, _)| describe(&scene, s.last().unwrap()) == q["answer"].as_str().unwrap())
             } else {
                 choices.iter().all(|c| {
                     let (stack, _) =
-                        run(&Program::parse(&tokens(&c["program"])).unwrap(), facts, vec![]).unwrap();
-                    let (stack, _) = run(&program, facts, stack).unwrap();
+                        run(&QuestionProgram::parse(&tokens(&c["program"])).unwrap(), context, vec![])
+                            .unwrap();
+                    let (stack, _) = run(&program, context, stack).unwrap();
                     (stack == [Value::Bool(true)]) == (c["answer"] == "correct")
                 })
             };
@@ -334,7 +336,7 @@ fn a_question_is_answered_from_english_and_from_its_program() {
         choices: vec![choice_program(pair, false).unwrap()],
     };
     let again = ask(&scene, &fit, 0, &program, &AskOptions { rollouts: 3, seed: 1 }, &never).unwrap();
-    assert_eq!(again.choices[0].trail, answer.choices[0].trail);
+    assert_eq!(again.choices[0].derivation, answer.choices[0].derivation);
     assert!(asked("What will happen next?", &[]).unwrap().answer.is_some());
     assert!(matches!(
         asked("What will happen without the red object?", &[pair]),
@@ -408,22 +410,22 @@ fn a_pair_of_clevrer_collides_once_and_a_ball_meets_a_side_again() {
         wall: wall.map(str::to_string),
     };
     let simulated = |scene: &Scene| {
-        let request = Request { interventions: vec![], frames: 2, rollouts: 0, seed: 0 };
+        let request = PredictionRequest { interventions: vec![], frames: 2, rollouts: 0, seed: 0 };
         let start = Preset::named("clevrer").unwrap().model(scene);
         let options = crate::fit::FitOptions { max_iterations: 1, ..Default::default() };
         let fit = crate::fit::fit(std::slice::from_ref(scene), &[start], &options, &never).unwrap();
-        imagine(scene, &fit, 0, &request, &never).unwrap()
+        predict(scene, &fit, 0, &request, &never).unwrap()
     };
-    let mut imagined = simulated(&scene);
+    let mut prediction = simulated(&scene);
     let side = Some("left");
-    imagined.best.events = vec![
+    prediction.best.events = vec![
         hit(0.5, &[ids[0], ids[1]], None),
         hit(1.0, &[ids[2]], side),
         hit(1.5, &[ids[1], ids[0]], None),
         hit(2.0, &[ids[2]], side),
     ];
     let count = |scene: &Scene, kind| {
-        let events = &world(scene, &imagined).rollouts[0].events;
+        let events = &world(scene, &prediction).rollouts[0].events;
         events.iter().filter(|e| e.kind == kind).count()
     };
     assert_eq!((count(&scene, Kind::Collision), count(&scene, Kind::Side("left"))), (1, 2));
@@ -452,7 +454,7 @@ fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene
         noise_sigma: None,
         objects: vec![Object { id: 4, color: "red".into(), material: "x".into(), shape, mass: Some(1.0) }],
         tracks: vec![Track { samples: (0..60).map(sample).collect() }],
-        strays: vec![],
+        outliers: vec![],
     }
 }
 
@@ -463,17 +465,17 @@ fn a_prediction_starts_from_the_end_of_the_video_where_the_model_is_wrong() {
     let scene = one_object(WorldKind::Table, Shape::Disc { radius: 0.1 }, at);
     let fit = fitted(&scene);
     assert!(!fit.scenes[0].adequate);
-    let request = Request { interventions: vec![], frames: 80, rollouts: 8, seed: 0 };
-    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
-    let plain = trace(&fit.scenes[0].model, &imagined.best.times);
-    for (a, b) in plain.states.iter().zip(&imagined.best.states).take(60) {
+    let request = PredictionRequest { interventions: vec![], frames: 80, rollouts: 8, seed: 0 };
+    let prediction = predict(&scene, &fit, 0, &request, &never).unwrap();
+    let plain = trace(&fit.scenes[0].model, &prediction.best.times);
+    for (a, b) in plain.states.iter().zip(&prediction.best.states).take(60) {
         let (a, b) = (a[0].unwrap(), b[0].unwrap());
         let off = (a.position - b.position).norm() + (a.velocity - b.velocity).norm();
         assert!(off < 1e-9, "the video itself stays as it was fitted: {off}");
     }
     let off = |t: &Trace| (t.states[79][0].unwrap().position - at(79.0 / 25.0)).norm();
-    assert!(off(&imagined.best) < 0.5 * off(&plain), "{} {}", off(&imagined.best), off(&plain));
-    assert_eq!(trace(&imagined.model, &imagined.best.times).states, imagined.best.states);
+    assert!(off(&prediction.best) < 0.5 * off(&plain), "{} {}", off(&prediction.best), off(&plain));
+    assert_eq!(trace(&prediction.model, &prediction.best.times).states, prediction.best.states);
 }
 
 #[test]
@@ -481,23 +483,23 @@ fn what_a_change_does_not_reach_moves_as_observed() {
     let scene = observed(&root().join("tests/data/clevrer/scene_00022"));
     let fit = fitted(&scene);
     let run = |interventions| {
-        let request = Request { interventions, frames: scene.times.len(), rollouts: 2, seed: 0 };
-        imagine(&scene, &fit, 0, &request, &never).unwrap()
+        let request = PredictionRequest { interventions, frames: scene.times.len(), rollouts: 2, seed: 0 };
+        predict(&scene, &fit, 0, &request, &never).unwrap()
     };
     let factual = run(vec![]);
     assert!(factual.unreached.is_empty());
     let (mut kept, mut reached) = (0, 0);
     for id in scene.objects.iter().map(|o| o.id) {
-        let imagined = run(vec![Intervention::Remove { id }]);
-        for other in imagined.best.ids.iter().filter(|other| **other != id) {
+        let prediction = run(vec![Intervention::Remove { id }]);
+        for other in prediction.best.ids.iter().filter(|other| **other != id) {
             let path = |t: &Trace| {
                 let body = t.ids.iter().position(|i| i == other).unwrap();
                 t.states.iter().map(|row| row[body].map(|s| s.position)).collect::<Vec<_>>()
             };
-            let (before, after) = (path(&factual.best), path(&imagined.best));
+            let (before, after) = (path(&factual.best), path(&prediction.best));
             let far =
                 before.iter().zip(&after).any(|(a, b)| a.zip(*b).is_some_and(|(a, b)| (a - b).norm() > 1e-5));
-            let unreached = imagined.unreached.contains(other);
+            let unreached = prediction.unreached.contains(other);
             assert!(!(far && unreached), "{other} moves otherwise without {id}");
             (kept, reached) = (kept + usize::from(unreached), reached + usize::from(far));
         }
@@ -519,16 +521,16 @@ fn a_simulation_that_ends_early_says_so() {
     model.walls[1].from = vec2(0.1, -5.0);
     model.walls[1].to = vec2(0.1, 5.0);
     let velocity = vec2(5000.0, 0.0);
-    let request = Request {
+    let request = PredictionRequest {
         interventions: vec![Intervention::SetVelocity { id: 4, velocity }],
         frames: 200,
         rollouts: 0,
         seed: 0,
     };
-    let imagined = imagine(&scene, &fit, 0, &request, &never).unwrap();
-    let cut = imagined.cut_short.unwrap();
+    let prediction = predict(&scene, &fit, 0, &request, &never).unwrap();
+    let cut = prediction.cut_short.unwrap();
     assert_eq!((cut.rollouts, cut.why), (1, Ending::EventLimit));
     let frame = cut.frame.unwrap();
-    assert!(imagined.best.states[frame][0].is_none() && imagined.best.states[frame - 1][0].is_some());
+    assert!(prediction.best.states[frame][0].is_none() && prediction.best.states[frame - 1][0].is_some());
     assert!(cut.why.to_string().contains("fewer frames"));
 }

@@ -6,7 +6,7 @@ use super::messages::{self as m, Topic, foxglove as fox, v1};
 use super::{FRAME, Recording, RecordingError};
 use crate::fit::{Estimate, Fit};
 use crate::num::Vec2;
-use crate::reason::{Imagined, LikelyEvent};
+use crate::reason::{LikelyEvent, Prediction};
 use crate::scene::Scene;
 use crate::world::{BodySpec, EventKind, Model, State, Trace};
 use std::collections::BTreeMap;
@@ -21,35 +21,35 @@ const CBOR: &str = "application/cbor";
 
 /// The trace file of one simulation.
 pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
-    let Recording { scene, imagined, fit, .. } = *recording;
-    let drawn = rollouts_kept(imagined);
+    let Recording { scene, prediction, fit, .. } = *recording;
+    let drawn = rollouts_kept(prediction);
     let mut topics = m::SIMULATION.to_vec();
     if drawn > 0 {
         topics.extend([m::MEAN, m::MEAN_POSES, m::ROLLOUTS]);
     }
     let mut draft = Draft::new(topics);
     measured(scene, &mut draft)?;
-    residuals(scene, &imagined.best, &m::RESIDUALS, &mut draft)?;
-    simulated(scene, imagined, &mut draft)?;
-    ensemble(imagined, drawn, &mut draft)?;
+    residuals(scene, &prediction.best, &m::RESIDUALS, &mut draft)?;
+    simulated(scene, prediction, &mut draft)?;
+    ensemble(prediction, drawn, &mut draft)?;
     events(recording, &mut draft)?;
     parameters(&fit.posterior.estimates, &mut draft)?;
     let attachments = [
         ("request.json", JSON, recording.request_json.as_bytes().to_vec()),
-        ("model.json", JSON, serde_json::to_vec(&imagined.model)?),
+        ("model.json", JSON, serde_json::to_vec(&prediction.model)?),
         ("scene.json", JSON, serde_json::to_vec(scene)?),
         ("fit.cbor", CBOR, cbor(fit)?),
     ];
     let mut metadata = super::metadata("simulation", scene, recording.video, recording.model);
     metadata.extend(
         [
-            ("preset", imagined.model.preset.clone()),
+            ("preset", prediction.model.preset.clone()),
             ("seed", recording.seed.to_string()),
-            ("frames", imagined.best.times.len().to_string()),
-            ("observed_frames", imagined.observed_frames.to_string()),
-            ("rollouts", imagined.ensemble.len().to_string()),
+            ("frames", prediction.best.times.len().to_string()),
+            ("observed_frames", prediction.observed_frames.to_string()),
+            ("rollouts", prediction.ensemble.len().to_string()),
             ("rollouts_kept", drawn.to_string()),
-            ("interventions", serde_json::to_string(&imagined.interventions)?),
+            ("interventions", serde_json::to_string(&prediction.interventions)?),
         ]
         .map(|(key, value)| (key.to_string(), value)),
     );
@@ -63,16 +63,16 @@ pub fn cbor(fit: &Fit) -> Result<Vec<u8>, RecordingError> {
     Ok(bytes)
 }
 
-fn rollouts_kept(imagined: &Imagined) -> usize {
-    let states = imagined.best.times.len() * imagined.best.ids.len();
-    imagined.ensemble.len().min(MAX_ROLLOUT_STATES / states.max(1))
+fn rollouts_kept(prediction: &Prediction) -> usize {
+    let states = prediction.best.times.len() * prediction.best.ids.len();
+    prediction.ensemble.len().min(MAX_ROLLOUT_STATES / states.max(1))
 }
 
 /// Poses as they were measured, strays among them.
 pub fn measured(scene: &Scene, to: &mut Draft) -> Result<(), RecordingError> {
     let mut rows: BTreeMap<usize, Vec<fox::Pose>> = BTreeMap::new();
     for (index, object) in scene.objects.iter().enumerate() {
-        for sample in scene.measured(index) {
+        for sample in scene.all_samples(index) {
             let pose = pose(sample.position, &object.shape, sample.yaw.unwrap_or(0.0));
             rows.entry(sample.frame).or_default().push(pose);
         }
@@ -107,9 +107,9 @@ pub fn residuals(scene: &Scene, run: &Trace, topic: &Topic, to: &mut Draft) -> R
     Ok(())
 }
 
-fn simulated(scene: &Scene, imagined: &Imagined, to: &mut Draft) -> Result<(), RecordingError> {
-    let (best, model) = (&imagined.best, &imagined.model);
-    run(best, &imagined.sd, model, [&m::STATES, &m::POSES], to)?;
+fn simulated(scene: &Scene, prediction: &Prediction, to: &mut Draft) -> Result<(), RecordingError> {
+    let (best, model) = (&prediction.best, &prediction.model);
+    run(best, &prediction.sd, model, [&m::STATES, &m::POSES], to)?;
     let frames: Vec<String> = best.ids.iter().map(|id| format!("object_{id}")).collect();
     let mut drawn: Option<Vec<bool>> = None;
     for (frame, (row, &time)) in best.states.iter().zip(&best.times).enumerate() {
@@ -166,15 +166,15 @@ pub fn run(
 }
 
 /// The mean of all rollouts with the spread around it, and the rollouts that are kept.
-fn ensemble(imagined: &Imagined, kept: usize, to: &mut Draft) -> Result<(), RecordingError> {
+fn ensemble(prediction: &Prediction, kept: usize, to: &mut Draft) -> Result<(), RecordingError> {
     if kept == 0 {
         return Ok(());
     }
-    let (mean, sd) = mean(imagined);
-    run(&mean, &sd, &imagined.model, [&m::MEAN, &m::MEAN_POSES], to)?;
-    let rollouts = &imagined.ensemble[..kept];
-    let ids = &imagined.best.ids;
-    for (frame, &time) in imagined.best.times.iter().enumerate() {
+    let (mean, sd) = mean(prediction);
+    run(&mean, &sd, &prediction.model, [&m::MEAN, &m::MEAN_POSES], to)?;
+    let rollouts = &prediction.ensemble[..kept];
+    let ids = &prediction.best.ids;
+    for (frame, &time) in prediction.best.times.iter().enumerate() {
         let list = || Vec::with_capacity(kept * ids.len());
         let (mut x, mut y, mut yaw) = (list(), list(), list());
         for run in rollouts {
@@ -194,15 +194,15 @@ fn ensemble(imagined: &Imagined, kept: usize, to: &mut Draft) -> Result<(), Reco
 
 /// Mean states over the rollouts that have the body, and the deviation of a position from them, per coordinate (m). It
 /// is no motion that could happen: after a chance collision it runs between the ways that the rollouts take.
-fn mean(imagined: &Imagined) -> (Trace, Vec<Vec<Option<f64>>>) {
-    let best = &imagined.best;
+fn mean(prediction: &Prediction) -> (Trace, Vec<Vec<Option<f64>>>) {
+    let best = &prediction.best;
     let mut mean = Trace { events: vec![], ..best.clone() };
     let mut spread = Vec::with_capacity(best.states.len());
     for (frame, row) in mean.states.iter_mut().enumerate() {
         let mut sds = Vec::with_capacity(row.len());
         for (body, slot) in row.iter_mut().enumerate() {
             let (mut sum, mut squares, mut count) = (State::default(), 0.0, 0usize);
-            for state in imagined.ensemble.iter().filter_map(|t| *t.states.get(frame)?.get(body)?) {
+            for state in prediction.ensemble.iter().filter_map(|t| *t.states.get(frame)?.get(body)?) {
                 sum.position += state.position;
                 squares += state.position.norm_squared();
                 sum.velocity += state.velocity;
@@ -225,8 +225,8 @@ fn mean(imagined: &Imagined) -> (Trace, Vec<Vec<Option<f64>>>) {
         spread.push(sds);
     }
     for (frame, energy) in mean.energy.iter_mut().enumerate() {
-        let all = imagined.ensemble.iter().filter_map(|t| t.energy.get(frame));
-        *energy = all.sum::<f64>() / imagined.ensemble.len().max(1) as f64;
+        let all = prediction.ensemble.iter().filter_map(|t| t.energy.get(frame));
+        *energy = all.sum::<f64>() / prediction.ensemble.len().max(1) as f64;
     }
     (mean, spread)
 }
@@ -247,7 +247,7 @@ fn trace_state(id: u32, state: &State, sd: Option<f64>) -> v1::TraceState {
 }
 
 fn events(recording: &Recording, to: &mut Draft) -> Result<(), RecordingError> {
-    for likely in &recording.imagined.events {
+    for likely in &recording.prediction.events {
         let e = &likely.event;
         let event = v1::TraceEvent {
             kind: word(e.kind).into(),
@@ -272,9 +272,9 @@ fn events(recording: &Recording, to: &mut Draft) -> Result<(), RecordingError> {
         };
         to.push(&m::LOG, e.time, &log)?;
     }
-    if let Some(cut) = recording.imagined.cut_short {
-        let last = recording.imagined.best.times.last().copied().unwrap_or(0.0);
-        let time = cut.frame.and_then(|f| recording.imagined.best.times.get(f)).copied().unwrap_or(last);
+    if let Some(cut) = recording.prediction.cut_short {
+        let last = recording.prediction.best.times.last().copied().unwrap_or(0.0);
+        let time = cut.frame.and_then(|f| recording.prediction.best.times.get(f)).copied().unwrap_or(last);
         let log = fox::Log {
             timestamp: timestamp(time)?,
             level: fox::log::Level::Warning as i32,

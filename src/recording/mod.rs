@@ -17,7 +17,7 @@ pub use replay::{Difference, TOLERANCE, Verification, verify};
 pub use scan::{Damage, Item, Reading, Report, read, scan};
 
 use crate::fit::Fit;
-use crate::reason::Imagined;
+use crate::reason::Prediction;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ use std::collections::BTreeMap;
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
     pub scene: &'a Scene,
-    pub imagined: &'a Imagined,
+    pub prediction: &'a Prediction,
     /// Of this scene alone, before interventions; models were drawn from it.
     pub fit: &'a Fit,
     /// Id of the video.

@@ -5,7 +5,7 @@ use super::read::{Message, Reader};
 use super::{Change, Recording, RecordingError, build, encode, encode_change};
 use crate::fit::Fit;
 use crate::num::Stop;
-use crate::reason::{Request, imagine};
+use crate::reason::{PredictionRequest, predict};
 use crate::scene::Scene;
 use crate::world::Model;
 use prost::Message as _;
@@ -138,7 +138,7 @@ fn again<R: Read + Seek>(
             request_json: &request_json,
         });
     }
-    let request = Request {
+    let request = PredictionRequest {
         interventions: serde_json::from_str(word("interventions")?)?,
         frames: number("frames")?,
         rollouts: number("rollouts")?,
@@ -147,10 +147,10 @@ fn again<R: Read + Seek>(
     if request.rollouts > MAX_ROLLOUTS {
         return Err(RecordingError::Lacks { what: "number of rollouts that can be simulated" });
     }
-    let imagined = imagine(&scene, &fit, 0, &request, stop)?;
+    let prediction = predict(&scene, &fit, 0, &request, stop)?;
     let seed = request.seed;
-    let (scene, imagined, fit, request_json) = (&scene, &imagined, &fit, request_json.as_str());
-    encode(&Recording { scene, imagined, fit, video, model, seed, request_json })
+    let (scene, prediction, fit, request_json) = (&scene, &prediction, &fit, request_json.as_str());
+    encode(&Recording { scene, prediction, fit, video, model, seed, request_json })
 }
 
 fn text<R: Read + Seek>(trace: &mut Reader<R>, what: &'static str) -> Result<String, RecordingError> {

@@ -4,7 +4,7 @@ use super::*;
 use crate::fit::{FitOptions, beginning, fit};
 use crate::num::never;
 use crate::num::vec2;
-use crate::reason::{LikelyEvent, Request, imagine};
+use crate::reason::{LikelyEvent, PredictionRequest, predict};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Event, EventKind, Intervention, Preset, trace};
 use std::io::Cursor;
@@ -45,11 +45,11 @@ fn scene() -> Scene {
         noise_sigma: None,
         objects: shapes.into_iter().enumerate().map(object).collect(),
         tracks: (0..4).map(track).collect(),
-        strays: vec![],
+        outliers: vec![],
     }
 }
 
-fn imagined(scene: &Scene) -> Imagined {
+fn prediction(scene: &Scene) -> Prediction {
     let model = Preset::for_world(scene.world).model(scene);
     let times: Vec<f64> = (0..30).map(|f| scene.time_of(f)).collect();
     let best = trace(&model, &times);
@@ -66,7 +66,7 @@ fn imagined(scene: &Scene) -> Imagined {
         frame: scene.frame_at(time),
         probability: 0.75,
     };
-    Imagined {
+    Prediction {
         interventions: vec![Intervention::ScaleMass { id: 3, factor: 5.0 }],
         observed_frames: 20,
         sd: best.states.iter().map(|row| row.iter().map(|s| s.map(|_| 0.01)).collect()).collect(),
@@ -87,20 +87,20 @@ static FITTED: LazyLock<(Scene, Fit)> = LazyLock::new(|| {
     (scene, fit)
 });
 
-fn encoded(imagined: &Imagined) -> Result<Vec<u8>, RecordingError> {
+fn encoded(prediction: &Prediction) -> Result<Vec<u8>, RecordingError> {
     let (scene, fit) = &*FITTED;
     let request_json = "{\"frames\":30}";
-    encode(&Recording { scene, imagined, fit, video: "v", model: "m", seed: 7, request_json })
+    encode(&Recording { scene, prediction, fit, video: "v", model: "m", seed: 7, request_json })
 }
 
 /// A simulation as the service makes it; `change` is what the file then says otherwise.
-fn simulation(frames: usize, change: impl Fn(&mut Imagined)) -> Vec<u8> {
+fn simulation(frames: usize, change: impl Fn(&mut Prediction)) -> Vec<u8> {
     let (scene, fit) = &*FITTED;
     let interventions = vec![Intervention::ScaleMass { id: 3, factor: 5.0 }];
-    let request = Request { interventions, frames, rollouts: 3, seed: 7 };
-    let mut imagined = imagine(scene, fit, 0, &request, &never).unwrap();
-    change(&mut imagined);
-    encoded(&imagined).unwrap()
+    let request = PredictionRequest { interventions, frames, rollouts: 3, seed: 7 };
+    let mut prediction = predict(scene, fit, 0, &request, &never).unwrap();
+    change(&mut prediction);
+    encoded(&prediction).unwrap()
 }
 
 fn change() -> Vec<u8> {
@@ -123,14 +123,14 @@ fn change() -> Vec<u8> {
 
 #[test]
 fn every_frame_and_event_is_in_the_file() {
-    let imagined = imagined(&FITTED.0);
-    let bytes = encoded(&imagined).unwrap();
-    assert_eq!(bytes, encoded(&imagined).unwrap(), "equal recordings must give equal bytes");
+    let prediction = prediction(&FITTED.0);
+    let bytes = encoded(&prediction).unwrap();
+    assert_eq!(bytes, encoded(&prediction).unwrap(), "equal recordings must give equal bytes");
     let reading = read(&bytes).unwrap();
     assert_eq!(reading.frames.len(), 30);
-    for (frame, row) in reading.frames.iter().zip(&imagined.best.states) {
-        assert_eq!(frame.time, imagined.best.times[frame.frame as usize]);
-        let here: Vec<_> = row.iter().zip(&imagined.best.ids).filter(|(s, _)| s.is_some()).collect();
+    for (frame, row) in reading.frames.iter().zip(&prediction.best.states) {
+        assert_eq!(frame.time, prediction.best.times[frame.frame as usize]);
+        let here: Vec<_> = row.iter().zip(&prediction.best.ids).filter(|(s, _)| s.is_some()).collect();
         assert_eq!(frame.states.len(), here.len());
         for (read, (state, id)) in frame.states.iter().zip(here) {
             let state = state.unwrap();
@@ -152,14 +152,14 @@ fn every_frame_and_event_is_in_the_file() {
     assert_eq!(reading.metadata["seed"], "7");
     assert_eq!(reading.attachments["request.json"], b"{\"frames\":30}");
     let model: crate::world::Model = serde_json::from_slice(&reading.attachments["model.json"]).unwrap();
-    assert_eq!(trace(&model, &imagined.best.times), imagined.best, "a trace alone can be replayed");
+    assert_eq!(trace(&model, &prediction.best.times), prediction.best, "a trace alone can be replayed");
 }
 
 #[test]
 fn a_time_before_the_video_is_refused() {
-    let mut imagined = imagined(&FITTED.0);
-    imagined.best.times[0] = -1.0;
-    assert!(matches!(encoded(&imagined), Err(RecordingError::Time { time: -1.0 })));
+    let mut prediction = prediction(&FITTED.0);
+    prediction.best.times[0] = -1.0;
+    assert!(matches!(encoded(&prediction), Err(RecordingError::Time { time: -1.0 })));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::{Answered, Report};
 use crate::discover::{FAST, FAST_FREE, FoundEffect, ParameterEstimate, ParameterValue, SLOW_FREE, Verdict};
 use crate::effects::effect;
 use crate::fit::Estimate;
-use crate::reason::Step;
+use crate::reason::DerivationStep;
 use crate::scene::Scene;
 use maud::{Markup, html};
 
@@ -385,10 +385,10 @@ fn answer(k: usize, answered: &Answered) -> Markup {
     let Answered { question, scene, answer, .. } = *answered;
     let factual = table::factual(answered);
     let frames = factual.states.len();
-    let imagined = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
+    let prediction = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
     let mut sides =
         vec![Side { title: "As it is, and goes on".into(), run: &factual, class: "", measured: true }];
-    sides.extend(imagined.enumerate().map(|(n, s)| Side {
+    sides.extend(prediction.enumerate().map(|(n, s)| Side {
         title: if n == 0 { "Imagined".into() } else { format!("Imagined ({})", n + 1) },
         run: &s.best,
         class: "",
@@ -398,11 +398,11 @@ fn answer(k: usize, answered: &Answered) -> Markup {
         article {
             h3 { "“" (question) "”" }
             p class="quiet" { (scene.name) }
-            @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.trail)) }
+            @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.derivation)) }
             @for choice in &answer.choices {
                 p { (choice.choice) ": " strong { (if choice.correct { "yes ✓" } else { "no ✗" }) }
                     span class="quiet" { " " (share(if choice.correct { choice.probability } else { 1.0 - choice.probability })) " sure" } }
-                (trail(&choice.trail))
+                (trail(&choice.derivation))
             }
             p { (answer.explanation) }
             @if frames > 0 { (legend(scene)) (player(&format!("answer-{}", k + 1), scene, &sides, None, html! {})) }
@@ -422,7 +422,7 @@ fn share(p: f64) -> String {
 }
 
 /// Steps but for words of the question that stand for themselves.
-fn trail(steps: &[Step]) -> Markup {
+fn trail(steps: &[DerivationStep]) -> Markup {
     html! {
         details { summary { "How it came about" } ol { @for s in steps.iter().filter(|s| s.token != s.result) {
             li { code { (s.token) } " " (s.result) }

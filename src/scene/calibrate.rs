@@ -5,7 +5,7 @@
 //! over focal length, pixel aspect, principal point and pose, outliers left out. Weak priors stand for what points do not
 //! tell: points of one plane (an annotated table) leave the lens undetermined in part.
 
-use super::camera::{Camera, Intrinsics, Pose, Rotation};
+use super::camera::{Camera, CameraPose, Intrinsics, Rotation};
 use crate::num::{Vec2, vec2};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -383,12 +383,12 @@ fn rotation(at: &Parameters) -> Rotation3<f64> {
     Rotation3::from_scaled_axis(Vector3::new(at[4], at[5], at[6]))
 }
 
-fn parts(at: &Parameters, size: [f64; 2]) -> (Intrinsics, Pose) {
+fn parts(at: &Parameters, size: [f64; 2]) -> (Intrinsics, CameraPose) {
     let (focal, aspect) = (at[0].exp(), at[1].exp());
     let centre = [0.5 * size[0] + at[2], 0.5 * size[1] + at[3]];
     let turn = rotation(at);
     let rows = [0, 1, 2].map(|i| [0, 1, 2].map(|j| turn[(i, j)]));
-    let pose = Pose { rotation: Rotation::Matrix(rows), translation: [at[7], at[8], at[9]] };
+    let pose = CameraPose { rotation: Rotation::Matrix(rows), translation: [at[7], at[8], at[9]] };
     (Intrinsics { focal: [focal, focal * aspect], centre }, pose)
 }
 

@@ -50,7 +50,7 @@ pub struct Intrinsics {
 /// Where a camera is: a world point x has the camera coordinates `rotation x + translation`, with x to the right, y down
 /// and z forward (OpenCV's convention).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pose {
+pub struct CameraPose {
     pub rotation: Rotation,
     /// m.
     pub translation: [f64; 3],
@@ -120,7 +120,7 @@ impl Camera {
     /// K [R | t] with K of the intrinsics.
     pub fn from_parts(
         intrinsics: &Intrinsics,
-        pose: &Pose,
+        pose: &CameraPose,
         image_size: [f64; 2],
     ) -> Result<Camera, CameraError> {
         let Intrinsics { focal, centre } = *intrinsics;
@@ -340,7 +340,7 @@ mod tests {
         let rows = [[0.0, 1.0, 0.0], [s, 0.0, -c], [-c, 0.0, -s]];
         let translation = [0.0, 0.0, 5.0];
         let with =
-            |rotation| Camera::from_parts(&intrinsics, &Pose { rotation, translation }, [480.0, 320.0]);
+            |rotation| Camera::from_parts(&intrinsics, &CameraPose { rotation, translation }, [480.0, 320.0]);
         let camera = with(Rotation::Matrix(rows)).unwrap();
         for (row, expected) in camera.matrix.iter().zip(CLEVRER_CAMERA.matrix) {
             assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 2e-2), "{row:?}");

@@ -43,7 +43,7 @@ pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
     let scene = if root.is_empty() { None } else { Some(reader.scene(name, &root)) };
     reader.report.finish()?;
     let scene = scene.ok_or_else(|| one("(file)", "is empty; give an annotation"))?;
-    scene.accepted()
+    scene.validate()
 }
 
 fn one(path: &str, message: &str) -> SceneError {
@@ -91,7 +91,7 @@ impl Reader {
             noise_sigma: self.number(root, "noise_sigma", ""),
             objects,
             tracks,
-            strays: vec![],
+            outliers: vec![],
         }
     }
 

@@ -80,7 +80,7 @@ pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     let notes = Notes::read(text, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
-    scene(name, &notes, rows?)?.accepted()
+    scene(name, &notes, rows?)?.validate()
 }
 
 /// A shape as it is called, and what a size (m) makes of it.
@@ -520,7 +520,7 @@ fn scene(name: &str, notes: &Notes, (timed, rows): Rows) -> Result<Scene, SceneE
         noise_sigma: None,
         objects,
         tracks,
-        strays: vec![],
+        outliers: vec![],
     })
 }
 

@@ -46,7 +46,7 @@ const RECENT: usize = 6;
 const INSIDE: f64 = 0.75;
 
 /// How sure a detector is of each word.
-pub type Scores = BTreeMap<String, f64>;
+pub type AttributeScores = BTreeMap<String, f64>;
 
 /// What a detector found in one frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,9 +54,9 @@ pub struct Detection {
     pub frame: usize,
     /// Around the part of the body that is seen (px).
     pub bounds: BoundingBox,
-    pub color: Scores,
-    pub material: Scores,
-    pub shape: Scores,
+    pub color: AttributeScores,
+    pub material: AttributeScores,
+    pub shape: AttributeScores,
     /// How sure it is of all this: its weight in votes.
     pub score: f64,
 }
@@ -77,7 +77,7 @@ pub struct LinkOptions {
 
 /// What was found, and what was done for it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Linked {
+pub struct LinkedTracks {
     pub objects: Vec<Object>,
     pub tracks: Vec<Track>,
     /// For each object, the indices of its detections, in the order given.
@@ -113,7 +113,7 @@ pub enum LinkError {
 }
 
 /// Objects and tracks of detections in any order. Deterministic.
-pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<Linked, LinkError> {
+pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<LinkedTracks, LinkError> {
     if detections.len() > MAX_DETECTIONS {
         return Err(LinkError::TooMany { given: detections.len() });
     }
@@ -158,10 +158,10 @@ struct Seen {
 /// A track that is being followed.
 struct Path {
     seen: Vec<Seen>,
-    votes: [Scores; 3],
+    votes: [AttributeScores; 3],
 }
 
-fn looks(d: &Detection) -> [&Scores; 3] {
+fn looks(d: &Detection) -> [&AttributeScores; 3] {
     [&d.color, &d.material, &d.shape]
 }
 
@@ -210,7 +210,7 @@ impl Path {
     fn is_object(&self) -> bool {
         let n = self.seen.len();
         let steady = || self.seen.windows(2).all(|w| w[1].frame - w[0].frame <= 2);
-        let most = |votes: &Scores| votes.values().copied().fold(0.0, f64::max);
+        let most = |votes: &AttributeScores| votes.values().copied().fold(0.0, f64::max);
         let agree = || self.votes.iter().all(|v| 2.0 * most(v) > v.values().sum::<f64>() || v.is_empty());
         n >= 2 * FEWEST || (n >= FEWEST && steady() && agree())
     }
@@ -298,12 +298,12 @@ fn distance(earlier: &[Seen], window: usize, seen: &Seen, options: &LinkOptions)
 }
 
 /// The word with most votes; of equal ones the first in the alphabet.
-fn winner(votes: &Scores) -> Option<&str> {
+fn winner(votes: &AttributeScores) -> Option<&str> {
     let best = votes.iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
     best.map(|(word, _)| word.as_str())
 }
 
-fn shape(votes: &Scores, size: f64) -> Shape {
+fn shape(votes: &AttributeScores, size: f64) -> Shape {
     match winner(votes) {
         Some("sphere" | "ball") => Shape::Ball { radius: size },
         Some("cube" | "box" | "square" | "block") => Shape::Square { half_side: size },
@@ -394,8 +394,8 @@ fn linked(
     by_frame: &BTreeMap<usize, Vec<usize>>,
     paths: Vec<Path>,
     options: &LinkOptions,
-) -> Linked {
-    let word = |votes: &Scores| winner(votes).unwrap_or_default().to_string();
+) -> LinkedTracks {
+    let word = |votes: &AttributeScores| winner(votes).unwrap_or_default().to_string();
     let object = |(id, p): (usize, &Path)| Object {
         id: id as u32,
         color: word(&p.votes[0]),
@@ -443,7 +443,7 @@ fn linked(
         frames_bridged: missing,
         detections_dropped: detections.len() - members.iter().map(Vec::len).sum::<usize>(),
     };
-    Linked { objects, tracks, members, camera: options.camera, report }
+    LinkedTracks { objects, tracks, members, camera: options.camera, report }
 }
 
 /// Where two bodies lie inside each other, the less certain sample is wrong.

@@ -1,4 +1,4 @@
-//! What was observed of one video: objects, their tracks, the camera and the table.
+//! What was observed_json of one video: objects, their tracks, the camera and the table.
 
 mod calibrate;
 mod camera;
@@ -7,11 +7,11 @@ mod csv;
 mod digest;
 mod link;
 mod mask;
-mod observed;
+mod observed_json;
+mod outliers;
 mod pairs;
 mod proposals;
 mod silhouette;
-mod stray;
 #[cfg(test)]
 mod tests;
 mod tracker;
@@ -19,18 +19,20 @@ mod validate;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, PointPair, calibrate};
 pub use camera::{
-    Camera, CameraError, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pixel, Pose, Rotation,
+    Camera, CameraError, CameraPose, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics, LocateError, Pixel, Rotation,
 };
 pub use clevrer::{CLEVRER_CAMERA, parse};
 pub use csv::parse_csv;
 pub use digest::canonical_digest;
-pub use link::{Detection, LinkError, LinkOptions, LinkReport, Linked, MAX_DETECTIONS, Scores, link};
+pub use link::{
+    AttributeScores, Detection, LinkError, LinkOptions, LinkReport, LinkedTracks, MAX_DETECTIONS, link,
+};
 pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};
-pub use observed::observed;
+pub use observed_json::observed_json;
+pub use outliers::Outlier;
 pub use pairs::parse_pairs;
 pub use proposals::{Proposals, parse_proposals};
 pub use silhouette::outline;
-pub use stray::Stray;
 pub use tracker::{is_tracker, parse_tracker};
 pub use validate::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE};
 
@@ -63,8 +65,8 @@ pub struct Scene {
     pub objects: Vec<Object>,
     pub tracks: Vec<Track>,
     /// What was measured, but is no place of the object: it takes no part in anything.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub strays: Vec<Stray>,
+    #[serde(rename = "strays", default, skip_serializing_if = "Vec::is_empty")]
+    pub outliers: Vec<Outlier>,
 }
 
 /// What kind of place was filmed; it picks the default preset.
@@ -207,7 +209,7 @@ impl Scene {
 
 impl Object {
     /// "red metal cube"; an object without a colour has its id behind.
-    pub fn words(&self) -> String {
+    pub fn description(&self) -> String {
         let id = if self.color.is_empty() { self.id.to_string() } else { String::new() };
         let words = [&self.color, &self.material, self.shape.word(), &id];
         words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(" ")

@@ -1,6 +1,6 @@
 //! Reads detections: CLEVRER's `derender_proposals` files, and the same with boxes or scores.
 
-use super::link::{Detection, Scores};
+use super::link::{AttributeScores, Detection};
 use super::mask::{BoundingBox, bounds, decompress};
 use super::validate::Report;
 use super::{MAX_DETECTIONS, MAX_FRAMES, SceneError};
@@ -125,10 +125,10 @@ fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, Wrong> {
     bounds([height, width], &counts).map_err(|e| ("mask", e.to_string()))
 }
 
-fn words(object: &Value, field: &'static str) -> Result<Scores, Wrong> {
+fn words(object: &Value, field: &'static str) -> Result<AttributeScores, Wrong> {
     match object.get(field) {
-        None | Some(Value::Null) => Ok(Scores::new()),
-        Some(Value::String(word)) => Ok(Scores::from([(word.to_lowercase(), 1.0)])),
+        None | Some(Value::Null) => Ok(AttributeScores::new()),
+        Some(Value::String(word)) => Ok(AttributeScores::from([(word.to_lowercase(), 1.0)])),
         Some(Value::Object(scores)) => scores
             .iter()
             .map(|(word, score)| {

@@ -11,7 +11,7 @@ fn objects_are_named_by_what_they_have() {
     let check = |color: &str, material: &str, expected: &str| {
         let (color, material) = (color.into(), material.into());
         let object = Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
-        assert_eq!(object.words(), expected);
+        assert_eq!(object.description(), expected);
     };
     check("red", "metal", "red metal cube");
     check("red", "", "red cube");
@@ -159,7 +159,7 @@ fn detections() -> Vec<Detection> {
             if frame % 7 == 0 {
                 shape = "sphere";
             }
-            let one = |word: &str| Scores::from([(word.to_string(), 1.0)]);
+            let one = |word: &str| AttributeScores::from([(word.to_string(), 1.0)]);
             let bounds = BoundingBox { left, top, right, bottom };
             let (color, material, shape) = (one(color), one(material), one(shape));
             all.push(Detection { frame, bounds, color, material, shape, score: 0.9 });
@@ -167,7 +167,7 @@ fn detections() -> Vec<Detection> {
     }
     for frame in [9, 31] {
         let bounds = BoundingBox { left: 20.0, top: 200.0, right: 60.0, bottom: 250.0 };
-        let none = Scores::new();
+        let none = AttributeScores::new();
         let detection =
             Detection { frame, bounds, color: none.clone(), material: none.clone(), shape: none, score: 0.3 };
         all.push(detection);
@@ -189,7 +189,7 @@ fn detections_become_tracks_in_whatever_order_they_come() {
         detections_dropped: 2,
     };
     assert_eq!(found.report, expected);
-    let mut words: Vec<String> = found.objects.iter().map(Object::words).collect();
+    let mut words: Vec<String> = found.objects.iter().map(Object::description).collect();
     words.sort();
     assert_eq!(words, ["blue rubber cube", "red metal sphere", "red rubber cylinder"]);
     let ball = found.objects.iter().position(|o| o.shape.is_ball()).unwrap();

@@ -146,9 +146,9 @@ pub fn parse_tracker(
         noise_sigma: None,
         objects: (0..blocks.len() as u32).map(object).collect(),
         tracks: seen.iter().map(track).collect(),
-        strays: vec![],
+        outliers: vec![],
     };
-    Ok((scene.accepted()?, blocks.iter().enumerate().map(label).collect()))
+    Ok((scene.validate()?, blocks.iter().enumerate().map(label).collect()))
 }
 
 #[cfg(test)]

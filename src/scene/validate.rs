@@ -390,7 +390,7 @@ mod tests {
             noise_sigma: Some(0.005),
             objects: (0..3).map(object).collect(),
             tracks: (0..3).map(|i| track(i as f64)).collect(),
-            strays: vec![],
+            outliers: vec![],
         }
     }
 
@@ -425,7 +425,7 @@ mod tests {
         {
             let mut broken = scene();
             let expected: BTreeSet<String> = chosen.iter().map(|&i| BREAKS[i](&mut broken).to_string()).collect();
-            let found = match broken.accepted() {
+            let found = match broken.validate() {
                 Ok(_) => vec![],
                 Err(e) => e.violations.into_iter().map(|v| v.path).collect(),
             };
@@ -438,7 +438,7 @@ mod tests {
     fn emptiness_and_limits_are_reported() {
         let paths = |s: &Scene| -> Vec<String> {
             s.clone()
-                .accepted()
+                .validate()
                 .map_or_else(|e| e.violations.into_iter().map(|v| v.path).collect(), |_| vec![])
         };
         let mut s = scene();

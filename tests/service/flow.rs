@@ -39,10 +39,10 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
         rollouts: Some(4),
         ..Default::default()
     };
-    let imagined = service.reasoning().simulate(request.clone()).await.unwrap().into_inner();
-    assert_eq!(imagined.frames.len(), imagined.observed_frames as usize + 60);
-    assert!(imagined.frames.iter().flat_map(|f| &f.objects).all(|o| o.object_id != 0));
-    assert_eq!(imagined.model, model.name);
+    let prediction = service.reasoning().simulate(request.clone()).await.unwrap().into_inner();
+    assert_eq!(prediction.frames.len(), prediction.observed_frames as usize + 60);
+    assert!(prediction.frames.iter().flat_map(|f| &f.objects).all(|o| o.object_id != 0));
+    assert_eq!(prediction.model, model.name);
 
     let tokens: Vec<String> =
         ["events", "objects", "filter_collision", "events", "filter_start", "filter_after", "count"]
@@ -83,10 +83,10 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     }
     assert!(many.message().await.unwrap().is_none());
 
-    let bytes = download(&service, &imagined.trace).await;
-    assert_eq!(vrdp::recording::read(&bytes).unwrap().frames.len(), imagined.frames.len());
+    let bytes = download(&service, &prediction.trace).await;
+    assert_eq!(vrdp::recording::read(&bytes).unwrap().frames.len(), prediction.frames.len());
     let traces = listed(&service, &video).await;
-    assert!(traces.contains(&imagined.trace) && answer.traces.iter().all(|t| traces.contains(t)));
+    assert!(traces.contains(&prediction.trace) && answer.traces.iter().all(|t| traces.contains(t)));
     service.stop().await;
 
     let service = start(folder.path(), CAPACITY).await;
@@ -94,15 +94,15 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     assert_eq!(kept.into_inner(), model);
     assert_eq!(service.fit(&video).await.unwrap().1, model);
     assert_eq!(service.engine.fits_run(), 0, "a fit that was acknowledged is never done again");
-    assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), imagined);
+    assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), prediction);
     assert_eq!(service.reasoning().ask(question).await.unwrap().into_inner(), answer);
-    assert_eq!(download(&service, &imagined.trace).await, bytes);
+    assert_eq!(download(&service, &prediction.trace).await, bytes);
     assert_eq!(listed(&service, &video).await, traces);
     verified(&service).await;
 
     service.videos().delete_video(v1::DeleteVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(service.fit(&video).await.unwrap_err().code(), Code::NotFound);
-    let gone = v1::DownloadTraceRequest { name: imagined.trace };
+    let gone = v1::DownloadTraceRequest { name: prediction.trace };
     assert_eq!(service.traces().download_trace(gone).await.unwrap_err().code(), Code::NotFound);
     service.stop().await;
 }

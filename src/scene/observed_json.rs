@@ -4,7 +4,7 @@ use super::{Scene, Shape, WorldKind};
 use serde_json::{Map, Value, json};
 
 /// The scene file. A box that is no cube is written as a cube of its half width: the file knows no other.
-pub fn observed(scene: &Scene) -> Value {
+pub fn observed_json(scene: &Scene) -> Value {
     let mut root = Map::new();
     let world = match scene.world {
         WorldKind::Clevrer => "clevrer",
@@ -55,7 +55,7 @@ pub fn observed(scene: &Scene) -> Value {
     let mut frames: Vec<Vec<Value>> = vec![vec![]; scene.times.len()];
     for (index, object) in scene.objects.iter().enumerate() {
         let height = object.shape.centre_height();
-        for sample in scene.measured(index) {
+        for sample in scene.all_samples(index) {
             let mut seen = json!({"object_id": object.id, "location": [sample.position.x, sample.position.y, height],
                 "inside_camera_view": true});
             if let Some(yaw) = sample.yaw {
@@ -86,11 +86,11 @@ mod tests {
         scene.tracks[0].samples[3].covariance = Some(Covariance { xx: 1e-4, xy: -2e-5, yy: 3e-4 });
         scene.times[5] += 0.003;
         scene.setup = Some("bench".into());
-        assert_eq!(parse("scene", &observed(&scene).to_string()).unwrap(), scene);
+        assert_eq!(parse("scene", &observed_json(&scene).to_string()).unwrap(), scene);
         scene.camera = None;
         scene.tracks[0].samples[5].position.x += 1.0;
-        let scene = scene.accepted().unwrap();
-        assert_eq!(scene.strays.len(), 1);
-        assert_eq!(parse("scene", &observed(&scene).to_string()).unwrap(), scene);
+        let scene = scene.validate().unwrap();
+        assert_eq!(scene.outliers.len(), 1);
+        assert_eq!(parse("scene", &observed_json(&scene).to_string()).unwrap(), scene);
     }
 }

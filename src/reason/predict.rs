@@ -17,7 +17,7 @@ const PARTED: f64 = 1e-6;
 
 /// One simulation request, answered: the best rollout and how sure it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Imagined {
+pub struct Prediction {
     pub interventions: Vec<Intervention>,
     /// Frames of the video itself.
     pub observed_frames: usize,
@@ -59,7 +59,7 @@ pub struct LikelyEvent {
 
 /// What is to be simulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Request {
+pub struct PredictionRequest {
     /// None: the prediction.
     pub interventions: Vec<Intervention>,
     /// Frames from frame 0.
@@ -71,14 +71,14 @@ pub struct Request {
 
 /// Simulates scene `index` of the fit under the interventions, at the best parameters and over draws from the
 /// posterior. Deterministic.
-pub fn imagine(
+pub fn predict(
     scene: &Scene,
     fit: &Fit,
     index: usize,
-    request: &Request,
+    request: &PredictionRequest,
     stop: Stop,
-) -> Result<Imagined, ReasonError> {
-    let Request { interventions, frames, rollouts, seed } = request;
+) -> Result<Prediction, ReasonError> {
+    let PredictionRequest { interventions, frames, rollouts, seed } = request;
     if *frames == 0 || *frames > MAX_SIMULATED_FRAMES {
         return Err(ReasonError::Frames { frames: *frames, most: MAX_SIMULATED_FRAMES });
     }
@@ -86,7 +86,7 @@ pub fn imagine(
     let edited = |model: &Model| interventions.iter().try_fold(model.clone(), |m, i| i.apply(&m));
     let filmed = |mut run: Trace, model: &Model| {
         if let Some(camera) = &scene.camera {
-            let seen = comings_and_goings(model, &run, camera);
+            let seen = enter_exit_events(model, &run, camera);
             run.events.extend(seen);
             run.events.sort_by(|a, b| a.time.total_cmp(&b.time));
         }
@@ -98,7 +98,7 @@ pub fn imagine(
     let factual = trace(&fitted.model, &scene.times);
     let changed = !interventions.is_empty();
     let unguided = |model: &Model| changed.then(|| trace(model, &scene.times));
-    let reached = partings(&factual, unguided(&model).as_ref().unwrap_or(&factual));
+    let reached = divergence_times(&factual, unguided(&model).as_ref().unwrap_or(&factual));
     // An anchor at the last frame that is asked for, or after it, changes nothing.
     let mut known: BTreeMap<(usize, usize), Option<Deviation>> = BTreeMap::new();
     let mut off = |p: &Parting| -> Option<Deviation> {
@@ -120,7 +120,7 @@ pub fn imagine(
                 let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
                 Some(off(p)?.drawn(number, &at(&own)?, &at(&factual)?))
             };
-            let parted = partings(&own, found.as_ref().unwrap_or(&own));
+            let parted = divergence_times(&own, found.as_ref().unwrap_or(&own));
             model.anchors = parted.iter().filter_map(anchor).collect();
         }
         let known = found.filter(|run| model.anchors.is_empty() && run.times == times);
@@ -133,7 +133,7 @@ pub fn imagine(
     let unreached = whole.map(|p| factual.ids[p.body]).collect();
     let interventions = interventions.clone();
     let cut_short = cut_short(&best, &ensemble);
-    Ok(Imagined { interventions, observed_frames, model, best, ensemble, sd, events, unreached, cut_short })
+    Ok(Prediction { interventions, observed_frames, model, best, ensemble, sd, events, unreached, cut_short })
 }
 
 /// Until when a body of the video moves in two simulations alike.
@@ -145,10 +145,10 @@ struct Parting {
 }
 
 /// Bodies that begin alike, and how long: the interventions can have reached one only when the simulations part.
-fn partings(factual: &Trace, imagined: &Trace) -> Vec<Parting> {
+fn divergence_times(factual: &Trace, prediction: &Trace) -> Vec<Parting> {
     let of = |(body, id): (usize, &u32)| {
-        let other = imagined.ids.iter().position(|i| i == id)?;
-        let alike = |frame: &usize| match (factual.states[*frame][body], imagined.states[*frame][other]) {
+        let other = prediction.ids.iter().position(|i| i == id)?;
+        let alike = |frame: &usize| match (factual.states[*frame][body], prediction.states[*frame][other]) {
             (Some(a), Some(b)) => (a.position - b.position).norm().max((a.yaw - b.yaw).abs()) <= PARTED,
             (None, None) => true,
             _ => false,
@@ -226,7 +226,7 @@ fn nearest_frame(scene: &Scene, time: f64) -> usize {
 }
 
 /// When bodies come into the camera's view and leave it.
-fn comings_and_goings(model: &Model, run: &Trace, camera: &Camera) -> Vec<Event> {
+fn enter_exit_events(model: &Model, run: &Trace, camera: &Camera) -> Vec<Event> {
     let mut events = vec![];
     for (b, body) in model.bodies.iter().enumerate() {
         let mut visible: Option<bool> = None;

@@ -9,7 +9,7 @@ const LONGEST: usize = 3;
 /// An object would have gone there and come back so many times as fast as the fastest of the video goes: what is struck is at most
 /// twice as fast as what strikes it.
 const FASTER: f64 = 2.0;
-/// Share of the steps of a track that are no faster than it is said to go, two at least being faster: strays make these.
+/// Share of the steps of a track that are no faster than it is said to go, two at least being faster: outliers make these.
 const USUALLY: f64 = 0.9;
 /// Before and after, it is on one way: the step over the gap is at most so many times what it goes in that time.
 const ON_ITS_WAY: f64 = 1.5;
@@ -17,7 +17,7 @@ const ON_ITS_WAY: f64 = 1.5;
 /// the object, from which a sample is astray.
 const FAR: f64 = 7.0;
 const FAR_BY_SIZE: f64 = 0.25;
-/// Steps on either side of which the median tells how fast it goes: two may be to another stray and back, or hold a bounce.
+/// Steps on either side of which the median tells how fast it goes: two may be to another outlier and back, or hold a bounce.
 const STEPS: usize = 5;
 /// Most frames from the sample before to the one after: in a longer gap it may have gone there.
 const GAP: usize = 8;
@@ -26,41 +26,42 @@ const LOOKS: usize = 3;
 
 /// A sample that was set aside.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Stray {
+pub struct Outlier {
     /// Index of the object.
     pub object: usize,
     pub sample: Sample,
     /// Distance from where the object was, by the samples before and after (m).
-    pub off: f64,
+    #[serde(rename = "off")]
+    pub distance: f64,
 }
 
 impl Scene {
-    /// The scene with its strays set aside; or everything that is wrong with it.
-    pub fn accepted(mut self) -> Result<Scene, SceneError> {
-        let (tracks, strays) = self.parted();
+    /// The scene with its outliers set aside; or everything that is wrong with it.
+    pub fn validate(mut self) -> Result<Scene, SceneError> {
+        let (tracks, outliers) = self.parted();
         self.check(&tracks)?;
-        (self.tracks, self.strays) = (tracks, strays);
+        (self.tracks, self.outliers) = (tracks, outliers);
         Ok(self)
     }
 
-    /// Its tracks without strays, and these. What is wrong with the scene otherwise does no harm.
-    pub(super) fn parted(&self) -> (Vec<Track>, Vec<Stray>) {
-        let (mut tracks, mut strays) = (self.tracks.clone(), self.strays.clone());
+    /// Its tracks without outliers, and these. What is wrong with the scene otherwise does no harm.
+    pub(super) fn parted(&self) -> (Vec<Track>, Vec<Outlier>) {
+        let (mut tracks, mut outliers) = (self.tracks.clone(), self.outliers.clone());
         let fastest = tracks.iter().map(|track| fast(&timed(track, &self.times))).fold(0.0, f64::max);
         for (object, (track, thing)) in tracks.iter_mut().zip(&self.objects).enumerate() {
             let found =
                 astray(timed(track, &self.times), fastest, FAR_BY_SIZE * thing.shape.inscribed_radius());
-            track.samples.retain(|s| found.iter().all(|(stray, _)| stray.frame != s.frame));
-            strays.extend(found.into_iter().map(|(sample, off)| Stray { object, sample, off }));
+            track.samples.retain(|s| found.iter().all(|(outlier, _)| outlier.frame != s.frame));
+            outliers.extend(found.into_iter().map(|(sample, distance)| Outlier { object, sample, distance }));
         }
-        (tracks, strays)
+        (tracks, outliers)
     }
 
-    /// All that was measured of an object, its strays among it.
-    pub fn measured(&self, object: usize) -> Vec<Sample> {
+    /// All that was measured of an object, its outliers among it.
+    pub fn all_samples(&self, object: usize) -> Vec<Sample> {
         let own = self.tracks.get(object).into_iter().flat_map(|t| &t.samples);
-        let strays = self.strays.iter().filter(|s| s.object == object).map(|s| &s.sample);
-        let mut all: Vec<Sample> = own.chain(strays).copied().collect();
+        let outliers = self.outliers.iter().filter(|s| s.object == object).map(|s| &s.sample);
+        let mut all: Vec<Sample> = own.chain(outliers).copied().collect();
         all.sort_by_key(|s| s.frame);
         all
     }
@@ -171,7 +172,7 @@ mod tests {
                 mass: None,
             }],
             tracks: vec![Track { samples: positions.into_iter().enumerate().map(sample).collect() }],
-            strays: vec![],
+            outliers: vec![],
         }
     }
 
@@ -190,11 +191,11 @@ mod tests {
             let leapt = |f: usize| (start..start + run).contains(&f);
             let away = Vec2::from_angle(angle).scaled(far);
             let scene = filmed((0..50).map(|f| if leapt(f) { way(f) + away } else { way(f) }).collect());
-            let accepted = scene.clone().accepted().unwrap();
-            let frames: Vec<usize> = accepted.strays.iter().map(|s| s.sample.frame).collect();
+            let accepted = scene.clone().validate().unwrap();
+            let frames: Vec<usize> = accepted.outliers.iter().map(|s| s.sample.frame).collect();
             prop_assert_eq!(frames, (start..start + run).collect::<Vec<_>>());
-            prop_assert!(accepted.strays.iter().all(|s| (s.off - far).abs() < 0.05));
-            prop_assert_eq!(accepted.measured(0), scene.tracks[0].samples.clone());
+            prop_assert!(accepted.outliers.iter().all(|s| (s.distance - far).abs() < 0.05));
+            prop_assert_eq!(accepted.all_samples(0), scene.tracks[0].samples.clone());
         }
 
         #[test]
@@ -204,7 +205,7 @@ mod tests {
                 let t = f as f64 / 25.0 - hit;
                 vec2(if t < 0.0 { before * t } else { after * t }, 0.0) + shaken(f, noise)
             };
-            prop_assert!(filmed((0..50).map(way).collect()).accepted().unwrap().strays.is_empty());
+            prop_assert!(filmed((0..50).map(way).collect()).validate().unwrap().outliers.is_empty());
         }
     }
 
@@ -215,12 +216,12 @@ mod tests {
             let along = (3.0 * f as f64 / 25.0) % 0.8;
             vec2(if along < 0.4 { along } else { 0.8 - along }, 0.0) + shaken(f, 0.002)
         };
-        assert!(filmed((0..50).map(way).collect()).accepted().unwrap().strays.is_empty());
+        assert!(filmed((0..50).map(way).collect()).validate().unwrap().outliers.is_empty());
     }
 
     #[test]
     fn a_tracker_that_stays_away_says_that_the_object_is_there() {
         let way = |f: usize| vec2(if (20..26).contains(&f) { 0.8 } else { 0.0 }, 0.0) + shaken(f, 0.005);
-        assert!(filmed((0..50).map(way).collect()).accepted().unwrap().strays.is_empty());
+        assert!(filmed((0..50).map(way).collect()).validate().unwrap().outliers.is_empty());
     }
 }
