@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `sh` | runs in a scratch folder with a copy of `tests/data`, `vrdp` being on the path |
 //! | `sh background` | is started, and stopped when its page ends |
+//! | `text output` | its lines are in the output of the block before |
 //! | `console` | needs a network, Docker or a cluster: the files and RPCs that it names must exist |
 //! | `rust`, `proto` with `// path/of/file` in front | a quotation: its lines stand in that file; `// ...` skips some |
 
@@ -157,14 +158,14 @@ impl Scratch {
         command
     }
 
-    /// Runs a block to its end; else says what it wrote.
-    fn run(&self, block: &Block) -> Result<(), String> {
+    /// Runs a block to its end and returns what it wrote.
+    fn run(&self, block: &Block) -> Result<String, String> {
         let output = self.folder.join("output.log");
         let mut child = self.command(&block.lines.join("\n"), &output).spawn().unwrap();
         let start = Instant::now();
         let problem = loop {
             match child.try_wait().unwrap() {
-                Some(status) if status.success() => return Ok(()),
+                Some(status) if status.success() => return Ok(std::fs::read_to_string(output).unwrap()),
                 Some(status) => break status.to_string(),
                 None if start.elapsed() > MAX_COMMAND => {
                     let _ = child.kill();
@@ -215,21 +216,27 @@ fn every_command_runs() {
     let scratch = Scratch::new();
     for page in guides() {
         let mut services = vec![];
-        let mut count = 0;
+        let mut output = None;
         for block in page.blocks() {
             let start = Instant::now();
+            let place = format!("{}:{}", page.name, block.line);
             let done = match block.fence.as_str() {
-                "sh" => scratch.run(&block),
+                "sh" => scratch.run(&block).map(|text| output = Some(text)),
                 "sh background" => scratch.start(&block).map(|service| services.push(service)),
+                "text output" => holds(output.as_deref().unwrap_or_default(), &block),
                 _ => continue,
             };
-            count += 1;
-            let place = format!("{}:{}", page.name, block.line);
             println!("{place}: {:.1} s", start.elapsed().as_secs_f64());
             done.unwrap_or_else(|problem| panic!("{place}: {problem}"));
         }
-        assert!(count > 0, "{}: has no command that is run", page.name);
+        assert!(output.is_some(), "{}: has no command that is run", page.name);
     }
+}
+
+/// Whether every line of the block is in the output.
+fn holds(output: &str, block: &Block) -> Result<(), String> {
+    let missing = block.lines.iter().find(|line| !output.lines().any(|l| l.trim_end() == line.trim_end()));
+    missing.map_or(Ok(()), |line| Err(format!("this line is not in the output: {line}\n{output}")))
 }
 
 #[test]
