@@ -1,4 +1,4 @@
-//! Scenes, calibration and linking, on made-up cameras and videos.
+//! Scenes, calibration and linking, on synthetic cameras and videos.
 
 use super::*;
 use crate::num::vec2;
@@ -7,7 +7,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 #[test]
-fn objects_are_named_by_what_they_have() {
+fn a_description_names_color_material_and_shape() {
     let check = |color: &str, material: &str, expected: &str| {
         let (color, material) = (color.into(), material.into());
         let object = Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
@@ -19,7 +19,7 @@ fn objects_are_named_by_what_they_have() {
 }
 
 #[test]
-fn a_yaw_that_flips_or_is_missing_is_no_even_turn() {
+fn a_yaw_that_flips_or_is_missing_does_not_turn_evenly() {
     let check = |yaw: fn(usize) -> Option<f64>, expected: bool| {
         let sample = |frame| Sample { frame, position: vec2(0.0, 0.0), yaw: yaw(frame), covariance: None };
         let track = Track { samples: (0..40).map(sample).collect() };
@@ -37,7 +37,7 @@ fn noise(random: &mut ChaCha8Rng, sd: f64) -> f64 {
     sd * z
 }
 
-/// Points on a grid, at heights that `z` tells, as CLEVRER's camera shows them.
+/// Points on a grid at the heights `z`, projected by CLEVRER's camera.
 fn grid(z: impl Fn(usize) -> f64, sigma: f64) -> Vec<PointPair> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let pair = |k: usize| {
@@ -52,7 +52,7 @@ fn grid(z: impl Fn(usize) -> f64, sigma: f64) -> Vec<PointPair> {
 const SIZE: [f64; 2] = [480.0, 320.0];
 
 /// Largest distance between where two cameras show points of a volume (px).
-fn apart(found: &Camera, z: f64) -> f64 {
+fn largest_distance(found: &Camera, z: f64) -> f64 {
     let at = |k: i32| vec2(f64::from(k % 5) - 2.0, f64::from(k / 5) - 2.0);
     let off = |k| {
         let ([a, b], [u, v]) = (found.project(at(k), z).unwrap(), CLEVRER_CAMERA.project(at(k), z).unwrap());
@@ -71,21 +71,24 @@ fn a_camera_is_found_from_points_of_a_plane_also_with_outliers() {
     let wrong: Vec<usize> = (0..pairs.len()).step_by(4).collect();
     assert_eq!(found.outliers, wrong);
     assert!(found.planar && (0.3..0.7).contains(&found.reprojection_error), "{found:?}");
-    assert!(apart(&found.camera, 0.2) < 1.0, "{}", apart(&found.camera, 0.2));
+    assert!(largest_distance(&found.camera, 0.2) < 1.0, "{}", largest_distance(&found.camera, 0.2));
     assert!((found.intrinsics.focal[0] - 525.0).abs() < 4.0 * found.focal_sd, "{found:?}");
 }
 
 #[test]
 fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
     let found = calibrate(&grid(|k| (k * 7 % 5) as f64 * 0.3, 0.0), SIZE).unwrap();
-    assert!(!found.planar && apart(&found.camera, 0.7) < 0.1, "{found:?}");
+    assert!(!found.planar && largest_distance(&found.camera, 0.7) < 0.1, "{found:?}");
     let corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]];
     let pair = |[x, y]: [f64; 2]| PointPair {
         image: CLEVRER_CAMERA.project(vec2(x, y), 0.0).unwrap(),
         world: [x, y, 0.0],
     };
     let found = calibrate(&corners.map(pair), SIZE).unwrap();
-    assert!(apart(&found.camera, 0.0) < 0.5 && apart(&found.camera, 0.2) < 3.0, "{found:?}");
+    assert!(
+        largest_distance(&found.camera, 0.0) < 0.5 && largest_distance(&found.camera, 0.2) < 3.0,
+        "{found:?}"
+    );
     assert!(found.outliers.is_empty() && found.position[2] > 1.0);
     // Straight from above, the middle of the table in the middle of the image: half a turn.
     let seen = |[x, y]: [f64; 2]| PointPair {
@@ -97,7 +100,7 @@ fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
 }
 
 #[test]
-fn what_is_no_camera_is_named() {
+fn pairs_without_a_camera_are_refused() {
     let refused = |pairs: &[PointPair]| calibrate(pairs, SIZE).unwrap_err();
     let plane = grid(|_| 0.2, 0.0);
     let swapped = |p: &PointPair| PointPair { world: [p.world[1], p.world[0], p.world[2]], ..*p };
@@ -142,7 +145,7 @@ fn degrees_mirrored_axes_and_other_units_are_named_with_frame_and_field() {
     assert!(!found.is_empty() && found.iter().all(|path| path.ends_with("orientation[2]")), "{found:?}");
 }
 
-/// What a detector sees of three objects, one of which is hidden for eight frames, and two things that are none.
+/// Detections of three objects, one of them hidden for eight frames, and two false ones.
 fn detections() -> Vec<Detection> {
     let looks = [("red", "metal", "sphere"), ("blue", "rubber", "cube"), ("red", "rubber", "cylinder")];
     let shapes = [Shape::Ball { radius: 0.2 }, Shape::Square { half_side: 0.2 }, Shape::Disc { radius: 0.2 }];

@@ -1,149 +1,45 @@
-//! Checks a scene and reports everything that is wrong with it at once.
+//! Checks a scene and reports everything that is wrong with it at once; ignores tracking outliers.
 
-use super::{
-    CameraError, MAX_FRAMES, MAX_OBJECTS, Object, Sample, Scene, SceneError, Shape, Table, Track, Violation,
+use crate::scene::camera::projection::CameraError;
+use crate::scene::limits::{
+    FPS_RANGE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, NOISE_RANGE, SIZE_RANGE,
 };
-use std::collections::BTreeMap;
+use crate::scene::object::{Object, Shape};
+use crate::scene::observation::{Sample, Scene, Table, Track};
+use crate::scene::tracks::outliers::reject_outliers;
+use crate::scene::violations::{SceneError, SceneViolations};
 
-/// Most violations in one report; the rest is counted.
-pub const MAX_VIOLATIONS: usize = 100;
-/// Most of one kind in a file of rows, the same but for their numbers and what they quote: the first ones tell of all.
-const MAX_ALIKE: usize = 5;
-/// Longest name of a scene or a set-up (bytes): it becomes part of keys and file names.
-pub const MAX_NAME: usize = 200;
-/// Farthest coordinate (m); beyond it the resolution of positions suffers.
-pub const MAX_POSITION: f64 = 1e6;
-/// Frame rates that cameras have (1/s).
-pub const FPS_RANGE: [f64; 2] = [0.1, 1e5];
-/// Longest time from frame to frame (s), on the average.
-const SLOWEST: f64 = 1.0 / FPS_RANGE[0];
-/// Radii and half sides (m).
-pub const SIZE_RANGE: [f64; 2] = [1e-6, 1e3];
-/// kg.
-pub const MASS_RANGE: [f64; 2] = [1e-9, 1e9];
-/// Measurement noise (m).
-pub const NOISE_RANGE: [f64; 2] = [1e-9, 1e3];
+/// Longest mean time from frame to frame (s).
+const MAX_FRAME_TIME: f64 = 1.0 / FPS_RANGE[0];
 /// Largest correlation of the errors of x and y.
 const MAX_CORRELATION: f64 = 1.0 - 1e-9;
-/// Two objects whose centres are closer than this share of their inscribed radii's sum lie inside each other.
-const DEEP_OVERLAP: f64 = 0.5;
-
-/// Collects violations; keeps the first [`MAX_VIOLATIONS`] and counts the others.
-#[derive(Default)]
-pub(super) struct Report {
-    violations: Vec<Violation>,
-    /// Most of one kind, where not all are kept.
-    most_alike: Option<usize>,
-    /// Of each kind, how many then, and the place of the last one that is kept.
-    kinds: BTreeMap<String, (usize, Option<usize>)>,
-    more: usize,
-}
-
-/// What is alike in violations of one kind: all but numbers and what is quoted.
-fn kind(path: &str, message: &str) -> String {
-    let mut quoted = false;
-    let alike = |c: &char| {
-        quoted ^= *c == '"';
-        !quoted && !c.is_ascii_digit() && !matches!(c, '-' | '.')
-    };
-    path.chars().chain(message.chars()).filter(alike).collect()
-}
-
-impl Report {
-    /// Of a file that people read: of each kind it keeps [`MAX_ALIKE`].
-    pub(super) fn of_rows() -> Self {
-        Report { most_alike: Some(MAX_ALIKE), ..Report::default() }
-    }
-
-    pub(super) fn add(&mut self, path: impl Into<String>, message: impl Into<String>) {
-        let (path, message) = (path.into(), message.into());
-        let room = self.violations.len() < MAX_VIOLATIONS;
-        if let Some(most) = self.most_alike {
-            let (count, last) = self.kinds.entry(kind(&path, &message)).or_default();
-            *count += 1;
-            if *count > most {
-                return;
-            }
-            *last = room.then_some(self.violations.len()).or(*last);
-        }
-        if room {
-            self.violations.push(Violation { path, message });
-        } else {
-            self.more += 1;
-        }
-    }
-
-    pub(super) fn is_empty(&self) -> bool {
-        self.violations.is_empty()
-    }
-
-    pub(super) fn finish(mut self) -> Result<(), SceneError> {
-        if self.violations.is_empty() {
-            return Ok(());
-        }
-        let most = self.most_alike.unwrap_or(usize::MAX);
-        for (count, last) in self.kinds.into_values().filter(|(count, _)| *count > most) {
-            if let Some(kept) = last.and_then(|at| self.violations.get_mut(at)) {
-                kept.message += &format!(" (and {} more like these)", count - most);
-            }
-        }
-        if self.more > 0 {
-            let message = format!("and {} more violations; correct these first", self.more);
-            self.violations.push(Violation { path: "...".to_string(), message });
-        }
-        Err(SceneError { violations: self.violations })
-    }
-
-    fn finite(&mut self, path: impl FnOnce() -> String, value: f64, most: f64, unit: &str) {
-        if !value.is_finite() {
-            self.add(path(), format!("is {value}; give a finite number"));
-        } else if value.abs() > most {
-            self.add(path(), format!("is {value}; it must lie within {most:e} {unit}"));
-        }
-    }
-
-    fn within(&mut self, path: impl FnOnce() -> String, value: f64, [low, high]: [f64; 2], unit: &str) {
-        if !(low..=high).contains(&value) {
-            self.add(path(), format!("is {value}; it must be from {low:e} to {high:e} {unit}"));
-        }
-    }
-
-    fn name(&mut self, path: &str, name: &str) {
-        if name.trim().is_empty() {
-            self.add(path, "is empty; give a name");
-        } else if name.len() > MAX_NAME {
-            self.add(path, format!("has {} bytes; at most {MAX_NAME} are allowed", name.len()));
-        }
-    }
-}
-
-/// A yaw that no angle in radians is, as it is read from a file: one that does not begin within a turn, or that jumps by
-/// more than the turn that wrapping takes. Its frame and value.
-pub(super) fn degrees(track: &Track) -> Option<(usize, f64)> {
-    const TURN: f64 = 1.01 * std::f64::consts::TAU;
-    let mut before = None;
-    track.samples.iter().filter_map(|s| Some((s.frame, s.yaw?))).find(|(frame, yaw)| {
-        let (last, known) = before.replace((*frame, *yaw)).unwrap_or((*frame, 0.0));
-        (yaw - known).abs() > TURN * frame.saturating_sub(last).max(1) as f64
-    })
-}
+/// Least distance of two centres as a share of the sum of the inscribed radii: below it one object lies inside the other.
+const MIN_DISTANCE_SHARE: f64 = 0.5;
 
 impl Scene {
-    /// Everything that is wrong with this scene, each with its dotted path; its tracks without strays tell what overlaps, as where
-    /// a tracker went astray says nothing of sizes.
-    pub(super) fn check(&self, steady: &[Track]) -> Result<(), SceneError> {
-        let mut report = Report::default();
-        let r = &mut report;
-        r.name("name", &self.name);
+    /// The scene with its outliers moved from `tracks` to `outliers`; or everything that is wrong with it.
+    pub fn validate(mut self) -> Result<Scene, SceneError> {
+        let (tracks, outliers) = reject_outliers(&self);
+        self.check(&tracks)?;
+        (self.tracks, self.outliers) = (tracks, outliers);
+        Ok(self)
+    }
+
+    /// Reports everything that is wrong, each with its dotted path. Overlaps and cushions are judged by `tracks`, the tracks
+    /// without outliers.
+    fn check(&self, tracks: &[Track]) -> Result<(), SceneError> {
+        let mut violations = SceneViolations::default();
+        let r = &mut violations;
+        check_name(r, "name", &self.name);
         if let Some(setup) = &self.setup {
-            r.name("setup", setup);
+            check_name(r, "setup", setup);
         }
         r.within(|| "fps".into(), self.fps, FPS_RANGE, "1/s");
         if let Some(sigma) = self.noise_sigma {
             r.within(|| "noise_sigma".into(), sigma, NOISE_RANGE, "m");
         }
         self.check_times(r);
-        self.check_place(r);
+        self.check_camera_and_table(r);
         if self.objects.is_empty() {
             r.add("objects", "is empty; give at least one object");
         }
@@ -155,7 +51,7 @@ impl Scene {
         }
         if self.tracks.len() != self.objects.len() {
             let (tracks, objects) = (self.tracks.len(), self.objects.len());
-            r.add("tracks", format!("has {tracks} tracks for {objects} objects; give one for each"));
+            r.add("tracks", format!("has {tracks} tracks for {objects} objects; give one for each object"));
         }
         for (i, object) in self.objects.iter().enumerate() {
             if let Some(j) = self.objects[..i].iter().position(|o| o.id == object.id) {
@@ -170,16 +66,16 @@ impl Scene {
             check_track(r, i, track, self.times.len());
         }
         if self.objects.len() <= MAX_OBJECTS {
-            self.check_overlaps(steady, r);
+            self.check_overlaps(tracks, r);
         }
-        self.check_cushions(steady, r);
-        report.finish()
+        self.check_cushions(tracks, r);
+        violations.finish()
     }
 
-    fn check_times(&self, r: &mut Report) {
+    fn check_times(&self, r: &mut SceneViolations) {
         match self.times.len() {
             0 => r.add("times", "is empty; give at least two frames"),
-            1 => r.add("times", "has one frame only; motion needs at least two"),
+            1 => r.add("times", "has one frame only; give at least two frames"),
             n if n > MAX_FRAMES => {
                 r.add("times", format!("has {n} frames; at most {MAX_FRAMES} are allowed"))
             }
@@ -201,15 +97,14 @@ impl Scene {
         }
         if let [first, .., last] = self.times[..]
             && let apart = (last - first) / (self.times.len() - 1) as f64
-            && apart > SLOWEST
+            && apart > MAX_FRAME_TIME
         {
-            let message =
-                format!("are {apart:.0} s apart; give seconds (milliseconds are to be divided by 1000)");
+            let message = format!("are {apart:.0} s apart; give seconds (divide milliseconds by 1000)");
             r.add("times", message);
         }
     }
 
-    fn check_place(&self, r: &mut Report) {
+    fn check_camera_and_table(&self, r: &mut SceneViolations) {
         if let Some(camera) = &self.camera {
             for (row, values) in camera.matrix.iter().enumerate() {
                 for (column, &v) in values.iter().enumerate() {
@@ -239,8 +134,9 @@ impl Scene {
         }
     }
 
-    /// Cushions in another unit than the tracks leave most of them outside; an object may leave the table in the end.
-    fn check_cushions(&self, tracks: &[Track], r: &mut Report) {
+    /// Refuses a table that leaves most samples of an object outside: its unit or origin differs from that of the tracks. An
+    /// object may leave the table near the end.
+    fn check_cushions(&self, tracks: &[Track], r: &mut SceneViolations) {
         let Some(Table { x, y }) = self.table else { return };
         for (object, Track { samples }) in self.objects.iter().zip(tracks) {
             let beyond = |[low, high]: [f64; 2], at: f64| match low < high {
@@ -256,7 +152,7 @@ impl Scene {
                 let (id, frame, at) = (object.id, first.frame, first.position);
                 let message = format!(
                     "leaves object {id} outside most of the time (in frame {frame} it is at {:.3}, {:.3} m); give the \
-                     cushions where the tracks have them, in the same unit",
+                     cushions in the unit and axes of the tracks",
                     at.x, at.y
                 );
                 r.add("table", message);
@@ -265,11 +161,11 @@ impl Scene {
         }
     }
 
-    fn check_overlaps(&self, tracks: &[Track], r: &mut Report) {
+    fn check_overlaps(&self, tracks: &[Track], r: &mut SceneViolations) {
         let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(tracks).collect();
         for (j, (b, track_b)) in pairs.iter().enumerate() {
             for (i, (a, track_a)) in pairs[..j].iter().enumerate() {
-                let limit = DEEP_OVERLAP * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
+                let limit = MIN_DISTANCE_SHARE * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
                 if let Some((frame, distance)) = first_closer(track_a, track_b, limit) {
                     r.add(
                         format!("objects[{j}]"),
@@ -301,7 +197,15 @@ fn first_closer(a: &Track, b: &Track, limit: f64) -> Option<(usize, f64)> {
     None
 }
 
-fn check_object(r: &mut Report, i: usize, object: &Object) {
+fn check_name(r: &mut SceneViolations, path: &str, name: &str) {
+    if name.trim().is_empty() {
+        r.add(path, "is empty; give a name");
+    } else if name.len() > MAX_NAME {
+        r.add(path, format!("has {} bytes; give at most {MAX_NAME}", name.len()));
+    }
+}
+
+fn check_object(r: &mut SceneViolations, i: usize, object: &Object) {
     match object.shape {
         Shape::Disc { radius: size } | Shape::Ball { radius: size } | Shape::Square { half_side: size } => {
             r.within(|| format!("objects[{i}].size"), size, SIZE_RANGE, "m");
@@ -318,15 +222,15 @@ fn check_object(r: &mut Report, i: usize, object: &Object) {
         if word.len() > MAX_NAME {
             r.add(
                 format!("objects[{i}].{key}"),
-                format!("has {} bytes; at most {MAX_NAME} are allowed", word.len()),
+                format!("has {} bytes; give at most {MAX_NAME}", word.len()),
             );
         }
     }
 }
 
-fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
+fn check_track(r: &mut SceneViolations, i: usize, track: &Track, frames: usize) {
     if track.samples.is_empty() {
-        r.add(format!("objects[{i}].samples"), "is empty; leave out an object that is never seen");
+        r.add(format!("objects[{i}].samples"), "is empty; leave out an object without samples");
     }
     let mut before = None;
     for (k, sample) in track.samples.iter().enumerate() {
@@ -349,10 +253,13 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
             let variances = NOISE_RANGE.map(|sigma| sigma * sigma);
             r.within(|| path("covariance.xx"), c.xx, variances, "m^2");
             r.within(|| path("covariance.yy"), c.yy, variances, "m^2");
-            // A correlation of one leaves a direction without noise.
+            // With a correlation of one, one direction would have no noise.
             let correlation = c.xy / (c.xx * c.yy).sqrt();
             if !(-MAX_CORRELATION..MAX_CORRELATION).contains(&correlation) {
-                r.add(path("covariance.xy"), format!("is {}; it must be below sqrt(xx yy) in size", c.xy));
+                r.add(
+                    path("covariance.xy"),
+                    format!("is {}; its absolute value must be below sqrt(xx yy)", c.xy),
+                );
             }
         }
     }
@@ -360,9 +267,10 @@ fn check_track(r: &mut Report, i: usize, track: &Track, frames: usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CLEVRER_CAMERA, Camera, WorldKind};
     use super::*;
     use crate::num::vec2;
+    use crate::scene::violations::MAX_VIOLATIONS;
+    use crate::scene::{CLEVRER_CAMERA, Camera, WorldKind};
     use proptest::prelude::*;
     use std::collections::BTreeSet;
 
@@ -395,8 +303,8 @@ mod tests {
     }
 
     /// Breaks one field and names the path that must be reported.
-    type Break = fn(&mut Scene) -> &'static str;
-    const BREAKS: &[Break] = &[
+    type BreakOneField = fn(&mut Scene) -> &'static str;
+    const BREAKS: &[BreakOneField] = &[
         |s| (s.name = String::new(), "name").1,
         |s| (s.setup = Some("x".repeat(MAX_NAME + 1)), "setup").1,
         |s| (s.fps = 0.0, "fps").1,
@@ -435,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn emptiness_and_limits_are_reported() {
+    fn empty_lists_and_limits_are_reported() {
         let paths = |s: &Scene| -> Vec<String> {
             s.clone()
                 .validate()

@@ -1,33 +1,33 @@
-//! The camera: world to pixel, and a pixel back to the bird's-eye plane with its uncertainty.
+//! A pinhole camera: world to pixel, and a pixel back to a horizontal plane with its uncertainty.
+//!
+//! A world point `X = (x, y, z, 1)` (m) has the pixel `(u, v) = (a/c, b/c)` with `(a, b, c) = P X` and c its depth. The 3x4
+//! projection matrix is `P = K [R | t]`: K holds focal lengths and principal point (px), R and t the pose (t in m).
+//! Lens distortion is not modelled. Points at a known height z lie on a plane; `H_z = [p1 p2 (z p3 + p4)]`, with p the columns
+//! of P, maps `(x, y, 1)` to the image. A pixel is located by its inverse, `(x, y) = (g1/g3, g2/g3)` with
+//! `g = H_z^-1 (u, v, 1)`, where g3 is the reciprocal of the depth (zero on the horizon, negative above it).
+//! Pixel errors of standard deviations s_u, s_v (px) give to first order the covariance (m^2)
+//! `J diag(s_u^2, s_v^2) J^T`, `J = d(x, y)/d(u, v)` (2x2, m/px).
+//! Sources: Hartley and Zisserman, Multiple View Geometry, 2nd ed., chapters 6 and 8.1.1; Ding et al. (2021), supplement, eq. 1.
 
-use super::{Covariance, DEFAULT_SIZE, MAX_POSITION, Object, Track, Violation};
 use crate::num::{Vec2, vec2};
+use crate::scene::covariance::Covariance;
+use crate::scene::limits::MAX_POSITION;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
-use std::ops::RangeInclusive;
 
-/// A pixel within this many deviations of the horizon is on it: where it lies on the ground is anyone's guess.
-const HORIZON: f64 = 3.0;
-/// Share of the product of its rows' lengths that a camera matrix's largest minor has at least: below it the
-/// matrix maps the plane to a line or a point, up to round-off.
-const SINGULAR: f64 = 1e-9;
-/// Largest part by which the rows of a rotation matrix may fail to be orthonormal: matrices are typed with few digits.
-const ORTHONORMAL: f64 = 1e-3;
-/// Share of the image's width by which the middle image point may lie off where the camera shows its sample: much more
-/// than noise and what a box's middle is off the centre.
-const ASTRAY: f64 = 0.03;
+/// Least distance of a pixel from the horizon in its standard deviations; nearer ones have no usable position.
+const MIN_HORIZON_DEVIATIONS: f64 = 3.0;
+/// Least size of the largest 3x3 minor of a camera matrix, as a share of the product of the lengths of its rows. Below it the
+/// matrix has a rank below 3 up to round-off.
+const MIN_MINOR: f64 = 1e-9;
+/// Largest deviation of a rotation's `R R^T` from the identity: matrices are typed with few digits.
+const MAX_NON_ORTHONORMAL: f64 = 1e-3;
 
-/// A sample that has an image point in place of a position: indices of its track and in it, and the point (px).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pixel {
-    pub object: usize,
-    pub sample: usize,
-    pub point: [f64; 2],
-}
-
-/// Deviation of an image point's coordinates that is taken where nobody tells (px), and what it may be.
-pub const IMAGE_NOISE: f64 = 1.0;
-pub const IMAGE_NOISE_RANGE: RangeInclusive<f64> = 1e-4..=100.0;
+/// CLEVRER's published camera.
+pub const CLEVRER_CAMERA: Camera = Camera {
+    matrix: [[-207.846, 525.0, -120.0, 1200.0], [123.936, 0.0, -534.663, 800.0], [-0.866025, 0.0, -0.5, 5.0]],
+    image_size: [480.0, 320.0],
+};
 
 /// A pinhole camera: world (m) to pixel, u to the right and v down; the world is right-handed with z up.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -38,17 +38,17 @@ pub struct Camera {
     pub image_size: [f64; 2],
 }
 
-/// What a lens and sensor do, without distortion.
+/// Focal lengths and principal point of a camera without distortion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     /// Focal lengths along u and v (px).
     pub focal: [f64; 2],
-    /// Where the optical axis meets the image (px).
+    /// Principal point: where the optical axis meets the image (px).
     pub centre: [f64; 2],
 }
 
-/// Where a camera is: a world point x has the camera coordinates `rotation x + translation`, with x to the right, y down
-/// and z forward (OpenCV's convention).
+/// Position and orientation of a camera: a world point X has the camera coordinates `rotation X + translation`, with x to the
+/// right, y down and z forward (OpenCV's convention).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraPose {
     pub rotation: Rotation,
@@ -58,7 +58,7 @@ pub struct CameraPose {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Rotation {
-    /// Axis times angle (rad): Rodrigues' vector.
+    /// Rotation vector: axis times angle (rad).
     Vector([f64; 3]),
     Matrix([[f64; 3]; 3]),
 }
@@ -70,25 +70,25 @@ pub enum CameraError {
     Focal { value: f64 },
     #[error("is not finite; give finite numbers")]
     NotFinite,
-    #[error("turns by {angle:.1} rad, more than a whole turn: these look like degrees; give radians")]
+    #[error("turns by {angle:.1} rad, more than a full turn, which looks like degrees; give radians")]
     Degrees { angle: f64 },
-    #[error("is singular, so that it sees no plane; give the 3x4 projection matrix")]
+    #[error("is singular: it maps a plane to a line or a point; give the 3x4 projection matrix")]
     Singular,
     #[error(
-        "has every image point behind the camera: an axis is mirrored; u goes right, v down, and the world is right-handed \
-         with z up"
+        "puts every image point behind the camera, so that an axis is mirrored; give u to the right, v down, and a \
+         right-handed world with z up"
     )]
     Behind,
-    #[error("is no rotation: its rows must be of length one and perpendicular")]
+    #[error("is not a rotation matrix; give rows of length 1 that are perpendicular to each other")]
     NoRotation,
     #[error(
-        "has the determinant -1: an axis is mirrored; give a right-handed rotation, with v down and z up"
+        "has the determinant -1, so that an axis is mirrored; give a right-handed rotation, with v down and z up"
     )]
     Mirrored,
 }
 
 impl CameraError {
-    /// The field that it speaks of, below the camera.
+    /// The field of the camera that is wrong.
     pub fn field(&self) -> &'static str {
         match self {
             CameraError::Focal { .. } => "focal_length",
@@ -98,26 +98,28 @@ impl CameraError {
     }
 }
 
-/// Why a pixel is no point of the bird's-eye plane.
+/// Why a pixel has no position on a horizontal plane.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LocateError {
-    #[error("({u}, {v}) is not finite; give pixels")]
+    #[error("({u}, {v}) px is not finite; give finite pixel coordinates")]
     NotFinite { u: f64, v: f64 },
     #[error(
-        "({u}, {v}) lies far outside the image of {width} x {height} px; give pixels of this image, u to the right, v down"
+        "({u}, {v}) px lies far outside the image of {width} x {height} px; give pixels of this image, u to the right, v down"
     )]
     Outside { u: f64, v: f64, width: f64, height: f64 },
     #[error(
-        "({u}, {v}) lies on or above the horizon of the plane {z} m above the ground; only what is below it has a place: \
-         check the camera, and that v goes down"
+        "({u}, {v}) px lies on or above the horizon of the plane {z} m above the ground, so that it has no position; check the \
+         camera, and that v increases downwards"
     )]
     Horizon { u: f64, v: f64, z: f64 },
-    #[error("the plane {z} m above the ground passes through the camera; check camera and size")]
+    #[error(
+        "the plane {z} m above the ground passes through the camera; check the camera and the object's size"
+    )]
     EdgeOn { z: f64 },
 }
 
 impl Camera {
-    /// K [R | t] with K of the intrinsics.
+    /// The projection matrix `K [R | t]`.
     pub fn from_parts(
         intrinsics: &Intrinsics,
         pose: &CameraPose,
@@ -144,7 +146,7 @@ impl Camera {
                 if rotation.iter().any(|v| !v.is_finite()) {
                     return Err(CameraError::NotFinite);
                 }
-                if (rotation * rotation.transpose() - Matrix3::identity()).amax() > ORTHONORMAL {
+                if (rotation * rotation.transpose() - Matrix3::identity()).amax() > MAX_NON_ORTHONORMAL {
                     return Err(CameraError::NoRotation);
                 }
                 if rotation.determinant() < 0.0 {
@@ -171,8 +173,8 @@ impl Camera {
             .is_some_and(|[u, v]| u > 0.0 && u < self.image_size[0] && v > 0.0 && v < self.image_size[1])
     }
 
-    /// The point at height `z` (m) that a pixel shows: `K^-1 [x z, y z, z, 1]` of Ding et al. (2021, supplement, eq. 1).
-    /// A pixel's coordinates have the deviations `sigma` (px), from which the covariance follows to first order.
+    /// The point at height `z` (m) that a pixel shows, and its covariance for pixel coordinates with the standard deviations
+    /// `sigma` (px).
     pub fn locate(
         &self,
         pixel: [f64; 2],
@@ -189,9 +191,9 @@ impl Camera {
         }
         let inverse = self.plane(z).try_inverse().ok_or(LocateError::EdgeOn { z })?;
         let ray = inverse * Vector3::new(u, v, 1.0);
-        // The reciprocal of the depth: zero on the horizon, negative above it.
+        // `ray.z` is the reciprocal of the depth.
         let spread = (sigma[0] * inverse[(2, 0)]).hypot(sigma[1] * inverse[(2, 1)]);
-        if !(ray.z > HORIZON * spread && ray.z > 1e-12) {
+        if !(ray.z > MIN_HORIZON_DEVIATIONS * spread && ray.z > 1e-12) {
             return Err(LocateError::Horizon { u, v, z });
         }
         let (x, y) = (ray.x / ray.z, ray.y / ray.z);
@@ -207,8 +209,8 @@ impl Camera {
         Ok((vec2(x, y), covariance))
     }
 
-    /// The same camera with the sign of its matrix such that what it shows has a positive depth: a projection matrix is
-    /// known up to a factor. If an axis is mirrored, these pixels of the plane at height `z` (m) are behind it.
+    /// The same camera with the sign of its matrix, which is free, chosen so that points in front have a positive depth. Fails
+    /// if all these pixels of the plane at height `z` (m) are behind the camera: an axis is mirrored then.
     pub fn facing(&self, pixels: &[[f64; 2]], z: f64) -> Result<Camera, CameraError> {
         if self.matrix.iter().flatten().any(|v| !v.is_finite()) {
             return Err(CameraError::NotFinite);
@@ -225,52 +227,8 @@ impl Camera {
         if pixels.is_empty() || ahead > 0 { Ok(camera) } else { Err(CameraError::Behind) }
     }
 
-    /// Puts samples in the places that their image points (deviation `sigma` px) show; the camera as it faces them, and
-    /// which of the pixels cannot be placed.
-    pub fn place(
-        &self,
-        pixels: &[Pixel],
-        sigma: f64,
-        objects: &[Object],
-        tracks: &mut [Track],
-    ) -> Result<(Camera, Vec<(usize, LocateError)>), CameraError> {
-        let points: Vec<[f64; 2]> = pixels.iter().map(|p| p.point).collect();
-        let camera = self.facing(&points, DEFAULT_SIZE)?;
-        let mut refused = vec![];
-        for (k, pixel) in pixels.iter().enumerate() {
-            let sample = tracks.get_mut(pixel.object).and_then(|t| t.samples.get_mut(pixel.sample));
-            let (Some(object), Some(sample)) = (objects.get(pixel.object), sample) else { continue };
-            match camera.locate(pixel.point, object.shape.centre_height(), [sigma; 2]) {
-                Ok((position, covariance)) => {
-                    (sample.position, sample.covariance) = (position, Some(covariance));
-                }
-                Err(error) => refused.push((k, error)),
-            }
-        }
-        Ok((camera, refused))
-    }
-
-    /// What is wrong where this camera shows most of the samples elsewhere than their image points say.
-    pub(super) fn astray(&self, shown: &[Pixel], objects: &[Object], tracks: &[Track]) -> Option<Violation> {
-        let one = |p: &Pixel| {
-            let (object, sample) = (objects.get(p.object)?, tracks.get(p.object)?.samples.get(p.sample)?);
-            let [u, v] = self.project(sample.position, object.shape.centre_height())?;
-            Some(((u - p.point[0]).hypot(v - p.point[1]), p.point, [u, v], object.id, sample.frame))
-        };
-        let mut off: Vec<_> = shown.iter().filter_map(one).collect();
-        off.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (distance, [u, v], [a, b], id, frame) = *off.get(off.len() / 2)?;
-        (distance > ASTRAY * self.image_size[0]).then(|| Violation {
-            path: format!("frame {frame}, object {id}: location"),
-            message: format!(
-                "is shown at ({a:.0}, {b:.0}) px by camera_matrix, but image_center is ({u:.0}, {v:.0}), and most are so: is an \
-                 axis mirrored, or another unit than m used?"
-            ),
-        })
-    }
-
     /// Whether a finite matrix has a rank below 3.
-    pub(super) fn is_singular(&self) -> bool {
+    pub(in crate::scene) fn is_singular(&self) -> bool {
         let [a, b, c] = &self.matrix;
         let minor = |i: usize, j: usize, k: usize| {
             a[i] * (b[j] * c[k] - b[k] * c[j]) - a[j] * (b[i] * c[k] - b[k] * c[i])
@@ -281,7 +239,7 @@ impl Camera {
             .into_iter()
             .fold(0.0, f64::max);
         let length = |row: &[f64; 4]| row.iter().map(|v| v * v).sum::<f64>().sqrt();
-        largest <= SINGULAR * self.matrix.iter().map(length).product::<f64>()
+        largest <= MIN_MINOR * self.matrix.iter().map(length).product::<f64>()
     }
 
     /// Homography from the plane at height `z` to the image.
@@ -295,13 +253,12 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
-    use super::super::CLEVRER_CAMERA;
     use super::*;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn locate_undoes_project_and_its_covariance_is_the_slope(x in -3.0..4.0f64, y in -4.0..4.0f64, z in 0.0..0.5f64) {
+        fn locate_inverts_project_and_its_covariance_is_first_order(x in -3.0..4.0f64, y in -4.0..4.0f64, z in 0.0..0.5f64) {
             let camera = CLEVRER_CAMERA;
             let pixel = camera.project(vec2(x, y), z).unwrap();
             prop_assume!(camera.sees(vec2(x, y), z));
@@ -323,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_below_the_horizon_is_refused() {
+    fn pixels_on_or_above_the_horizon_are_refused() {
         let horizon = |pixel| CLEVRER_CAMERA.locate(pixel, 0.2, [0.5; 2]);
         // CLEVRER's camera looks down by 30 degrees: its horizon is at v = 160 - 525 tan 30 degrees, above the image.
         assert!(matches!(horizon([240.0, -143.2]), Err(LocateError::Horizon { .. })));
@@ -333,8 +290,8 @@ mod tests {
     }
 
     #[test]
-    fn parts_make_the_matrix_and_wrong_parts_are_named() {
-        // CLEVRER's camera: 525 px, tilted by 30 degrees, 5.77 m from where its axis meets the ground.
+    fn intrinsics_and_pose_give_the_matrix_and_wrong_ones_are_named() {
+        // CLEVRER's camera: focal length 525 px, tilted by 30 degrees; its axis meets the ground at a distance of 5.77 m.
         let intrinsics = Intrinsics { focal: [525.0, 525.0], centre: [240.0, 160.0] };
         let (c, s) = (0.866025, 0.5);
         let rows = [[0.0, 1.0, 0.0], [s, 0.0, -c], [-c, 0.0, -s]];
@@ -355,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_faces_what_it_shows_or_is_mirrored() {
+    fn the_sign_of_the_matrix_is_chosen_and_a_mirrored_one_is_refused() {
         let flipped = Camera { matrix: CLEVRER_CAMERA.matrix.map(|r| r.map(|v| -v)), ..CLEVRER_CAMERA };
         let pixels = [[240.0, 200.0], [100.0, 150.0]];
         assert_eq!(flipped.facing(&pixels, 0.2), Ok(CLEVRER_CAMERA));

@@ -1,59 +1,69 @@
-//! Where a body's centre is when a box around its image was seen.
+//! The position of a body from the box around its image.
 //!
-//! The middle of the box is not the projected centre: perspective makes the near side of a body larger, and a body cut by
-//! the image's border or hidden in part has a box of what is left. The box that a body of this shape and size would have is
-//! known (a sphere's and a disc's from the dual conic of their outline, Hartley and Zisserman, sections 8.3 and 8.6), so
-//! the body is moved until the edges that can be trusted agree.
+//! The middle of the box is not the projected centre: perspective enlarges the near side of a body, and the image's border or
+//! another body may hide a part. A body of known shape and size at position x (m) has a known box `b(x)` (4 edges, px). The
+//! position is found by fixed-point steps `x <- locate(project(x) + move(e - b(x)))`, where e are the measured edges. Along an
+//! image axis `move` is the mean difference of its two edges, or that of the only trusted edge. An edge is not trusted at the
+//! image's border, nor where the box is too short and a nearer body covers it.
+//!
+//! Box of an ellipsoid with centre c (m), horizontal radius r and vertical half axis h: its dual quadric is
+//! `Q* = c c^T - diag(r^2, r^2, h^2, 0)` (4x4, c homogeneous), the dual conic of its outline `C* = P Q* P^T` (3x3). The outline's
+//! extremes along image axis k are the roots of `C*_33 t^2 - 2 C*_k3 t + C*_kk = 0`. A sphere has h = r, a disc h = 0.
+//! A cylinder is the box of its two end discs, a box that of its eight corners, averaged over yaw as yaw is unknown.
+//! Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., sections 8.3 and 8.6; the fixed point is ours.
 
-use super::camera::{Camera, LocateError};
-use super::mask::BoundingBox;
-use super::{Covariance, Shape};
 use crate::num::{Vec2, vec2};
+use crate::scene::camera::projection::{Camera, LocateError};
+use crate::scene::covariance::Covariance;
+use crate::scene::object::Shape;
+use crate::scene::tracks::mask::BoundingBox;
 use nalgebra::{Matrix3x4, Matrix4, Vector4};
 
-/// An edge this near to the image's border (px) may be cut by it.
+/// An edge this near to the image's border may be cut by it (px).
 const BORDER: f64 = 1.5;
-/// A box this much smaller than the body's (deviations, and share of its size) is hidden in part.
-const SHORT: (f64, f64) = (4.0, 0.12);
-/// A body that hides another one reaches to within this distance of the edge that it makes (px).
-const TOUCHES: f64 = 3.0;
-/// Steps of the search: each leaves about a tenth of the error.
-const STEPS: usize = 8;
-/// Yaws over which the box of a square is averaged, as nobody knows its yaw.
+/// A box is too short (a part is hidden) if it lacks this many standard deviations of its length
+const MIN_MISSING_DEVIATIONS: f64 = 4.0;
+/// and this share of its length.
+const MIN_MISSING_SHARE: f64 = 0.12;
+/// A hiding body reaches to within this distance of the edge that it causes (px).
+const TOUCHING_DISTANCE: f64 = 3.0;
+/// Fixed-point steps; each leaves about a tenth of the error.
+const FIXED_POINT_STEPS: usize = 8;
+/// Yaws over which the box of a square is averaged.
 const YAWS: usize = 8;
 
-/// Bird's-eye place of a body whose image has this box; the edges have the deviation `sigma` (px). `nearer`: boxes of
-/// bodies that may hide it.
+/// Bird's-eye position of a body whose image has the box `measured`, with edges of standard deviation `sigma` (px), and its
+/// covariance. `nearer`: boxes of bodies that may hide it.
 pub fn place(
     camera: &Camera,
     shape: &Shape,
-    seen: &BoundingBox,
+    measured: &BoundingBox,
     nearer: &[BoundingBox],
     sigma: f64,
 ) -> Result<(Vec2, Covariance), LocateError> {
     let z = shape.centre_height();
-    let (mut position, _) = camera.locate(seen.centre(), z, [0.0; 2])?;
+    let (mut position, _) = camera.locate(measured.centre(), z, [0.0; 2])?;
     let [width, height] = camera.image_size;
-    let edges = seen.edges();
+    let edges = measured.edges();
     let inside =
         [edges[0] > BORDER, edges[1] > BORDER, edges[2] < width - BORDER, edges[3] < height - BORDER];
-    let mut result = camera.locate(seen.centre(), z, [sigma; 2])?;
-    for _ in 0..STEPS {
+    let mut result = camera.locate(measured.centre(), z, [sigma; 2])?;
+    for _ in 0..FIXED_POINT_STEPS {
         let Some((expected, spread)) = outline(camera, shape, position, z) else { break };
         let Some(centre) = camera.project(position, z) else { break };
         let (mut target, mut deviation) = (centre, [0.0; 2]);
         for axis in 0..2 {
             let (low, high) = (axis, axis + 2);
             let missing = (expected[high] - expected[low]) - (edges[high] - edges[low]);
-            let unsure = SHORT.0 * sigma + 2.0 * spread[low].hypot(spread[high]);
-            let short = missing > unsure + SHORT.1 * (expected[high] - expected[low]);
-            let hidden = |edge: usize| short && nearer.iter().any(|other| hides(other, seen, edge));
+            let unsure = MIN_MISSING_DEVIATIONS * sigma + 2.0 * spread[low].hypot(spread[high]);
+            let short = missing > unsure + MIN_MISSING_SHARE * (expected[high] - expected[low]);
+            let hidden = |edge: usize| short && nearer.iter().any(|other| hides(other, measured, edge));
             let trusted = [low, high].map(|edge| inside[edge] && !hidden(edge));
             let off = |edge: usize| edges[edge] - expected[edge];
             let (move_by, sd) = match trusted {
                 [true, false] => (off(low), sigma.hypot(spread[low])),
                 [false, true] => (off(high), sigma.hypot(spread[high])),
-                // What is missing may be missing at either side.
+                // Either side may lack the missing part.
                 _ if short => (0.5 * (off(low) + off(high)), (0.7 * sigma).hypot(0.5 * missing)),
                 _ => (0.5 * (off(low) + off(high)), sigma / std::f64::consts::SQRT_2),
             };
@@ -70,11 +80,12 @@ pub fn place(
     Ok(result)
 }
 
-/// Whether `other` covers the middle of an edge of `seen`, or ends there.
-fn hides(other: &BoundingBox, seen: &BoundingBox, edge: usize) -> bool {
-    let [u, v] = seen.centre();
-    let [left, top, right, bottom] = seen.edges();
-    let spans = |low: f64, high: f64, at: f64| (low - TOUCHES..=high + TOUCHES).contains(&at);
+/// Whether `other` covers an edge of `measured` (0 left, 1 top, 2 right, 3 bottom), or ends there, but not its middle.
+fn hides(other: &BoundingBox, measured: &BoundingBox, edge: usize) -> bool {
+    let [u, v] = measured.centre();
+    let [left, top, right, bottom] = measured.edges();
+    let spans =
+        |low: f64, high: f64, at: f64| (low - TOUCHING_DISTANCE..=high + TOUCHING_DISTANCE).contains(&at);
     let overlaps = |a: [f64; 2], b: [f64; 2]| a[0] < b[1] && b[0] < a[1];
     match edge {
         0 | 2 => {
@@ -90,8 +101,8 @@ fn hides(other: &BoundingBox, seen: &BoundingBox, edge: usize) -> bool {
     }
 }
 
-/// Left, top, right and bottom of the box around a body's image (px), and how much each varies with an unknown yaw;
-/// `None` where the body reaches behind the camera.
+/// Left, top, right and bottom of the box around the image of a body at `at` with its centre at height `z` (m), in px, and the
+/// standard deviation of each over an unknown yaw (px). `None` where the body reaches behind the camera.
 pub fn outline(camera: &Camera, shape: &Shape, at: Vec2, z: f64) -> Option<([f64; 4], [f64; 4])> {
     let round = |height: f64, radius: f64, thick: f64| conic(camera, at, height, radius, thick);
     let joined = |a: [f64; 4], b: [f64; 4]| [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])];
@@ -123,7 +134,7 @@ pub fn outline(camera: &Camera, shape: &Shape, at: Vec2, z: f64) -> Option<([f64
     }
 }
 
-/// Box around the image of an ellipsoid with a vertical axis; half height 0: a horizontal disc.
+/// Box around the image of an ellipsoid with horizontal radius `radius` and vertical half axis `thick` (m).
 fn conic(camera: &Camera, at: Vec2, z: f64, radius: f64, thick: f64) -> Option<[f64; 4]> {
     let centre = Vector4::new(at.x, at.y, z, 1.0);
     let (flat, tall) = (radius * radius, thick * thick);
@@ -141,8 +152,8 @@ fn conic(camera: &Camera, at: Vec2, z: f64, radius: f64, thick: f64) -> Option<[
 
 #[cfg(test)]
 mod tests {
-    use super::super::CLEVRER_CAMERA;
     use super::*;
+    use crate::scene::CLEVRER_CAMERA;
 
     const SHAPES: [Shape; 3] =
         [Shape::Ball { radius: 0.2 }, Shape::Disc { radius: 0.2 }, Shape::Square { half_side: 0.2 }];
@@ -153,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outline_is_that_of_points_on_the_surface() {
+    fn the_outline_encloses_points_on_the_surface() {
         let at = vec2(1.0, -0.7);
         let mut all = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
         for k in 0..400 {
@@ -170,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_where_its_box_says_also_cut_or_hidden() {
+    fn a_body_is_located_from_its_box_also_when_cut_or_hidden() {
         for shape in SHAPES {
             let at = vec2(0.5, 1.0);
             let whole = seen(&shape, at);
@@ -178,13 +189,13 @@ mod tests {
                 (place(&CLEVRER_CAMERA, &shape, b, nearer, 0.5).unwrap().0 - at).norm()
             };
             assert!(off(&whole, &[]) < 1e-4, "{shape:?}");
-            // The middle of the box alone would be off, but for a ball hardly.
+            // The middle of the box alone would have an error; that of a ball is small.
             let (middle, _) = CLEVRER_CAMERA.locate(whole.centre(), 0.2, [0.5; 2]).unwrap();
             assert!(shape.is_ball() || (middle - at).norm() > 0.002, "{shape:?}");
             let half = BoundingBox { right: whole.centre()[0], ..whole };
             let nearer = BoundingBox { left: half.right - 1.0, right: half.right + 40.0, ..whole };
             assert!(off(&half, &[nearer]) < 1e-3, "{shape:?} hidden");
-            assert!(off(&half, &[]) > 0.05, "nobody hides it, so nobody knows");
+            assert!(off(&half, &[]) > 0.05, "without a hiding body the missing side is unknown");
         }
         // Cut by the left border of the image.
         let shape = SHAPES[0];

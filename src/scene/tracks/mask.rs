@@ -1,11 +1,11 @@
-//! Masks as COCO's run lengths: column by column, background first.
+//! Masks as COCO's run lengths (column by column, background first), and boxes around them.
 
-/// Most pixels of a mask: larger than the images of any camera.
+/// Most pixels of a mask: more than any camera has.
 const MAX_PIXELS: u64 = 1 << 28;
-/// How far a box may stand out of the image, as a share of its size.
-const OUTSIDE: f64 = 0.1;
+/// Largest part of a box outside the image, as a share of the image's size: detectors round, and estimate the hidden part.
+const MAX_OVERHANG: f64 = 0.1;
 
-/// A box in the image (px): a pixel's column k reaches from k to k + 1.
+/// A box in the image (px); pixel column k reaches from k to k + 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BoundingBox {
     pub left: f64,
@@ -19,20 +19,23 @@ pub struct BoundingBox {
 pub enum MaskError {
     #[error("size is {height} x {width}; give height and width of the image in pixels, both at least 1")]
     Size { height: u64, width: u64 },
-    #[error("counts has a character at {at} that no compressed run length has")]
+    #[error(
+        "counts has a character at position {at} that no compressed run length has; give COCO's text unchanged"
+    )]
     Character { at: usize },
-    #[error("counts ends within a number")]
+    #[error("counts ends within a number; give COCO's text unchanged")]
     Cut,
-    #[error("counts[{index}] is {run}, which is no length of a run")]
+    #[error("counts[{index}] is {run}; give a run length from 0 to the number of pixels")]
     Run { index: usize, run: i64 },
-    #[error("counts add up to {sum} pixels; the mask has {expected}")]
+    #[error("counts add up to {sum} pixels, but the mask has {expected}; correct counts or size")]
     Total { sum: u64, expected: u64 },
-    #[error("is empty; leave it out")]
+    #[error("is empty; leave out the detection")]
     Empty,
 }
 
-/// Reads COCO's compressed text: numbers of 5-bit digits from character 48 on, the lowest first, with bit 5 where another
-/// follows and the last one's bit 4 as sign; from the fourth on less the number two before.
+/// Run lengths (px) of COCO's compressed text. Each character minus 48 holds five bits of a number, lowest bits first; bit 5 is set
+/// if another character follows, and bit 4 of the last character is the sign. From the fourth number on, the difference to the
+/// number two before is stored. Source: `rleToString` and `rleFrString` of COCO's `maskApi.c`.
 pub fn decompress(text: &str) -> Result<Vec<i64>, MaskError> {
     let mut counts: Vec<i64> = vec![];
     let (mut value, mut shift) = (0i64, 0u32);
@@ -58,7 +61,7 @@ pub fn decompress(text: &str) -> Result<Vec<i64>, MaskError> {
     if shift == 0 { Ok(counts) } else { Err(MaskError::Cut) }
 }
 
-/// The box around a mask of these runs.
+/// The box around a mask of this height and width (px) and these runs (px).
 pub fn bounds([height, width]: [u64; 2], counts: &[i64]) -> Result<BoundingBox, MaskError> {
     let expected = height.saturating_mul(width);
     if expected == 0 || expected > MAX_PIXELS {
@@ -73,7 +76,7 @@ pub fn bounds([height, width]: [u64; 2], counts: &[i64]) -> Result<BoundingBox, 
         if index % 2 == 1 && length > 0 {
             let last = at + length - 1;
             let (first, end) = (at / height, last / height);
-            // A run that goes on in the next column touches the bottom of one and the top of the other.
+            // A run that continues in the next column touches the bottom of one column and the top of the next.
             let (top, bottom) = if first == end { (at % height, last % height) } else { (0, height - 1) };
             rows = [rows[0].min(top), rows[1].max(bottom)];
             columns = [columns[0].min(first), columns[1].max(end)];
@@ -107,14 +110,13 @@ impl BoundingBox {
         }
         if left >= right || top >= bottom {
             return Err(format!(
-                "is {} x {} px; give left, top, and a width and height above 0",
+                "is {} x {} px; give a width and a height above 0",
                 right - left,
                 bottom - top
             ));
         }
-        // Detectors round, and guess what is cut off: a box may stand out a little.
         let out = |low: f64, high: f64, size: f64| {
-            low < -OUTSIDE * size || high > (1.0 + OUTSIDE) * size || low >= size || high <= 0.0
+            low < -MAX_OVERHANG * size || high > (1.0 + MAX_OVERHANG) * size || low >= size || high <= 0.0
         };
         if out(left, right, width) || out(top, bottom, height) {
             return Err(format!(

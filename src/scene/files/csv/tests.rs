@@ -1,8 +1,10 @@
-//! CSV files as people write them, and broken ones.
+//! CSV files as users write them, and wrong ones.
 
 use super::*;
-use crate::scene::{Shape, Table, WorldKind};
+use crate::num::vec2;
+use crate::scene::{Sample, Shape, Table, WorldKind};
 use proptest::prelude::*;
+use std::f64::consts::PI;
 
 #[test]
 fn tracks_are_read_in_their_units() {
@@ -27,8 +29,8 @@ fn tracks_are_read_in_their_units() {
 
 #[test]
 fn the_tutorials_videos_are_those_of_the_annotations() {
-    let table = include_str!("../../../tests/data/csv/video_1.csv");
-    let known = include_str!("../../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json");
+    let table = include_str!("../../../../tests/data/csv/video_1.csv");
+    let known = include_str!("../../../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json");
     let (read, known) =
         (parse_csv("v", table).expect("rows"), crate::scene::parse("v", known).expect("json"));
     assert_eq!((read.world, read.times.len()), (known.world, known.times.len()));
@@ -85,7 +87,7 @@ fn cushions_stand_in_a_line_in_front() {
 }
 
 #[test]
-fn everything_wrong_is_told_with_its_place() {
+fn everything_wrong_is_reported_with_line_and_column() {
     let check = |text: &str, expected: &[&str]| {
         let found = parse_csv("s", text).expect_err(text).to_string();
         let lines: Vec<&str> = found.lines().collect();
@@ -102,7 +104,7 @@ fn everything_wrong_is_told_with_its_place() {
             "line 4, column 3 (x): is empty or NaN, but y is not",
             "line 5, column 5 (shape): is \"egg\"; it must be disc, ball or cube",
             "line 6: has 3 columns; the header has 5",
-            "line 7, column 2 (t): is empty or NaN; say when it was",
+            "line 7, column 2 (t): is empty or NaN; give the time or the frame",
         ],
     );
     // Rows are not judged by what the header lacks.
@@ -125,9 +127,9 @@ fn everything_wrong_is_told_with_its_place() {
     check(
         "# ftp: 50\nid,frame,x,y,massa,vx,coulor,yaww\n1,0,0,0,1,0,red,\n1,1,0,0,1,0,red,\n",
         &[
-            "header, column 5 (massa): is no known column; did you mean mass?",
-            "header, column 7 (coulor): is no known column; did you mean color?",
-            "header, column 8 (yaww): is no known column; did you mean yaw?",
+            "header, column 5 (massa): is not a known column; did you mean mass?",
+            "header, column 7 (coulor): is not a known column; did you mean color?",
+            "header, column 8 (yaww): is not a known column; did you mean yaw?",
         ],
     );
     check(
@@ -136,12 +138,12 @@ fn everything_wrong_is_told_with_its_place() {
     );
     check(
         "id,frame,x,y,yaw\n1,0,0,0,0\n1,1,0,0,45\n",
-        &["frame 1, object 1: yaw: is 45, which is no yaw in radians"],
+        &["frame 1, object 1: yaw: is 45, which is not radians"],
     );
     check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
     check(
         "# fps: 25\nid,t,x,y\n1,0,0,0\n1,0.02,0,0\n1,0.04,0,0\n",
-        &["fps: is 25, but there are 50.0 times a second; correct one of both, or leave it out"],
+        &["fps: is 25, but there are 50.0 times a second; correct one of both, or leave out fps"],
     );
     // One time has no rate that could contradict.
     assert!(!parse_csv("s", "# fps: 10\nid,t,x,y\n1,0,0,0\n").is_err_and(|e| e.to_string().contains("fps")));
@@ -154,14 +156,14 @@ fn everything_wrong_is_told_with_its_place() {
 }
 
 #[test]
-fn what_is_wrong_in_each_row_is_told_of_the_first_ones() {
+fn the_first_violations_of_a_kind_are_reported_and_the_others_counted() {
     let rows: String = (0..200).map(|k| format!("1,{k},zero,-{k}.5\n")).collect();
-    let told = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("no x").to_string();
-    let lines: Vec<&str> = told.lines().collect();
-    assert_eq!(lines.len(), 5, "{told}");
+    let message = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("no x").to_string();
+    let lines: Vec<&str> = message.lines().collect();
+    assert_eq!(lines.len(), 5, "{message}");
     assert!(
         lines[4].starts_with("line 6, column 3 (x)") && lines[4].ends_with("(and 195 more like these)"),
-        "{told}"
+        "{message}"
     );
 }
 
@@ -169,7 +171,7 @@ fn what_is_wrong_in_each_row_is_told_of_the_first_ones() {
 fn an_object_has_one_mass_size_shape_material_and_colour() {
     let read =
         |rows: &str| parse_csv("s", &format!("id,frame,x,y,shape,size [mm],mass,material,color\n{rows}"));
-    // One of its rows tells it; other words for the same shape are the same.
+    // One of its rows may state it; synonyms of a shape are the same shape.
     let scene = read("1,0,0,0,puck,50,2,metal,red\n1,1,0,0,disc,,,,\n1,2,0,0,,50.0,2.0,Metal,\n")
         .expect("it is right");
     let object = &scene.objects[0];
@@ -200,35 +202,34 @@ fn an_object_has_one_mass_size_shape_material_and_colour() {
         ("1,1,0,0,disc,50,-2,metal,red", "line 4, column 7 (mass): is -2 kg; it must be from 1e-9 to"),
         ("1,1,0,0,disc,0,2,metal,red", "line 4, column 6 (size [mm]): is 0 m; it must be from 1e-6 to"),
     ] {
-        let told = read(&format!("{first}{row}\n")).expect_err(row).to_string();
-        assert!(told.starts_with(expected) && told.lines().count() == 1, "{told} / {expected}");
+        let message = read(&format!("{first}{row}\n")).expect_err(row).to_string();
+        assert!(message.starts_with(expected) && message.lines().count() == 1, "{message} / {expected}");
     }
 }
 
 #[test]
-fn rows_may_come_in_any_order_but_one_a_time() {
+fn rows_may_be_in_any_order_but_one_for_each_object_and_time() {
     let rows = ["1,0,0,0", "1,0.1,0.1,0", "2,0,3,0", "1,0.2,0.2,0", "2,0.1,3,0.1"];
     let read = |rows: &[&str]| parse_csv("s", &format!("id,t,x,y\n{}\n", rows.join("\n")));
     let known = read(&rows).expect("it is right");
     let mut mixed = [rows[1], rows[4], rows[3], rows[0], rows[2]];
     assert_eq!(read(&mixed).expect("it is right"), known);
     mixed[4] = "1,0.2,0.5,0";
-    let told = read(&mixed).expect_err("twice").to_string();
+    let message = read(&mixed).expect_err("twice").to_string();
     assert!(
-        told.starts_with("line 6: is the second row of object 1 at this time, after line 4; rows may"),
-        "{told}"
+        message.starts_with("line 6: is the second row of object 1 at this time, after line 4; keep one"),
+        "{message}"
     );
 }
 
 #[test]
-fn numbers_that_are_no_metres_are_told_with_the_unit_to_give() {
+fn numbers_too_large_for_metres_are_reported_with_the_unit_to_give() {
     let text = |unit: &str| format!("id,t,x{unit},y\n1,0,-197.54,0\n1,0.04,1067.45,0\n1,0.08,2067.45,0\n");
     for unit in ["", " [m]"] {
-        let told = parse_csv("s", &text(unit)).expect_err("no table is so large").to_string();
-        let start =
-            format!("line 3, column 3 (x{unit}): is 1067.45 m, and nothing that is filmed is beyond 200 m");
-        assert!(told.starts_with(&start) && told.contains("`x [mm]`"), "{told}");
-        assert!(!told.contains("line 2"), "{told}");
+        let message = parse_csv("s", &text(unit)).expect_err("no table is so large").to_string();
+        let start = format!("line 3, column 3 (x{unit}): is 1067.45 m; it must be within 200 m");
+        assert!(message.starts_with(&start) && message.contains("`x [mm]`"), "{message}");
+        assert!(!message.contains("line 2"), "{message}");
     }
     assert!(parse_csv("s", &text(" [mm]")).is_ok());
 }

@@ -1,9 +1,10 @@
 //! Reads detections: CLEVRER's `derender_proposals` files, and the same with boxes or scores.
 
-use super::link::{AttributeScores, Detection};
-use super::mask::{BoundingBox, bounds, decompress};
-use super::validate::Report;
-use super::{MAX_DETECTIONS, MAX_FRAMES, SceneError};
+use crate::scene::limits::MAX_FRAMES;
+use crate::scene::tracks::detection::{AttributeScores, Detection};
+use crate::scene::tracks::link::MAX_DETECTIONS;
+use crate::scene::tracks::mask::{BoundingBox, bounds, decompress};
+use crate::scene::violations::{SceneError, SceneViolations};
 use serde_json::Value;
 
 /// The detections of one video.
@@ -14,19 +15,19 @@ pub struct Proposals {
 }
 
 /// Reads `{"frames": [{"frame_index", "objects": [{"mask": {"size", "counts"} | "box": [left, top, width, height], "color",
-/// "material", "shape", "score"}]}]}`; an attribute is a word, or words with scores. Everything that is wrong is told at
-/// once, with frame and field. The image has the width and height `image_size` (px): its camera's.
+/// "material", "shape", "score"}]}]}`. An attribute is a word, or words with scores. Everything that is wrong is reported at
+/// once, with frame and field. `image_size`: width and height of the camera's image (px).
 pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, SceneError> {
-    let mut r = Report::default();
+    let mut r = SceneViolations::default();
     let root: Value = serde_json::from_str(text.trim_start_matches('\u{feff}')).unwrap_or_else(|error| {
-        r.add("(file)", format!("is no JSON: {error}"));
+        r.add("(file)", format!("is not JSON: {error}"));
         Value::Null
     });
     if let Some([width, height]) = pair(&root["image_size"]).filter(|own| *own != image_size) {
         let [w, h] = image_size;
         r.add(
             "image_size",
-            format!("is {width} x {height}; the camera's image has {w} x {h} px: give its camera"),
+            format!("is {width} x {height} px, but the camera's image has {w} x {h} px; give the camera of this video"),
         );
     }
     let mut detections = vec![];
@@ -49,7 +50,7 @@ pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, Sc
         let Some(objects) = frame["objects"].as_array() else {
             r.add(
                 format!("frames[{k}].objects"),
-                format!("frame {index}: is no list; give the objects found"),
+                format!("frame {index}: is not a list; give the objects found"),
             );
             continue;
         };
@@ -59,7 +60,7 @@ pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, Sc
                 r.add(format!("{path}.{field}"), format!("frame {index}: {message}"));
             };
             if detections.len() >= MAX_DETECTIONS {
-                wrong(("", format!("is one more than {MAX_DETECTIONS} detections; cut the video")));
+                wrong(("", format!("is one more than {MAX_DETECTIONS} detections; split the video")));
                 break;
             }
             match detection(object, index, image_size) {
@@ -76,16 +77,17 @@ fn pair(value: &Value) -> Option<[f64; 2]> {
     Some([value.get(0)?.as_f64()?, value.get(1)?.as_f64()?])
 }
 
-type Wrong = (&'static str, String);
+/// The field that is wrong, and the message.
+type FieldError = (&'static str, String);
 
-fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection, Wrong> {
+fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection, FieldError> {
     let bounds = match (object.get("mask"), object.get("box").or(object.get("bbox"))) {
         (Some(mask), _) => of_mask(mask, image)?,
         (None, Some(list)) => {
             let numbers: Option<Vec<f64>> =
                 list.as_array().map(|list| list.iter().filter_map(Value::as_f64).collect());
             let Some([left, top, width, height]) = numbers.and_then(|n| <[f64; 4]>::try_from(n).ok()) else {
-                return Err(("box", "is not left, top, width and height; give 4 numbers (px)".into()));
+                return Err(("box", "is not a box; give left, top, width and height in pixels".into()));
             };
             let bounds = BoundingBox { left, top, right: left + width, bottom: top + height };
             bounds.check(image).map_err(|message| ("box", message))?;
@@ -105,14 +107,15 @@ fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection,
     Ok(Detection { frame, bounds, color, material, shape, score })
 }
 
-fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, Wrong> {
+fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, FieldError> {
     let size = |k: usize| mask["size"].get(k).and_then(Value::as_u64);
     let (Some(height), Some(width)) = (size(0), size(1)) else {
         return Err(("mask.size", format!("is {}; give [height, width] in pixels", mask["size"])));
     };
     if image != [width as f64, height as f64] {
         let message = format!(
-            "is [{height}, {width}] (height, width); the camera's image is {} x {} px (width x height): give its camera",
+            "is [{height}, {width}] (height, width), but the camera's image is {} x {} px (width x height); give the camera of \
+             this video",
             image[0], image[1]
         );
         return Err(("mask.size", message));
@@ -125,7 +128,7 @@ fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, Wrong> {
     bounds([height, width], &counts).map_err(|e| ("mask", e.to_string()))
 }
 
-fn words(object: &Value, field: &'static str) -> Result<AttributeScores, Wrong> {
+fn words(object: &Value, field: &'static str) -> Result<AttributeScores, FieldError> {
     match object.get(field) {
         None | Some(Value::Null) => Ok(AttributeScores::new()),
         Some(Value::String(word)) => Ok(AttributeScores::from([(word.to_lowercase(), 1.0)])),
@@ -133,7 +136,8 @@ fn words(object: &Value, field: &'static str) -> Result<AttributeScores, Wrong> 
             .iter()
             .map(|(word, score)| {
                 let score = score.as_f64().filter(|s| *s >= 0.0);
-                let score = score.ok_or_else(|| (field, format!("{word:?} has no score of at least 0")));
+                let score = score
+                    .ok_or_else(|| (field, format!("has no score of at least 0 for {word:?}; give one")));
                 Ok((word.to_lowercase(), score?))
             })
             .collect(),
@@ -146,8 +150,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn proposals_are_read_as_they_are_and_what_is_wrong_is_named() {
-        // A mask of COCO's own making: 4 x 6 pixels, rows 1 and 2 of columns 2 and 3.
+    fn proposals_are_read_and_wrong_fields_are_named() {
+        // A mask of 4 x 6 pixels, rows 1 and 2 of columns 2 and 3.
         let good = r#"{"frames": [{"frame_index": 7, "objects": [
             {"mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}, "color": "Red", "material": {"metal": 0.7, "rubber": 0.3},
              "shape": "cube", "score": 0.9}]}]}"#;

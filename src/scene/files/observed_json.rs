@@ -1,19 +1,14 @@
-//! Writes a scene as an `observed.json`: CLEVRER's annotation with our keys, as `parse` reads it.
+//! Writes a scene as an `observed.json`: CLEVRER's annotation with our optional keys, as `parse` reads it.
 
-use super::{Scene, Shape, WorldKind};
+use crate::scene::object::{Object, Shape};
+use crate::scene::observation::Scene;
 use serde_json::{Map, Value, json};
 
-/// The scene file. A box that is no cube is written as a cube of its half width: the file knows no other.
+/// The scene as a JSON file. A box that is not a cube is written as a cube of its half width, as the format has no box.
 pub fn observed_json(scene: &Scene) -> Value {
     let mut root = Map::new();
-    let world = match scene.world {
-        WorldKind::Clevrer => "clevrer",
-        WorldKind::Table => "table",
-        WorldKind::AirTable => "air_table",
-        WorldKind::Billiards => "billiards",
-    };
     root.insert("video_filename".into(), scene.name.clone().into());
-    root.insert("world".into(), world.into());
+    root.insert("world".into(), scene.world.name().into());
     root.insert("fps".into(), scene.fps.into());
     let regular = |(f, t): (usize, &f64)| (t - f as f64 / scene.fps).abs() < 1e-9;
     if !scene.times.iter().enumerate().all(regular) {
@@ -27,7 +22,7 @@ pub fn observed_json(scene: &Scene) -> Value {
             root.insert("camera_matrix".into(), json!(camera.matrix));
             root.insert("image_size".into(), json!(camera.image_size));
         }
-        // Without the key, a CLEVRER scene has CLEVRER's camera.
+        // Without the key, `parse` takes CLEVRER's camera for a CLEVRER scene.
         None => {
             root.insert("camera_matrix".into(), Value::Null);
         }
@@ -38,20 +33,29 @@ pub fn observed_json(scene: &Scene) -> Value {
     if let Some(sigma) = scene.noise_sigma {
         root.insert("noise_sigma".into(), sigma.into());
     }
-    let object = |o: &super::Object| {
-        let (shape, size) = match o.shape {
-            Shape::Disc { radius } => ("cylinder", radius),
-            Shape::Ball { radius } => ("sphere", radius),
-            Shape::Square { half_side } => ("cube", half_side),
-            Shape::Rectangle { half_width, .. } => ("cube", half_width),
-        };
-        let mut entry = json!({"object_id": o.id, "color": o.color, "material": o.material, "shape": shape, "size": size});
-        if let Some(mass) = o.mass {
-            entry["mass"] = mass.into();
-        }
-        entry
+    root.insert("object_property".into(), scene.objects.iter().map(object_property).collect());
+    let frame = |(f, objects)| json!({ "frame_id": f, "objects": Value::Array(objects) });
+    root.insert("motion_trajectory".into(), frames(scene).into_iter().enumerate().map(frame).collect());
+    Value::Object(root)
+}
+
+fn object_property(object: &Object) -> Value {
+    let (shape, size) = match object.shape {
+        Shape::Disc { radius } => ("cylinder", radius),
+        Shape::Ball { radius } => ("sphere", radius),
+        Shape::Square { half_side } => ("cube", half_side),
+        Shape::Rectangle { half_width, .. } => ("cube", half_width),
     };
-    root.insert("object_property".into(), scene.objects.iter().map(object).collect());
+    let mut entry = json!({"object_id": object.id, "color": object.color, "material": object.material, "shape": shape,
+        "size": size});
+    if let Some(mass) = object.mass {
+        entry["mass"] = mass.into();
+    }
+    entry
+}
+
+/// The entries of each frame, outliers included: they are found again on reading.
+fn frames(scene: &Scene) -> Vec<Vec<Value>> {
     let mut frames: Vec<Vec<Value>> = vec![vec![]; scene.times.len()];
     for (index, object) in scene.objects.iter().enumerate() {
         let height = object.shape.centre_height();
@@ -69,19 +73,17 @@ pub fn observed_json(scene: &Scene) -> Value {
             }
         }
     }
-    let frame = |(f, objects)| json!({ "frame_id": f, "objects": Value::Array(objects) });
-    root.insert("motion_trajectory".into(), frames.into_iter().enumerate().map(frame).collect());
-    Value::Object(root)
+    frames
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Covariance, parse};
     use super::*;
+    use crate::scene::{Covariance, parse};
 
     #[test]
-    fn what_is_written_is_read_as_it_was() {
-        let text = include_str!("../../tests/data/clevrer/scene_00022/observed.json");
+    fn a_written_scene_reads_back_equal() {
+        let text = include_str!("../../../tests/data/clevrer/scene_00022/observed.json");
         let mut scene = parse("scene", text).unwrap();
         scene.tracks[0].samples[3].covariance = Some(Covariance { xx: 1e-4, xy: -2e-5, yy: 3e-4 });
         scene.times[5] += 0.003;

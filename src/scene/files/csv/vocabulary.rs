@@ -1,0 +1,49 @@
+//! The words of CSV files: units, shapes, and the known name that a misspelt one means.
+
+use crate::scene::object::Shape;
+use std::f64::consts::PI;
+
+/// Units by name, each with its size in SI units.
+pub(super) const LENGTHS: [(&str, f64); 3] = [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)];
+pub(super) const TIMES: [(&str, f64); 2] = [("s", 1.0), ("ms", 1e-3)];
+pub(super) const ANGLES: [(&str, f64); 2] = [("rad", 1.0), ("deg", PI / 180.0)];
+pub(super) const MASSES: [(&str, f64); 2] = [("kg", 1.0), ("g", 1e-3)];
+/// Names of the pixel as a unit of length; its size is the file's `scale`.
+pub(super) const PIXELS: [&str; 3] = ["px", "pixel", "pixels"];
+/// Largest radius or half side (m).
+pub(super) const MAX_SIZE: f64 = 50.0;
+
+/// Size of a unit in SI units.
+pub(super) fn size_of(units: &[(&str, f64)], unit: &str) -> Option<f64> {
+    units.iter().find(|(name, _)| *name == unit).map(|(_, size)| *size)
+}
+
+/// The name of a shape, and the shape of a given radius or half side (m).
+pub(super) type ShapeKind = (&'static str, fn(f64) -> Shape);
+
+pub(super) const DISC: ShapeKind = ("disc", |radius| Shape::Disc { radius });
+pub(super) const BALL: ShapeKind = ("ball", |radius| Shape::Ball { radius });
+const CUBE: ShapeKind = ("cube", |half_side| Shape::Square { half_side });
+/// The shapes, for messages.
+pub(super) const SHAPES: &str = "disc, ball or cube";
+
+pub(super) fn shape_kind(word: &str) -> Option<ShapeKind> {
+    match word.to_ascii_lowercase().as_str() {
+        "disc" | "disk" | "puck" | "coin" | "cylinder" => Some(DISC),
+        "ball" | "sphere" => Some(BALL),
+        "cube" | "square" | "box" | "block" => Some(CUBE),
+        _ => None,
+    }
+}
+
+/// The known name nearest to this one, if it differs by one or two typing errors.
+pub(super) fn misspelt<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let allowed = |near: &str| match near.len() {
+        // Of a short name only one letter too many, as "row" does not mean "yaw".
+        3 => usize::from(name.len() > 3),
+        short @ ..6 => short / 4,
+        _ => 2,
+    };
+    let distance = |known: &&str| strsim::osa_distance(known, name);
+    known.min_by_key(distance).filter(|near| distance(near) <= allowed(near))
+}
