@@ -1,10 +1,21 @@
 //! Answers a question about a fitted scene by running its program on every rollout.
+//!
+//! 1. English becomes a program (`english`); its types are checked before anything is simulated (`program`).
+//! 2. The program runs on the best rollout and on n rollouts with parameters drawn from the posterior (`predict`). What it needs is
+//!    simulated once: the scene as it is, 58 frames beyond the video, and each set of interventions, up to the video's end.
+//! 3. The probability of an answer is the share of the rollouts that give it (a Monte Carlo estimate of the posterior predictive
+//!    probability; its standard error is `sqrt(p (1 - p) / n)`). A rollout without the event in question is left out of the count.
+//!    A choice is correct if its probability is at least 0.5; an open question has the most frequent answer.
 
+use super::context::{Halt, RolloutContext};
+use super::describe::{describe, describe_event};
 use super::english::{choice_program, is_explanatory, question_program};
-use super::events::{FUTURE_FRAMES, World, world};
+use super::events::{FUTURE_FRAMES, Scenario, SceneEvent, scenario};
+use super::predict::{Prediction, PredictionRequest, predict};
 use super::program::{Op, QuestionProgram, Type};
-use super::run::{DerivationStep, Halt, RolloutContext, Value, describe, describe_event, run};
-use super::{Prediction, PredictionRequest, ReasonError, ops, predict};
+use super::run::{DerivationStep, run};
+use super::value::ProgramValue;
+use super::{ReasonError, ops};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -12,8 +23,8 @@ use crate::world::{EventKind, Intervention};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// An answer less probable than this is told with what the video leaves open.
-const SURE: f64 = 0.75;
+/// An answer less probable than this says what the video does not determine.
+const CERTAIN: f64 = 0.75;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -40,14 +51,14 @@ pub struct Answer {
     /// Of an open question.
     pub answer: Option<String>,
     pub choices: Vec<ChoiceAnswer>,
-    /// How sure the answer is: of an open one the share of the rollouts that give it, else of the least sure choice.
+    /// Probability of the open answer; with choices, that of the least certain verdict on a choice.
     pub probability: f64,
     #[serde(rename = "trail")]
     pub derivation: Vec<DerivationStep>,
     pub program: Vec<String>,
     /// One or two sentences.
     pub explanation: String,
-    /// The simulations it stands on.
+    /// The simulations that the answer is based on.
     pub simulations: Vec<Prediction>,
 }
 
@@ -55,13 +66,13 @@ pub struct Answer {
 pub struct ChoiceAnswer {
     pub choice: String,
     pub correct: bool,
-    /// Share of the rollouts in which it is correct.
+    /// Share of the rollouts in which the choice is correct.
     pub probability: f64,
     #[serde(rename = "trail")]
     pub derivation: Vec<DerivationStep>,
 }
 
-/// What is simulated so far.
+/// A question under way, with what is simulated so far.
 struct Session<'a> {
     scene: &'a Scene,
     fit: &'a Fit,
@@ -69,7 +80,7 @@ struct Session<'a> {
     options: AskOptions,
     stop: Stop<'a>,
     effects: Vec<String>,
-    worlds: Vec<World>,
+    scenarios: Vec<Scenario>,
     simulations: Vec<Prediction>,
 }
 
@@ -88,11 +99,11 @@ pub fn ask(
     let (mut program, choices) = programs(question)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
     if open_list && program.ops.contains(&Op::Negate) {
-        let expected = "choices to say it of: give some, as the question has \"not\"";
+        let expected = "choices, as the question has \"not\": give some";
         return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
     }
     if open_list {
-        // Without choices the events themselves are asked for.
+        // Without choices, the answer is the list of events.
         let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
         program.ops.truncate(keep);
         program.tokens.truncate(keep);
@@ -108,13 +119,13 @@ pub fn ask(
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
     let effects = active.map(|e| e.name.clone()).collect();
-    let (worlds, simulations) = (vec![], vec![]);
-    let mut session = Session { scene, fit, index, options, stop, effects, worlds, simulations };
+    let (scenarios, simulations) = (vec![], vec![]);
+    let mut session = Session { scene, fit, index, options, stop, effects, scenarios, simulations };
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
     answer.program = program.tokens;
-    if answer.probability < SURE {
-        let met = session.met();
+    if answer.probability < CERTAIN {
+        let met = session.colliding_objects();
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
     answer.explanation += &reach(scene, &session.simulations);
@@ -141,27 +152,28 @@ fn programs(question: &Question) -> Result<(QuestionProgram, Choices), ReasonErr
     }
 }
 
-/// How far the simulations look, which objects were kept as observed in every counterfactual, and whether a simulation ended early.
+/// How far the simulations run, which objects move as observed in every counterfactual, and whether a rollout ended early.
 fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
-    let prediction: Vec<&Prediction> = simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
-    let kept = scene.objects.iter().filter(|o| prediction.iter().all(|s| s.unreached.contains(&o.id)));
+    let counterfactuals: Vec<&Prediction> =
+        simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
+    let kept = scene.objects.iter().filter(|o| counterfactuals.iter().all(|s| s.unreached.contains(&o.id)));
     let kept: Vec<String> = kept.map(ops::phrase).collect();
     let mut words = String::new();
     let end = scene.times.last().copied().unwrap_or(0.0);
-    let looked = |from: &str, s: &Prediction| {
+    let duration = |what: &str, s: &Prediction| {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
-            true => format!(" {from} is simulated to {until:.1} s, {:.1} s beyond the video.", until - end),
-            false => format!(" {from} is simulated to the video's end, {until:.1} s."),
+            true => format!(" {what} runs to {until:.1} s, {:.1} s beyond the video.", until - end),
+            false => format!(" {what} runs to the end of the video, {until:.1} s."),
         }
     };
     words += &simulations
         .iter()
         .find(|s| s.interventions.is_empty())
-        .map_or(String::new(), |s| looked("What comes", s));
-    words += &prediction.first().map_or(String::new(), |s| looked("What would be", s));
-    if !prediction.is_empty() && !kept.is_empty() {
-        words += &format!(" The change does not reach {}, which moves as observed.", kept.join(" or "));
+        .map_or(String::new(), |s| duration("The prediction", s));
+    words += &counterfactuals.first().map_or(String::new(), |s| duration("The counterfactual", s));
+    if !counterfactuals.is_empty() && !kept.is_empty() {
+        words += &format!(" The change does not affect {}, which moves as observed.", kept.join(" or "));
     }
     if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
         words += &format!(" {} rollouts ended early ({}).", cut.rollouts, cut.why);
@@ -169,22 +181,24 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
     words
 }
 
-/// Why an answer is unsure: what the video does not determine of the objects that it depends on.
+/// Why an answer is uncertain: what the video does not determine of the objects that the answer depends on.
 pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectEstimate>) -> String {
     let open = objects.filter_map(|o| {
         let what = match (o.mass.identified, o.restitution.identified) {
             (true, true) => return None,
-            (false, true) => "mass",
-            (true, false) => "restitution",
-            (false, false) => "mass and restitution",
+            (false, true) => "mass of",
+            (true, false) => "restitution of",
+            (false, false) => "mass and restitution of",
         };
         let object = scene.objects.get(scene.object_index(o.id)?)?;
-        Some(format!("the {what} of {}", ops::phrase(object)))
+        Some(format!("the {what} {}", ops::phrase(object)))
     });
     let open: Vec<String> = open.collect();
     match open.is_empty() {
-        true => " The video cannot tell for sure: differences within its noise decide.".to_string(),
-        false => format!(" The video cannot tell for sure: it does not determine {}.", open.join(", ")),
+        true => {
+            " This is uncertain: the answer depends on differences within the noise of the video.".to_string()
+        }
+        false => format!(" This is uncertain: the video does not determine {}.", open.join(", ")),
     }
 }
 
@@ -201,16 +215,16 @@ fn result(program: &QuestionProgram, mut stack: Vec<Type>, wanted: Option<Type>)
 }
 
 impl Session<'_> {
-    /// Runs the programs one after the other on a rollout, simulating what they ask for.
+    /// Runs programs on one stack and one rollout; simulates the scenarios that they need.
     fn evaluate(
         &mut self,
         programs: &[&QuestionProgram],
         rollout: usize,
-    ) -> Result<(Option<Value>, Vec<DerivationStep>), ReasonError> {
+    ) -> Result<(Option<ProgramValue>, Vec<DerivationStep>), ReasonError> {
         loop {
             let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
-            let (scene, effects, worlds) = (self.scene, &self.effects, &self.worlds);
-            let context = RolloutContext { scene, bodies, effects, worlds, rollout };
+            let (scene, effects, scenarios) = (self.scene, &self.effects, &self.scenarios);
+            let context = RolloutContext { scene, bodies, effects, scenarios, rollout };
             let mut derivation = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, context, stack)?;
@@ -219,8 +233,10 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), derivation)),
-                // Simulated already, with fewer rollouts than asked for: this one has no say.
-                Err(Halt::NeedsSimulation(asked)) if self.worlds.iter().any(|w| w.interventions == asked) => {
+                // Simulated already, with fewer rollouts than requested: this rollout does not count.
+                Err(Halt::NeedsSimulation(needed))
+                    if self.scenarios.iter().any(|s| s.interventions == needed) =>
+                {
                     return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
                 }
                 Err(Halt::NeedsSimulation(interventions)) => self.simulate(&interventions)?,
@@ -230,7 +246,7 @@ impl Session<'_> {
     }
 
     /// Objects that collide in some simulation.
-    fn met(&self) -> BTreeSet<u32> {
+    fn colliding_objects(&self) -> BTreeSet<u32> {
         let events = self.simulations.iter().flat_map(|s| &s.events);
         events
             .filter(|e| e.event.kind == EventKind::Collision)
@@ -244,22 +260,22 @@ impl Session<'_> {
         let AskOptions { rollouts, seed } = self.options;
         let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts, seed };
         let prediction = predict(self.scene, self.fit, self.index, &request, self.stop)?;
-        self.worlds.push(world(self.scene, &prediction));
+        self.scenarios.push(scenario(self.scene, &prediction));
         self.simulations.push(prediction);
         Ok(())
     }
 
-    /// Values over the ensemble (the best rollout alone where there is none), and the best rollout's derivation.
+    /// The values over the ensemble (without one, that of the best rollout), and the derivation on the best rollout.
     fn over_rollouts(
         &mut self,
         programs: &[&QuestionProgram],
-    ) -> Result<(Vec<Value>, Vec<DerivationStep>), ReasonError> {
+    ) -> Result<(Vec<ProgramValue>, Vec<DerivationStep>), ReasonError> {
         let best = self.evaluate(programs, 0);
         let mut values = vec![];
         for rollout in 1..=self.options.rollouts {
             match self.evaluate(programs, rollout) {
                 Ok((value, _)) => values.extend(value),
-                // This rollout has no such event, so it has no say.
+                // Without the event in question, this rollout does not count.
                 Err(ReasonError::NoSingleEvent { .. }) => {}
                 Err(error) => return Err(error),
             }
@@ -280,7 +296,7 @@ impl Session<'_> {
         let mut answers = vec![];
         for (text, choice) in choices {
             let (values, derivation) = self.over_rollouts(&[choice, program])?;
-            let yes = values.iter().filter(|v| **v == Value::Bool(true)).count();
+            let yes = values.iter().filter(|v| **v == ProgramValue::Bool(true)).count();
             let probability = yes as f64 / values.len().max(1) as f64;
             answers.push(ChoiceAnswer {
                 choice: text.clone(),
@@ -289,7 +305,7 @@ impl Session<'_> {
                 derivation,
             });
         }
-        let sure = |c: &ChoiceAnswer| if c.correct { c.probability } else { 1.0 - c.probability };
+        let certainty = |c: &ChoiceAnswer| if c.correct { c.probability } else { 1.0 - c.probability };
         let right: Vec<String> = answers
             .iter()
             .filter(|c| c.correct)
@@ -298,10 +314,10 @@ impl Session<'_> {
         let rollouts = self.options.rollouts.max(1);
         Ok(Answer {
             answer: None,
-            probability: answers.iter().map(sure).fold(1.0, f64::min),
+            probability: answers.iter().map(certainty).fold(1.0, f64::min),
             explanation: match &right[..] {
-                [] => format!("In {rollouts} simulations: no choice is right."),
-                _ => format!("In {rollouts} simulations: right is {}.", right.join(", ")),
+                [] => format!("No choice is correct by {rollouts} simulations."),
+                _ => format!("Correct by {rollouts} simulations: {}.", right.join(", ")),
             },
             derivation: answers.first().map(|c| c.derivation.clone()).unwrap_or_default(),
             choices: answers,
@@ -312,7 +328,7 @@ impl Session<'_> {
 
     fn open(&mut self, program: &QuestionProgram) -> Result<Answer, ReasonError> {
         let (values, derivation) = self.over_rollouts(&[program])?;
-        let (answer, probability) = if matches!(values.first(), Some(Value::Events(_))) {
+        let (answer, probability) = if matches!(values.first(), Some(ProgramValue::Events(_))) {
             self.likely_events(&values)
         } else {
             let mut tally: Vec<(String, usize)> = vec![];
@@ -323,12 +339,12 @@ impl Session<'_> {
                     None => tally.push((text, 1)),
                 }
             }
-            // The first among equals, so that the order of rollouts decides and nothing else.
+            // Of equally frequent answers the first one, so that the result is deterministic.
             let most = tally.iter().rev().max_by_key(|(_, n)| *n).cloned().unwrap_or_default();
             (most.0, most.1 as f64 / values.len().max(1) as f64)
         };
         Ok(Answer {
-            explanation: format!("In {:.0} % of {} rollouts.", 100.0 * probability, values.len()),
+            explanation: format!("{:.0} % of {} rollouts agree.", 100.0 * probability, values.len()),
             answer: Some(answer),
             choices: vec![],
             probability,
@@ -338,11 +354,11 @@ impl Session<'_> {
         })
     }
 
-    /// Events that at least half of the rollouts show, in words, and the share of the least likely of them.
-    fn likely_events(&self, values: &[Value]) -> (String, f64) {
-        let mut tally: Vec<(super::events::SceneEvent, usize)> = vec![];
+    /// The events of at least half of the rollouts, in words, and the share of the least likely of them.
+    fn likely_events(&self, values: &[ProgramValue]) -> (String, f64) {
+        let mut tally: Vec<(SceneEvent, usize)> = vec![];
         for value in values {
-            let Value::Events(events) = value else { continue };
+            let ProgramValue::Events(events) = value else { continue };
             for (k, event) in events.iter().enumerate() {
                 if events.iter().take(k).any(|e| e.is_like(event)) {
                     continue;
@@ -359,7 +375,7 @@ impl Session<'_> {
             let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
             return ("nothing is likely to happen".to_string(), 1.0 - most);
         }
-        // The share of a single one is that of the answer.
+        // The share of a single event is the probability of the answer.
         let words = likely.iter().map(|(e, n)| match likely.len() {
             1 => describe_event(self.scene, e),
             _ => format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)),

@@ -1,31 +1,34 @@
-//! English to programs: reads a text by the table of forms; what it does not understand is refused by name, never guessed.
+//! English to programs: reads a text by the table of forms. A text outside it is refused with the nearest form, never guessed.
+//!
+//! The table is a context-free grammar: a form is a rule, its slots are nonterminals. All readings of a phrase from a word on are
+//! found by recursive descent; the first one that covers the whole text gives the program, its slots filled in.
 
 use super::ReasonError;
 use super::grammar::{FORMS, Form};
 use super::program::nearest;
 use std::collections::BTreeSet;
 
-/// Longest part of a text that a refusal repeats (characters).
+/// Longest part of a text that an error repeats (characters).
 const MAX_PART: usize = 200;
 /// Objects in examples.
 const OBJECTS: [&str; 2] = ["the blue cube", "the red metal sphere"];
 
-/// Questions that phrases are part of, for examples.
-const WITHIN: [(&str, &str); 5] = [
+/// The start of a question that each phrase completes, for examples.
+const QUESTION_STARTS: [(&str, &str); 5] = [
     ("if", "what will happen"),
     ("change", "what will happen if"),
     ("mass", "what will happen if the blue cube is"),
     ("speed", "what will happen if the blue cube moved"),
     ("law", "what will happen without"),
 ];
-/// Words that tell nothing by themselves.
-const JOINING: &[&str] = &[
+/// Function words, which do not count when texts are compared.
+const FUNCTION_WORDS: &[&str] = &[
     "a", "an", "and", "any", "are", "as", "be", "by", "did", "do", "does", "for", "happen", "happens", "how",
     "if", "in", "is", "it", "its", "not", "of", "on", "or", "'s", "that", "the", "there", "this", "to",
     "was", "were", "what", "when", "which", "will", "with", "would",
 ];
-/// Stems of the forms and others that people use for them.
-const ALIKE: &[(&str, &[&str])] = &[
+/// Stems of the forms with the stems of their synonyms.
+const SYNONYMS: &[(&str, &[&str])] = &[
     ("collid", &["collision", "crash", "bump", "hit", "strik", "touch", "impact", "meet"]),
     ("remov", &["gon", "vanish", "disappear", "miss", "without", "delet", "tak"]),
     ("heavy", &["heavier", "weigh", "weight", "mass", "lighter"]),
@@ -41,12 +44,12 @@ pub fn question_program(text: &str) -> Result<Vec<String>, ReasonError> {
     program("question", text, "events")
 }
 
-/// The program of a choice; `observed` where the question is about what the video shows (explanatory).
+/// The program of a choice. `observed`: the question is explanatory, about events of the video.
 pub fn choice_program(text: &str, observed: bool) -> Result<Vec<String>, ReasonError> {
     program("choice", text, if observed { "events" } else { "all_events" })
 }
 
-/// Whether the question asks what led to something that the video shows.
+/// Whether the question asks for the causes of an event of the video.
 pub(super) fn is_explanatory(question: &[String]) -> bool {
     question.iter().any(|t| t == "filter_ancestor")
 }
@@ -58,7 +61,7 @@ pub fn examples() -> Vec<String> {
 
 fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec<String>, ReasonError> {
     let words = words(text);
-    let mut reader = Reader { words: &words, source, pending: vec![], furthest: 0, missing: None };
+    let mut reader = QuestionReader { words: &words, source, pending: vec![], furthest: 0, missing: None };
     let mut readings = reader.phrase(phrase, 0).into_iter();
     if let Some((_, tokens)) = readings.find(|(end, _)| *end == words.len()) {
         return Ok(tokens);
@@ -69,15 +72,16 @@ fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec
         missing.iter().for_each(|part| spell(part, &mut out));
         sentence(&out)
     });
-    // What tells most of the same things: as far as it was understood, completed by an example, or else an example.
+    // The nearest form shares most content words: the understood part completed by an example, or else an example.
     let mut examples: Vec<String> = FORMS.iter().filter(|f| f.phrase == phrase).map(example).collect();
     if phrase == "question" {
-        let within =
-            |f: &Form| Some(format!("{} {}", WITHIN.iter().find(|w| w.0 == f.phrase)?.1, example(f)));
-        examples.extend(FORMS.iter().filter_map(within));
+        let completed_phrase = |f: &Form| {
+            Some(format!("{} {}", QUESTION_STARTS.iter().find(|w| w.0 == f.phrase)?.1, example(f)))
+        };
+        examples.extend(FORMS.iter().filter_map(completed_phrase));
     }
-    let told = content(&words);
-    let shared = |example: &str| content(&self::words(example)).intersection(&told).count();
+    let asked = content(&words);
+    let shared = |example: &str| content(&self::words(example)).intersection(&asked).count();
     let most = examples.iter().map(|e| shared(e)).max().unwrap_or(0);
     let nearest = match completed {
         Some(completed) if shared(&completed) >= most => completed,
@@ -90,7 +94,7 @@ fn program(phrase: &'static str, text: &str, source: &'static str) -> Result<Vec
     Err(ReasonError::NotUnderstood { part, nearest })
 }
 
-/// The form with every phrase in it written out, such as "what will not happen if the blue cube is removed".
+/// The form with every phrase written out, such as "what will not happen if the blue cube is removed".
 fn example(form: &Form) -> String {
     let mut out = vec![];
     spell(form.reads, &mut out);
@@ -101,7 +105,7 @@ fn sentence(words: &[String]) -> String {
     words.join(" ").replace(" 's", "'s")
 }
 
-/// Writes words with every phrase in its first form.
+/// Writes words, each phrase in its first form.
 fn spell(reads: &'static str, out: &mut Vec<String>) {
     for part in reads.split_whitespace() {
         match slot(part).map(kind) {
@@ -134,28 +138,28 @@ fn kind(slot: &'static str) -> &'static str {
     slot.trim_end_matches(|c: char| c.is_ascii_digit())
 }
 
-/// Where a reading ends, and its program.
-type Reading = (usize, Vec<String>);
+/// The word after a reading, and its program.
+type PhraseReading = (usize, Vec<String>);
 
-/// Programs of the phrases in a form so far.
-type Bound = Vec<(&'static str, Vec<String>)>;
+/// Programs of the slots of a form so far.
+type SlotPrograms = Vec<(&'static str, Vec<String>)>;
 
-struct Reader<'a> {
+struct QuestionReader<'a> {
     words: &'a [String],
-    /// Where the events come from that a program asks for.
+    /// The token of the events that `@events` stands for.
     source: &'static str,
-    /// What the phrases around the one that is being read still want.
+    /// What the enclosing phrases still require.
     pending: Vec<&'static str>,
-    /// Words that some reading has understood.
+    /// Number of words that the longest reading understood.
     furthest: usize,
-    /// What the reading that came furthest wants after so many words.
+    /// What the longest reading requires after this many words.
     missing: Option<(usize, Vec<&'static str>)>,
 }
 
-impl Reader<'_> {
+impl QuestionReader<'_> {
     /// All readings of a form from the word `start` on.
-    fn form(&mut self, form: &'static Form, start: usize) -> Vec<Reading> {
-        let mut states: Vec<(usize, Bound)> = vec![(start, vec![])];
+    fn form(&mut self, form: &'static Form, start: usize) -> Vec<PhraseReading> {
+        let mut states: Vec<(usize, SlotPrograms)> = vec![(start, vec![])];
         let mut rest = form.reads;
         while let Some(part) = rest.split_whitespace().next() {
             let here = rest;
@@ -187,7 +191,7 @@ impl Reader<'_> {
         states.into_iter().map(|(end, bound)| (end, self.program(form.program, &bound))).collect()
     }
 
-    /// Keeps what is missing where a reading ends that understood the words before `furthest`, the first such.
+    /// Records what a reading lacks that understood the words before `furthest`, if it is the first of the longest readings.
     fn stuck(&mut self, furthest: usize, kept: usize, missing: &'static str) {
         if self.missing.is_none() || furthest > self.furthest {
             self.furthest = furthest;
@@ -196,7 +200,7 @@ impl Reader<'_> {
         }
     }
 
-    fn phrase(&mut self, name: &'static str, at: usize) -> Vec<Reading> {
+    fn phrase(&mut self, name: &'static str, at: usize) -> Vec<PhraseReading> {
         match name {
             "S" => self.object(at).into_iter().collect(),
             "number" => match self.word(at) {
@@ -229,7 +233,7 @@ impl Reader<'_> {
     }
 
     /// "0.5 m", "20 cm": a length in metres.
-    fn length(&self, at: usize) -> Option<Reading> {
+    fn length(&self, at: usize) -> Option<PhraseReading> {
         let value = positive(self.word(at)?)?;
         let metres = match self.word(at + 1)? {
             "m" | "metre" | "metres" | "meter" | "meters" => value,
@@ -240,8 +244,8 @@ impl Reader<'_> {
         Some((at + 2, vec![metres.to_string()]))
     }
 
-    /// "[the] blue rubber cube": one object, which at least one word describes.
-    fn object(&mut self, at: usize) -> Option<Reading> {
+    /// "[the] blue rubber cube": one object, with at least one describing word.
+    fn object(&mut self, at: usize) -> Option<PhraseReading> {
         let start = if self.word(at) == Some("the") { at + 1 } else { at };
         match self.objects(start) {
             Some((end, tokens)) if tokens.len() > 1 => {
@@ -254,8 +258,8 @@ impl Reader<'_> {
         }
     }
 
-    /// "blue rubber cubes", "objects": as many words as fit.
-    fn objects(&self, start: usize) -> Option<Reading> {
+    /// "blue rubber cubes", "objects": the longest phrase of objects.
+    fn objects(&self, start: usize) -> Option<PhraseReading> {
         let (mut at, mut found, mut noun) = (start, vec![], false);
         while let (Some(described), false) = (self.word(at).and_then(word), noun) {
             match described {
@@ -280,7 +284,7 @@ impl Reader<'_> {
 fn words(text: &str) -> Vec<String> {
     let text = text.to_lowercase().replace(['\u{2019}', '\u{2018}', '`'], "'").replace("'s", " 's ");
     let text = text.replace("billiard ball", "ball");
-    // A negative number is no word of any form: it is refused, not read without its sign.
+    // No form has the word "minus", so that a negative number is refused and not read without its sign.
     let negative = |w: &str| {
         w.strip_prefix(['-', '\u{2212}']).is_some_and(|n| n.starts_with(|c: char| c.is_ascii_digit()))
     };
@@ -291,13 +295,14 @@ fn words(text: &str) -> Vec<String> {
     split.map(|w| w.trim_matches('.')).filter(|w| !w.is_empty()).map(str::to_string).collect()
 }
 
-/// What words tell, without those that join them and without endings; any object is one.
+/// Stems of the content words; all words for objects are one.
 fn content(words: &[String]) -> BTreeSet<&str> {
-    words.iter().filter_map(|w| told(w)).collect()
+    words.iter().filter_map(|w| stem(w)).collect()
 }
 
-fn told(w: &str) -> Option<&str> {
-    if JOINING.contains(&w) || word(w) == Some(None) {
+/// The stem of a word, or of the form's word that it is a synonym of; `None` for function words.
+fn stem(w: &str) -> Option<&str> {
+    if FUNCTION_WORDS.contains(&w) || word(w) == Some(None) {
         return None;
     }
     if word(w).is_some() {
@@ -305,8 +310,8 @@ fn told(w: &str) -> Option<&str> {
     }
     let stem = ["ing", "es", "ed", "s", "e"].iter().find_map(|end| w.strip_suffix(end));
     let stem = stem.filter(|s| s.len() > 2).unwrap_or(w);
-    let alike = ALIKE.iter().find(|(known, others)| *known == stem || others.contains(&stem));
-    Some(alike.map_or(stem, |(known, _)| known))
+    let synonym = SYNONYMS.iter().find(|(known, others)| *known == stem || others.contains(&stem));
+    Some(synonym.map_or(stem, |(known, _)| known))
 }
 
 /// A finite number above 0.
@@ -314,7 +319,7 @@ fn positive(word: &str) -> Option<f64> {
     word.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0)
 }
 
-/// The vocabulary's word for a describing word, and its filter; none for "object".
+/// For a describing word, the vocabulary's word and its filter; `Some(None)` for words such as "object".
 fn word(w: &str) -> Option<Option<(&'static str, &'static str)>> {
     let (c, m, s) = ("filter_color", "filter_material", "filter_shape");
     Some(Some(match w {

@@ -1,11 +1,11 @@
-//! What happened, in each rollout: collisions, entrances and exits by frame, and which objects moved.
+//! The events of each rollout in the terms of questions: collisions, entrances and exits by frame, and which objects move.
 
 use super::Prediction;
 use crate::scene::{Scene, WorldKind};
 use crate::world::{EventKind, Intervention, Trace};
 use std::collections::BTreeSet;
 
-/// Frames that a prediction goes on after the video: "next" is within a little more than two seconds.
+/// Frames that a prediction continues after the video: "next" means within 2.3 s at 25 frames/s.
 pub const FUTURE_FRAMES: usize = 58;
 /// Slowest speed that counts as moving (m/s).
 pub const MOVING_SPEED: f64 = 0.02;
@@ -14,7 +14,7 @@ pub const MOVING_SPEED: f64 = 0.02;
 pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum SceneEventKind {
     Collision,
     /// One object collides with this side of the table.
     Side(&'static str),
@@ -22,104 +22,110 @@ pub enum Kind {
     Out,
     Start,
     End,
-    /// Stands for an event that was asked for and did not happen.
+    /// Stands for an event in question that did not happen.
     Never,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SceneEvent {
-    pub kind: Kind,
+    pub kind: SceneEventKind,
     pub frame: usize,
     /// Indices of the scene's objects, sorted.
     pub objects: Vec<usize>,
 }
 
 impl SceneEvent {
-    /// The same event, whenever it happens.
+    /// The same kind of event of the same objects, at any time.
     pub fn is_like(&self, other: &SceneEvent) -> bool {
-        self.kind != Kind::Never && self.kind == other.kind && self.objects == other.objects
+        self.kind != SceneEventKind::Never && self.kind == other.kind && self.objects == other.objects
     }
 }
 
-/// What one set of interventions leads to, in each rollout; rollout 0 is the best one, the ensemble follows.
+/// A set of interventions and the events of its rollouts: rollout 0 has the best parameters, the ensemble follows.
 #[derive(Debug, Clone, PartialEq)]
-pub struct World {
+pub struct Scenario {
     pub interventions: Vec<Intervention>,
-    pub rollouts: Vec<Past>,
+    pub rollouts: Vec<RolloutEvents>,
 }
 
-/// One rollout.
+/// The events of one rollout.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Past {
+pub struct RolloutEvents {
     /// By frame.
     pub events: Vec<SceneEvent>,
-    /// `moving[object][frame]` of the observed frames; `None` where it was not seen.
+    /// `moving[object][frame]` of the observed frames; `None` where the object has no sample.
     pub moving: Vec<Vec<Option<bool>>>,
 }
 
-/// Reads the events off every rollout of a simulation.
-pub fn world(scene: &Scene, prediction: &Prediction) -> World {
+/// The events of every rollout of a prediction.
+pub fn scenario(scene: &Scene, prediction: &Prediction) -> Scenario {
     let traces = std::iter::once(&prediction.best).chain(&prediction.ensemble);
-    let plain = prediction.interventions.is_empty();
-    let rollouts = traces.map(|trace| Past {
-        events: events(scene, trace, plain),
-        moving: if plain { moving(scene, trace) } else { vec![] },
+    let is_factual = prediction.interventions.is_empty();
+    let rollouts = traces.map(|trace| RolloutEvents {
+        events: events(scene, trace, is_factual),
+        moving: if is_factual { moving(scene, trace) } else { vec![] },
     });
-    World { interventions: prediction.interventions.clone(), rollouts: rollouts.collect() }
+    Scenario { interventions: prediction.interventions.clone(), rollouts: rollouts.collect() }
 }
 
-/// By CLEVRER's rule a pair collides once: its annotations tell the first contact, also where the two part and meet again.
-fn events(scene: &Scene, trace: &Trace, plain: bool) -> Vec<SceneEvent> {
-    let mut events = vec![];
+/// The events of a trace. In a CLEVRER scene a pair of objects collides once: CLEVRER's annotations have the first contact only.
+fn events(scene: &Scene, trace: &Trace, is_factual: bool) -> Vec<SceneEvent> {
+    let mut events: Vec<SceneEvent> = vec![];
     for event in trace.events.iter().filter(|e| e.kind == EventKind::Collision) {
         let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
         objects.sort_unstable();
-        let again = events.iter().any(|e: &SceneEvent| e.objects == objects);
+        let is_repeated = events.iter().any(|e| e.objects == objects);
         let side = event.wall.as_ref().and_then(|wall| SIDES.iter().find(|side| *side == wall));
         if let (Some(side), 1) = (side, objects.len()) {
             let frame = scene.frame_at(event.time);
-            events.push(SceneEvent { kind: Kind::Side(side), frame, objects });
-        } else if objects.len() == 2 && !(again && scene.world == WorldKind::Clevrer) {
-            events.push(SceneEvent { kind: Kind::Collision, frame: scene.frame_at(event.time), objects });
+            events.push(SceneEvent { kind: SceneEventKind::Side(side), frame, objects });
+        } else if objects.len() == 2 && !(is_repeated && scene.world == WorldKind::Clevrer) {
+            events.push(SceneEvent {
+                kind: SceneEventKind::Collision,
+                frame: scene.frame_at(event.time),
+                objects,
+            });
         }
     }
     for object in 0..scene.objects.len() {
-        let seen = if plain { observed(scene, object, trace) } else { seen(scene, object, trace) };
+        let seen = if is_factual { observed(scene, object, trace) } else { in_view(scene, object, trace) };
         let mut add = |kind, frame| events.push(SceneEvent { kind, frame, objects: vec![object] });
         if let Some(&first) = seen.first().filter(|f| **f > 0) {
-            add(Kind::In, first);
+            add(SceneEventKind::In, first);
         }
         if let Some(&last) = seen.last().filter(|f| **f + 1 < trace.times.len()) {
-            add(Kind::Out, last + 1);
+            add(SceneEventKind::Out, last + 1);
         }
     }
     events.sort_by_key(|e| e.frame);
     events
 }
 
-/// Frames in which the object was seen, and then those in which the rollout shows it without a break.
+/// Frames with a sample of the object; if the last observed frame has one, also the following frames in which the rollout
+/// keeps the object in view without a gap.
 fn observed(scene: &Scene, object: usize, trace: &Trace) -> Vec<usize> {
     let samples = scene.tracks.get(object).map(|t| t.samples.as_slice()).unwrap_or_default();
     let mut frames: Vec<usize> = samples.iter().map(|s| s.frame).collect();
     if frames.last().is_some_and(|last| *last + 1 == scene.times.len()) {
-        let next = seen(scene, object, trace).into_iter().filter(|f| *f >= scene.times.len());
-        let next = (scene.times.len()..).zip(next).take_while(|(due, frame)| due == frame);
+        let next = in_view(scene, object, trace).into_iter().filter(|f| *f >= scene.times.len());
+        let next = (scene.times.len()..).zip(next).take_while(|(expected, frame)| expected == frame);
         frames.extend(next.map(|(_, frame)| frame));
     }
     frames
 }
 
-/// Frames in which the rollout has the object in the camera's view.
-fn seen(scene: &Scene, object: usize, trace: &Trace) -> Vec<usize> {
-    let Some(thing) = scene.objects.get(object) else { return vec![] };
-    let Some(body) = trace.ids.iter().position(|id| *id == thing.id) else { return vec![] };
+/// Frames in which the object is in the camera's view in the rollout.
+fn in_view(scene: &Scene, object: usize, trace: &Trace) -> Vec<usize> {
+    let Some(object) = scene.objects.get(object) else { return vec![] };
+    let Some(body) = trace.ids.iter().position(|id| *id == object.id) else { return vec![] };
     let inside = |frame: &usize| {
         let state = trace.states.get(*frame).and_then(|row| row.get(body).copied().flatten());
-        state.is_some_and(|s| scene.camera.is_none_or(|c| c.sees(s.position, thing.shape.centre_height())))
+        state.is_some_and(|s| scene.camera.is_none_or(|c| c.sees(s.position, object.shape.centre_height())))
     };
     (0..trace.states.len()).filter(inside).collect()
 }
 
+/// Whether each object moves in each observed frame with a sample of it.
 fn moving(scene: &Scene, trace: &Trace) -> Vec<Vec<Option<bool>>> {
     let of = |(object, track): (&crate::scene::Object, &crate::scene::Track)| {
         let seen: BTreeSet<usize> = track.samples.iter().map(|s| s.frame).collect();

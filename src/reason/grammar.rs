@@ -1,11 +1,11 @@
-//! The supported English as one table: how each phrase reads and the program it stands for.
+//! The supported English as one table: the words of each phrase and its program.
 
-/// One way to say a phrase.
+/// One form of a phrase.
 pub(super) struct Form {
     pub phrase: &'static str,
-    /// Words, `a|b` for either, `{name}` for another phrase (digits tell two of a kind apart).
+    /// Words; `a|b` for either word, `{name}` for another phrase (`{S1}` and `{S2}` are two phrases `S`).
     pub reads: &'static str,
-    /// Tokens, and `{name}` where the other phrase's program goes; `@events` is where the events come from.
+    /// Tokens, with `{name}` for the other phrase's program; `@events` stands for the events that the question is about.
     pub program: &'static str,
 }
 
@@ -20,7 +20,7 @@ const PAIR: &str = "@events {S1} filter_collision {S2} filter_collision unique";
 /// digits: see [`super::english`].
 /// The first form of a phrase is the one that examples use.
 pub(super) static FORMS: &[Form] = &[
-    // What would have been.
+    // Counterfactual questions.
     form(
         "question",
         "{asked} {will} {not} happen|occur {if}",
@@ -125,7 +125,7 @@ pub(super) static FORMS: &[Form] = &[
         "how many collisions will|would {happen} {if}",
         "{if} filter_counterfact objects filter_collision count",
     ),
-    // What comes next.
+    // Predictive questions.
     form(
         "question",
         "how many collisions will {happen} next",
@@ -154,7 +154,7 @@ pub(super) static FORMS: &[Form] = &[
     form("table", "of the billiard|billiards|pool table", ""),
     form("table", "of the table", ""),
     form("table", "", ""),
-    // Why.
+    // Explanatory questions.
     form(
         "question",
         "{asked} is|are {not} responsible for {event}",
@@ -189,7 +189,7 @@ pub(super) static FORMS: &[Form] = &[
     form("choice", "{event}", "{event}"),
     form("choice", "the presence of {S}", "{S}"),
     form("choice", "{S} 's presence", "{S}"),
-    // What the video shows: how many, whether any.
+    // Descriptive questions: number and existence.
     form("question", "how many collisions {happen} {time}", "events objects filter_collision {time} count"),
     form("question", "how many {some} {move} {time}", "events {some} {move} {time} count"),
     form("question", "how many {some} are {motion} {when}", "{some} {when} {motion} count"),
@@ -220,7 +220,7 @@ pub(super) static FORMS: &[Form] = &[
     form("moment", "the video ends", "events filter_end"),
     form("moment", "the video begins|starts", "events filter_start"),
     form("moment", "{event}", "{event}"),
-    // What something looks like.
+    // Descriptive questions: colour, material, shape.
     form("question", "{look} {thing}", "{thing} {look}"),
     form("look", "what|which color|colour is", "query_color"),
     form("look", "what|which material is", "query_material"),

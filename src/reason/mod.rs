@@ -1,6 +1,11 @@
-//! Reasoning: predict, imagine, and answer questions by simulating.
+//! Reasoning: predictions, counterfactuals, and answers to questions, all by simulation of the fitted model.
+//!
+//! `ask` (English or a program) -> `english`, `grammar` -> `program` (type check) -> `predict` (rollouts) -> `events` (what happens)
+//! -> `run`, `step`, `ops` (the program on each rollout) -> answer with probability and derivation.
 
 mod ask;
+mod context;
+mod describe;
 mod english;
 mod events;
 mod grammar;
@@ -8,8 +13,10 @@ mod ops;
 mod predict;
 mod program;
 mod run;
+mod step;
 #[cfg(test)]
 mod tests;
+mod value;
 
 pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
 pub use english::{choice_program, examples, question_program};
@@ -27,13 +34,13 @@ use crate::world::InterventionError;
 pub enum ReasonError {
     #[error(transparent)]
     Intervention(#[from] InterventionError),
-    #[error("frames is {frames}; ask for 1 to {most}")]
+    #[error("frames is {frames}; give 1 to {most}")]
     Frames { frames: usize, most: usize },
     #[error(transparent)]
     Stopped(#[from] Stopped),
     #[error("the program has {tokens} tokens; give 1 to {most}")]
     ProgramLength { tokens: usize, most: usize },
-    #[error("token {position}, {token}: not in the vocabulary; nearest is {nearest}")]
+    #[error("token {position}, {token}: is not in the vocabulary; the nearest token is {nearest}")]
     UnknownToken { position: usize, token: String, nearest: String },
     #[error("token {position}, {token}: expected {expected}, found {found}")]
     ProgramType { position: usize, token: String, expected: &'static str, found: String },

@@ -1,7 +1,7 @@
 //! The operations of programs, one function each.
 
 use super::ReasonError;
-use super::events::{Kind, Past, SIDES, SceneEvent};
+use super::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
 use crate::num::{Vec2, vec2};
 use crate::scene::{Object, Scene};
 use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
@@ -9,10 +9,10 @@ use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
 /// Mass factors of "heavier" and "lighter".
 pub const HEAVIER: f64 = 5.0;
 pub const LIGHTER: f64 = 0.2;
-/// CLEVRER's "end" lies this many frames before the number of frames.
+/// CLEVRER's "end" of a video is this many frames before the number of frames.
 const END_MARGIN: usize = 3;
 
-/// "the red metal cube", "the cube 3" where it has no colour.
+/// "the red metal cube"; "the cube 3" for an object without a colour.
 pub fn phrase(object: &Object) -> String {
     format!("the {}", object.description())
 }
@@ -21,24 +21,25 @@ pub fn all(scene: &Scene) -> Vec<usize> {
     (0..scene.objects.len()).collect()
 }
 
-/// Every event one could ask about: any two objects collide, any one enters, exits or meets a side of the table.
+/// Every event that a choice can name: two objects collide; an object enters, exits or hits a side of the table.
 pub fn conceivable(scene: &Scene) -> Vec<SceneEvent> {
     let n = scene.objects.len();
     let event = |kind, objects| SceneEvent { kind, frame: 0, objects };
     let pairs = (0..n).flat_map(|b| (0..b).map(move |a| vec![a, b]));
-    let mut events: Vec<SceneEvent> = pairs.map(|p| event(Kind::Collision, p)).collect();
+    let mut events: Vec<SceneEvent> = pairs.map(|p| event(SceneEventKind::Collision, p)).collect();
     for i in 0..n {
-        events.extend([event(Kind::In, vec![i]), event(Kind::Out, vec![i])]);
+        events.extend([event(SceneEventKind::In, vec![i]), event(SceneEventKind::Out, vec![i])]);
         if scene.table.is_some() {
-            events.extend(SIDES.map(|side| event(Kind::Side(side), vec![i])));
+            events.extend(SIDES.map(|side| event(SceneEventKind::Side(side), vec![i])));
         }
     }
     events
 }
 
-pub fn edge(scene: &Scene, kind: Kind) -> SceneEvent {
+/// The start or the end of the video.
+pub fn edge(scene: &Scene, kind: SceneEventKind) -> SceneEvent {
     let last = scene.times.len().saturating_sub(END_MARGIN);
-    SceneEvent { kind, frame: if kind == Kind::Start { 0 } else { last }, objects: vec![] }
+    SceneEvent { kind, frame: if kind == SceneEventKind::Start { 0 } else { last }, objects: vec![] }
 }
 
 pub fn filter_word(scene: &Scene, objects: &[usize], of: fn(&Object) -> &str, word: &str) -> Vec<usize> {
@@ -46,9 +47,14 @@ pub fn filter_word(scene: &Scene, objects: &[usize], of: fn(&Object) -> &str, wo
     objects.iter().filter(fits).copied().collect()
 }
 
-/// Moving, or seen and not moving, in a frame; ever, or never, without one.
-pub fn filter_motion(past: &Past, objects: &[usize], frame: Option<usize>, moving: bool) -> Vec<usize> {
-    let of = |i: &usize| past.moving.get(*i).map(Vec::as_slice).unwrap_or_default();
+/// Objects that move, or rest, in a frame. Without a frame: objects that ever move, or that never do.
+pub fn filter_motion(
+    rollout: &RolloutEvents,
+    objects: &[usize],
+    frame: Option<usize>,
+    moving: bool,
+) -> Vec<usize> {
+    let of = |i: &usize| rollout.moving.get(*i).map(Vec::as_slice).unwrap_or_default();
     let fits = |i: &&usize| match frame {
         Some(frame) => of(i).get(frame).copied().flatten() == Some(moving),
         None => {
@@ -59,7 +65,7 @@ pub fn filter_motion(past: &Past, objects: &[usize], frame: Option<usize>, movin
     objects.iter().filter(fits).copied().collect()
 }
 
-pub fn filter_kind(events: &[SceneEvent], kind: Kind, objects: &[usize]) -> Vec<SceneEvent> {
+pub fn filter_kind(events: &[SceneEvent], kind: SceneEventKind, objects: &[usize]) -> Vec<SceneEvent> {
     let fits = |e: &&SceneEvent| e.kind == kind && e.objects.iter().any(|o| objects.contains(o));
     events.iter().filter(fits).cloned().collect()
 }
@@ -67,7 +73,7 @@ pub fn filter_kind(events: &[SceneEvent], kind: Kind, objects: &[usize]) -> Vec<
 /// Collisions of the object with one of the partners.
 pub fn filter_partner(events: &[SceneEvent], object: usize, partners: &[usize]) -> Vec<SceneEvent> {
     let others = |e: &&SceneEvent| e.objects.iter().any(|o| *o != object && partners.contains(o));
-    filter_kind(events, Kind::Collision, &[object]).iter().filter(others).cloned().collect()
+    filter_kind(events, SceneEventKind::Collision, &[object]).iter().filter(others).cloned().collect()
 }
 
 pub fn filter_time(events: &[SceneEvent], frame: Option<usize>, after: bool) -> Vec<SceneEvent> {
@@ -75,13 +81,14 @@ pub fn filter_time(events: &[SceneEvent], frame: Option<usize>, after: bool) -> 
     events.iter().filter(fits).cloned().collect()
 }
 
+/// The event at this place in time; `usize::MAX` is the last.
 pub fn order(events: &[SceneEvent], place: usize) -> Option<SceneEvent> {
     let mut sorted: Vec<&SceneEvent> = events.iter().collect();
     sorted.sort_by_key(|e| e.frame);
     if place == usize::MAX { sorted.last() } else { sorted.get(place) }.map(|e| (*e).clone())
 }
 
-/// What led to the event: earlier events of its participants, and what led to those; not the event itself.
+/// The causes of an event: earlier events of its participants, and their causes; not the event itself.
 pub fn ancestors(events: &[SceneEvent], of: &SceneEvent) -> Vec<SceneEvent> {
     let mut found: Vec<SceneEvent> = vec![];
     let mut open = vec![of.clone()];
@@ -105,7 +112,7 @@ pub fn has_event(events: &[SceneEvent], event: &SceneEvent) -> bool {
     events.iter().any(|e| e.is_like(event))
 }
 
-/// The one object; none or several is an error that names them.
+/// The only object; for none or several, an error that names the candidates.
 pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
     let names = |of: &[usize]| of.iter().filter_map(|i| scene.objects.get(*i)).map(phrase).collect();
     let phrase = phrase_asked.to_string();
@@ -116,12 +123,12 @@ pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Re
     }
 }
 
-/// The first of the objects: a pattern for more of its kind.
+/// The first of the objects, as a pattern for another one.
 pub fn first_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
     objects.first().map_or_else(|| unique_object(scene, &[], phrase_asked), |first| Ok(*first))
 }
 
-/// A body like the first one, at rest, `by` (m) off where the second one begins.
+/// Adds a body like the first one, at rest, at the offset `by` (m) from the start of the second one.
 pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Result<Intervention, ReasonError> {
     let find = |id: u32| {
         let known = || bodies.iter().map(|b| b.id).collect();
@@ -137,15 +144,16 @@ pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Resul
     Ok(Intervention::Add { body: BodySpec { id, start, ..like.clone() } })
 }
 
-/// The one event; the same event twice is taken as its first time.
+/// The only event; of several alike the first. None gives [`SceneEventKind::Never`].
 pub fn unique_event(events: &[SceneEvent]) -> Result<SceneEvent, ReasonError> {
     match events {
-        [] => Ok(SceneEvent { kind: Kind::Never, frame: 0, objects: vec![] }),
+        [] => Ok(SceneEvent { kind: SceneEventKind::Never, frame: 0, objects: vec![] }),
         [first, rest @ ..] if rest.iter().all(|e| e.is_like(first)) => Ok(first.clone()),
         several => Err(ReasonError::NoSingleEvent { found: format!("{} of them", several.len()) }),
     }
 }
 
+/// The other object of a collision.
 pub fn partner(event: &SceneEvent, object: usize) -> Result<usize, ReasonError> {
     let other = event.objects.iter().find(|o| **o != object).copied();
     other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
@@ -160,7 +168,7 @@ pub fn id(scene: &Scene, object: usize) -> Result<u32, ReasonError> {
     Ok(found.id)
 }
 
-/// So many metres towards a side: x grows to the right, y to the top.
+/// The vector of this length (m) towards a side: x to the right, y to the top.
 pub fn towards(side: &str, length: f64) -> Vec2 {
     match side {
         "left" => vec2(-length, 0.0),

@@ -1,4 +1,15 @@
 //! Predictions and counterfactuals over an ensemble drawn from the posterior.
+//!
+//! The best rollout has the parameters of the fit. The ensemble has n rollouts with parameters drawn from the posterior. The
+//! probability of an event e is `p(e) = (1/n) sum_j [e happens in rollout j]`; two rollouts share an event if kind, objects and
+//! wall agree, and it is the k-th such event in both. The standard deviation of a position is
+//! `sd = sqrt(sum_j |x_j - x_best|^2 / (2 n))` (m, a coordinate), over the rollouts that have the body.
+//!
+//! A rollout starts at frame 0, so that its error at the end of the video exceeds the noise where the model is wrong. As in
+//! Ding et al. (2021), the state is corrected there: a body that leaves its observed positions by more than the noise gets a
+//! `StateCorrection` at the last frame before its motion diverges from the factual rollout. Without interventions that is
+//! the last frame of the video. Two rollouts diverge for a body when position (m) or yaw (rad) differ by more than
+//! [`DIVERGED`]. Objects that never diverge within the video move as observed ("unreached").
 
 use super::ReasonError;
 use crate::fit::{Deviation, Fit, deviation};

@@ -1,4 +1,10 @@
 //! The functional programs of CLEVRER: tokens, their types, and the check before anything runs.
+//!
+//! A program is a list of tokens in postfix order on a stack of typed values. A word or a number pushes itself; each other
+//! operation pops its operands and pushes one result, as [`signature`] states. The check runs the types alone over the
+//! stack: if no operation meets a wrong type, none can at run time. A question leaves one value; one that asks about choices ends
+//! in `belong_to` and finds the value of a choice below it. Source: Yi et al., CLEVRER, ICLR 2020, appendix on programs; the
+//! operations for billiards and for further changes are ours.
 
 use super::ReasonError;
 
@@ -25,11 +31,11 @@ pub enum Type {
 
 macro_rules! ops {
     ($($op:ident: $($token:literal)|+;)*) => {
-        /// One operation; a word of the vocabulary is one that pushes itself.
+        /// One operation; a word of the vocabulary is an operation that pushes itself.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64) }
-        /// Tokens and the operations they stand for: CLEVRER's with the aliases in use, and ours for billiards
-        /// and for more changes than CLEVRER makes; a number is a factor, or a length in metres.
+        /// Tokens and their operations: CLEVRER's with the aliases in use, and ours for billiards and further changes. A
+        /// number is a factor, or a length in metres.
         pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
             ("first", Op::Order(0)), ("second", Op::Order(1)), ("last", Op::Order(usize::MAX)),
             ("gray", Op::Color("gray")), ("red", Op::Color("red")), ("blue", Op::Color("blue")),
@@ -120,7 +126,7 @@ impl QuestionProgram {
         Ok(QuestionProgram { ops: ops.collect::<Result<_, _>>()?, tokens: tokens.to_vec() })
     }
 
-    /// Runs the types over `stack`; the first operation whose input does not fit is named.
+    /// Runs the types over `stack`; an error names the first operation with an operand of a wrong type.
     pub fn check(&self, stack: &mut Vec<Type>) -> Result<(), ReasonError> {
         for (position, op) in self.ops.iter().enumerate() {
             apply(*op, stack).map_err(|(expected, found)| ReasonError::ProgramType {
@@ -134,122 +140,99 @@ impl QuestionProgram {
     }
 }
 
-/// The candidate that is written most alike.
+/// The candidate with the most similar spelling.
 pub(super) fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> String {
     let score = |c: &str| strsim::jaro_winkler(&word.to_lowercase(), &c.to_lowercase());
     candidates.max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or_default().to_string()
 }
 
+/// One operand of an operation: how messages name it, and the types it may have.
+type Takes = (&'static str, &'static [Type]);
+/// What was expected, and the type that was on the stack instead, if any.
 type Mismatch = (&'static str, Option<Type>);
 
+const COLOR: Takes = ("a color", &[Type::Color]);
+const MATERIAL: Takes = ("a material", &[Type::Material]);
+const SHAPE: Takes = ("a shape", &[Type::Shape]);
+const TABLE_SIDE: Takes = ("a side of the table", &[Type::Side]);
+const DIRECTION: Takes = ("left, right, top or bottom", &[Type::Side]);
+const ORDER: Takes = ("first, second or last", &[Type::Order]);
+const LENGTH: Takes = ("a length", &[Type::Factor]);
+const FACTOR: Takes = ("a factor", &[Type::Factor]);
+const LAW: Takes = ("friction or drag", &[Type::Law]);
+const YES_OR_NO: Takes = ("yes or no", &[Type::Bool]);
+const OBJECT: Takes = ("an object", &[Type::Object]);
+const OBJECTS: Takes = ("objects", &[Type::Objects]);
+const ANY_OBJECTS: Takes = ("objects or an object", &[Type::Objects, Type::Object]);
+const OBJECT_OR_CHANGE: Takes = ("an object or a change", &[Type::Object, Type::Change]);
+const OBJECTS_OR_EVENTS: Takes = ("objects or events", &[Type::Objects, Type::Events]);
+const EVENT: Takes = ("an event", &[Type::Event]);
+const EVENTS: Takes = ("events", &[Type::Events]);
+const FRAME: Takes = ("a frame", &[Type::Frame, Type::Event]);
+const MOMENT: Takes = ("an event or a frame", &[Type::Event, Type::Frame]);
+const CHOICE: Takes = ("the event or object of a choice", &[Type::Event, Type::Object]);
+
+/// The operands of an operation, from the top of the stack, and the type of its result.
+fn signature(op: Op) -> (&'static [Takes], Type) {
+    match op {
+        Op::Objects => (&[], Type::Objects),
+        Op::Events | Op::AllEvents | Op::UnseenEvents => (&[], Type::Events),
+        Op::Start | Op::End => (&[], Type::Event),
+        Op::Null => (&[], Type::Frame),
+        Op::Color(_) => (&[], Type::Color),
+        Op::Material(_) => (&[], Type::Material),
+        Op::Shape(_) => (&[], Type::Shape),
+        Op::Side(_) => (&[], Type::Side),
+        Op::Factor(_) => (&[], Type::Factor),
+        Op::Law(_) => (&[], Type::Law),
+        Op::Order(_) => (&[], Type::Order),
+        Op::Unique => (&[OBJECTS_OR_EVENTS], Type::Object),
+        Op::Count => (&[OBJECTS_OR_EVENTS], Type::Number),
+        Op::Exist => (&[OBJECTS_OR_EVENTS], Type::Bool),
+        Op::Negate => (&[YES_OR_NO], Type::Bool),
+        Op::BelongTo => (&[EVENTS, CHOICE], Type::Bool),
+        Op::FilterColor => (&[COLOR, OBJECTS], Type::Objects),
+        Op::FilterMaterial => (&[MATERIAL, OBJECTS], Type::Objects),
+        Op::FilterShape => (&[SHAPE, OBJECTS], Type::Objects),
+        Op::FilterMoving | Op::FilterStationary => (&[FRAME, OBJECTS], Type::Objects),
+        Op::FilterIn | Op::FilterOut | Op::FilterCollision => (&[ANY_OBJECTS, EVENTS], Type::Events),
+        Op::FilterSide => (&[TABLE_SIDE, ANY_OBJECTS, EVENTS], Type::Events),
+        Op::FilterPartner => (&[OBJECTS, OBJECT, EVENTS], Type::Events),
+        Op::FilterBefore | Op::FilterAfter => (&[MOMENT, EVENTS], Type::Events),
+        Op::FilterStart | Op::FilterEnd => (&[EVENTS], Type::Event),
+        Op::FilterOrder => (&[ORDER, EVENTS], Type::Event),
+        Op::FilterAncestor => (&[EVENT, EVENTS], Type::Events),
+        Op::GetFrame => (&[EVENT], Type::Frame),
+        Op::GetObject => (&[EVENT], Type::Object),
+        Op::GetPartner => (&[OBJECT, EVENT], Type::Object),
+        Op::Counterfact => (&[OBJECT_OR_CHANGE], Type::Events),
+        Op::Shift => (&[DIRECTION, LENGTH, OBJECT], Type::Change),
+        Op::AddAnother => (&[DIRECTION, LENGTH, OBJECT, OBJECTS], Type::Change),
+        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => (&[FACTOR, OBJECT], Type::Change),
+        Op::SwitchOff => (&[LAW], Type::Change),
+        Op::Both => (&[OBJECT_OR_CHANGE, OBJECT_OR_CHANGE], Type::Change),
+        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => (&[OBJECT], Type::Change),
+        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => (&[OBJECT], Type::Text),
+    }
+}
+
+/// Replaces the operands of an operation on the stack by the type of its result.
 fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
-    use Type::*;
-    let mut pop = |expected: &'static str, allowed: &[Type]| -> Result<Type, Mismatch> {
+    let (operands, mut result) = signature(op);
+    let mut top = None;
+    for (expected, allowed) in operands {
         match stack.pop() {
-            Some(t) if allowed.contains(&t) => Ok(t),
-            found => Err((expected, found)),
+            Some(t) if allowed.contains(&t) => top = top.or(Some(t)),
+            found => return Err((expected, found)),
         }
-    };
-    let result = match op {
-        Op::Objects => Objects,
-        Op::Events | Op::AllEvents | Op::UnseenEvents => Events,
-        Op::Start | Op::End => Event,
-        Op::Null => Frame,
-        Op::Color(_) => Color,
-        Op::Material(_) => Material,
-        Op::Shape(_) => Shape,
-        Op::Side(_) => Side,
-        Op::Factor(_) => Factor,
-        Op::Law(_) => Law,
-        Op::Order(_) => Order,
-        Op::Unique => match pop("objects or events", &[Objects, Events])? {
-            Objects => Object,
-            _ => Event,
-        },
-        Op::Count => pop("objects or events", &[Objects, Events]).map(|_| Number)?,
-        Op::Exist => pop("objects or events", &[Objects, Events]).map(|_| Bool)?,
-        Op::Negate => pop("yes or no", &[Bool])?,
-        Op::BelongTo => {
-            pop("events", &[Events])?;
-            pop("the event or object of a choice", &[Event, Object]).map(|_| Bool)?
-        }
-        Op::FilterColor | Op::FilterMaterial | Op::FilterShape => {
-            match op {
-                Op::FilterColor => pop("a color", &[Color])?,
-                Op::FilterMaterial => pop("a material", &[Material])?,
-                _ => pop("a shape", &[Shape])?,
-            };
-            pop("objects", &[Objects])?
-        }
-        Op::FilterMoving | Op::FilterStationary => {
-            pop("a frame", &[Frame, Event])?;
-            pop("objects", &[Objects])?
-        }
-        Op::FilterIn | Op::FilterOut | Op::FilterCollision => {
-            pop("objects or an object", &[Objects, Object])?;
-            pop("events", &[Events])?
-        }
-        Op::FilterSide => {
-            pop("a side of the table", &[Side])?;
-            pop("objects or an object", &[Objects, Object])?;
-            pop("events", &[Events])?
-        }
-        Op::FilterPartner => {
-            pop("objects", &[Objects])?;
-            pop("an object", &[Object])?;
-            pop("events", &[Events])?
-        }
-        Op::FilterBefore | Op::FilterAfter => {
-            pop("an event or a frame", &[Event, Frame])?;
-            pop("events", &[Events])?
-        }
-        Op::FilterStart | Op::FilterEnd => pop("events", &[Events]).map(|_| Event)?,
-        Op::FilterOrder => {
-            pop("first, second or last", &[Order])?;
-            pop("events", &[Events]).map(|_| Event)?
-        }
-        Op::FilterAncestor => {
-            pop("an event", &[Event])?;
-            pop("events", &[Events])?
-        }
-        Op::GetFrame => pop("an event", &[Event]).map(|_| Frame)?,
-        Op::GetObject => pop("an event", &[Event]).map(|_| Object)?,
-        Op::GetPartner => {
-            pop("an object", &[Object])?;
-            pop("an event", &[Event]).map(|_| Object)?
-        }
-        Op::Counterfact => {
-            pop("an object or a change", &[Object, Change])?;
-            if stack.last() == Some(&Events) {
-                stack.pop();
-            }
-            Events
-        }
-        Op::Shift => {
-            pop("left, right, top or bottom", &[Side])?;
-            pop("a length", &[Factor])?;
-            pop("an object", &[Object]).map(|_| Change)?
-        }
-        Op::AddAnother => {
-            pop("left, right, top or bottom", &[Side])?;
-            pop("a length", &[Factor])?;
-            pop("an object", &[Object])?;
-            pop("objects", &[Objects]).map(|_| Change)?
-        }
-        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => {
-            pop("a factor", &[Factor])?;
-            pop("an object", &[Object]).map(|_| Change)?
-        }
-        Op::SwitchOff => pop("friction or drag", &[Law]).map(|_| Change)?,
-        Op::Both => {
-            pop("an object or a change", &[Object, Change])?;
-            pop("an object or a change", &[Object, Change]).map(|_| Change)?
-        }
-        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => {
-            pop("an object", &[Object]).map(|_| Change)?
-        }
-        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => pop("an object", &[Object]).map(|_| Text)?,
-    };
+    }
+    if op == Op::Unique && top == Some(Type::Events) {
+        result = Type::Event;
+    }
+    // The events that it replaces may be left out.
+    if op == Op::Counterfact && stack.last() == Some(&Type::Events) {
+        stack.pop();
+    }
     stack.push(result);
     Ok(())
 }

@@ -1,10 +1,13 @@
 //! Tests of the question language on real questions: types, English, and answers on the true events.
 
 use super::ask::doubt;
+use super::context::{Halt, RolloutContext};
+use super::describe::describe;
 use super::english::{choice_program, question_program};
-use super::events::{Kind, Past, SceneEvent, World, world};
+use super::events::{RolloutEvents, Scenario, SceneEvent, SceneEventKind, scenario};
 use super::program::{QuestionProgram, Type};
-use super::run::{Halt, RolloutContext, Value, describe, run};
+use super::run::run;
+use super::value::ProgramValue;
 use super::*;
 use crate::fit::{Estimate, ObjectEstimate};
 use crate::num::{Vec2, never, vec2};
@@ -196,7 +199,7 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
         "why did the red ball bump into the cube",
         "what is responsible for the collision between the blue cube and the red metal sphere",
     );
-    for (text, told) in [
+    for (text, expected) in [
         ("Suppose the cube weighed ten times as much, what happens?", "heav"),
         ("How quick is the cube?", "fast"),
         ("And if nothing was slippery?", "friction"),
@@ -204,7 +207,7 @@ fn a_refusal_names_the_part_and_completes_what_it_understood() {
         let Err(ReasonError::NotUnderstood { nearest, .. }) = question_program(text) else {
             panic!("{text}")
         };
-        assert!(nearest.contains(told) && question_program(&nearest).is_ok(), "{text}: {nearest}");
+        assert!(nearest.contains(expected) && question_program(&nearest).is_ok(), "{text}: {nearest}");
     }
 }
 
@@ -232,20 +235,24 @@ fn billiards_ask_about_the_sides_of_the_table() {
     assert_eq!(tokens.unwrap().join(" "), expected);
 }
 
-/// The events of one true world.
-fn past(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> Past {
+/// The true events of one scenario.
+fn true_events(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> RolloutEvents {
     let index = |v: &Json| scene.object_index(v.as_u64().unwrap() as u32).unwrap();
     let mut events: Vec<SceneEvent> = list(collisions)
         .iter()
         .map(|c| {
             let mut objects: Vec<usize> = list(&c["object_ids"]).iter().map(index).collect();
             objects.sort_unstable();
-            SceneEvent { kind: Kind::Collision, frame: c["frame_id"].as_u64().unwrap() as usize, objects }
+            SceneEvent {
+                kind: SceneEventKind::Collision,
+                frame: c["frame_id"].as_u64().unwrap() as usize,
+                objects,
+            }
         })
         .collect();
     if plain {
         events.extend(list(&truth["in_out"]).iter().map(|e| SceneEvent {
-            kind: if e["type"] == "in" { Kind::In } else { Kind::Out },
+            kind: if e["type"] == "in" { SceneEventKind::In } else { SceneEventKind::Out },
             frame: e["frame_id"].as_u64().unwrap() as usize,
             objects: vec![index(&e["object_id"])],
         }));
@@ -265,7 +272,7 @@ fn past(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> Past {
                 .collect()
         })
         .collect();
-    Past { events, moving }
+    RolloutEvents { events, moving }
 }
 
 #[test]
@@ -273,9 +280,9 @@ fn true_events_give_the_true_answers() {
     let (mut right, mut asked, mut wrong) = (0, 0, vec![]);
     for folder in scenes() {
         let (scene, truth) = (observed(&folder), json(&folder.join("truth.json")));
-        let mut worlds = vec![World {
+        let mut scenarios = vec![Scenario {
             interventions: vec![],
-            rollouts: vec![past(&scene, &truth, &truth["collisions"], true)],
+            rollouts: vec![true_events(&scene, &truth, &truth["collisions"], true)],
         }];
         for c in list(&truth["counterfactuals"]) {
             let id = |v: &Json| v.as_u64().unwrap() as u32;
@@ -283,13 +290,13 @@ fn true_events_give_the_true_answers() {
                 None => Intervention::Remove { id: id(&c["remove"]) },
                 Some(factor) => Intervention::ScaleMass { id: id(&c["object"]), factor },
             };
-            worlds.push(World {
+            scenarios.push(Scenario {
                 interventions: vec![change],
-                rollouts: vec![past(&scene, &truth, &c["collisions"], false)],
+                rollouts: vec![true_events(&scene, &truth, &c["collisions"], false)],
             });
         }
         let context =
-            RolloutContext { scene: &scene, bodies: &[], effects: &[], worlds: &worlds, rollout: 0 };
+            RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0 };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);
@@ -302,7 +309,7 @@ fn true_events_give_the_true_answers() {
                         run(&QuestionProgram::parse(&tokens(&c["program"])).unwrap(), context, vec![])
                             .unwrap();
                     let (stack, _) = run(&program, context, stack).unwrap();
-                    (stack == [Value::Bool(true)]) == (c["answer"] == "correct")
+                    (stack == [ProgramValue::Bool(true)]) == (c["answer"] == "correct")
                 })
             };
             asked += 1;
@@ -391,7 +398,7 @@ fn an_unsure_answer_says_what_the_video_leaves_open() {
         restitution: estimate(restitution),
     };
     let said = doubt(&scene, [object(0, true, true), object(2, false, true)].iter());
-    let expected = "it does not determine the mass of the brown metal sphere.";
+    let expected = "the video does not determine the mass of the brown metal sphere.";
     assert!(said.ends_with(expected), "{said}");
     assert!(doubt(&scene, [object(0, true, true)].iter()).contains("noise"));
 }
@@ -425,12 +432,15 @@ fn a_pair_of_clevrer_collides_once_and_a_ball_meets_a_side_again() {
         hit(2.0, &[ids[2]], side),
     ];
     let count = |scene: &Scene, kind| {
-        let events = &world(scene, &prediction).rollouts[0].events;
+        let events = &scenario(scene, &prediction).rollouts[0].events;
         events.iter().filter(|e| e.kind == kind).count()
     };
-    assert_eq!((count(&scene, Kind::Collision), count(&scene, Kind::Side("left"))), (1, 2));
+    assert_eq!(
+        (count(&scene, SceneEventKind::Collision), count(&scene, SceneEventKind::Side("left"))),
+        (1, 2)
+    );
     scene.world = WorldKind::Billiards;
-    assert_eq!(count(&scene, Kind::Collision), 2);
+    assert_eq!(count(&scene, SceneEventKind::Collision), 2);
 }
 
 fn fitted(scene: &Scene) -> crate::fit::Fit {
