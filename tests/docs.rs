@@ -218,6 +218,11 @@ fn every_command_runs() {
         let mut services = vec![];
         let mut output = None;
         for block in page.blocks() {
+            if let Some(program) = missing_program(&block) {
+                // The rest of the page builds on it.
+                println!("{}:{}: {program} is not installed here", page.name, block.line);
+                break;
+            }
             let start = Instant::now();
             let place = format!("{}:{}", page.name, block.line);
             let done = match block.fence.as_str() {
@@ -231,6 +236,19 @@ fn every_command_runs() {
         }
         assert!(output.is_some(), "{}: has no command that is run", page.name);
     }
+}
+
+/// A program of the system that a block needs and a developer's machine may lack; CI has them.
+fn missing_program(block: &Block) -> Option<&'static str> {
+    let used = |name: &&str| {
+        block.fence == "sh" && block.lines.iter().any(|line| line.split_whitespace().next() == Some(*name))
+    };
+    let installed = |name: &str| {
+        let path = std::env::var_os("PATH").unwrap_or_default();
+        std::env::split_paths(&path).any(|folder| folder.join(name).is_file())
+    };
+    let missing = ["curl", "openssl"].into_iter().filter(used).find(|name| !installed(name));
+    missing.filter(|_| std::env::var_os("CI").is_none())
 }
 
 /// Whether every line of the block is in the output.
