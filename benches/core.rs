@@ -5,7 +5,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use rapier2d::prelude as rapier;
 use std::hint::black_box;
 use vrdp::effects::{Scope, effect};
-use vrdp::fit::{Fit, FitOptions, drawn, estimate_one};
+use vrdp::fit::{Fit, FitOptions, estimate_one, with_draws};
 use vrdp::num::{Jet, LANES, Vec2, never};
 use vrdp::reason::{AskOptions, Question, ask};
 use vrdp::scene::{Scene, Shape, parse};
@@ -36,7 +36,7 @@ fn fit_once(scene: &Scene, start: &Model) -> Fit {
 }
 
 fn draws(scene: &Scene, fit: Fit) -> Fit {
-    drawn(std::slice::from_ref(scene), fit, &never).expect("nothing stops it")
+    with_draws(std::slice::from_ref(scene), fit, &never).expect("nothing stops it")
 }
 
 fn benches(criterion: &mut Criterion) {

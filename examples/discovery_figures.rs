@@ -17,7 +17,7 @@ use vrdp::discover::{
     DiscoverOptions, Discovery, FoundEffect, ParameterEstimate, ParameterValue, Revision, Verdict, discover,
 };
 use vrdp::effects::{Quantity, effect};
-use vrdp::fit::{Begin, FitOptions, estimate};
+use vrdp::fit::{FitOptions, StartPoint, estimate};
 use vrdp::num::{never, vec2};
 use vrdp::scene::{Scene, parse};
 use vrdp::world::{Model, Preset, trace};
@@ -153,7 +153,7 @@ fn with_truth(
             p.prior.sd = 0.0;
         }
     }
-    let options = FitOptions { begin: Begin::Near, ..DiscoverOptions::default().fit };
+    let options = FitOptions { start_point: StartPoint::NearOptimum, ..DiscoverOptions::default().fit };
     let fit = estimate(scenes, &models, &options, &never)?;
     Ok(fit.scenes.into_iter().map(|s| s.model).collect())
 }

@@ -10,7 +10,7 @@ use serde_json::Value as Json;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use vrdp::fit::{Fit, FitOptions, drawn, estimate};
+use vrdp::fit::{Fit, FitOptions, estimate, with_draws};
 use vrdp::num::{Differential, Jet, Real, Vec2, never, vec2};
 use vrdp::reason::{Prediction, PredictionRequest, predict};
 use vrdp::scene::{Camera, Scene, parse};
@@ -106,7 +106,7 @@ impl Figures {
         let fit = estimate(scenes, &[start], &FitOptions::default(), &never)?;
         self.fit_ms.push(1e3 * began.elapsed().as_secs_f64());
         let began = Instant::now();
-        let fit = drawn(scenes, fit, &never)?;
+        let fit = with_draws(scenes, fit, &never)?;
         self.draws_ms.push(1e3 * began.elapsed().as_secs_f64());
         let fitted = &fit.scenes[0];
         self.chi_squares.push(fitted.reduced_chi_square);

@@ -1,4 +1,14 @@
-//! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64`, [`Jet`] and [`Swift`].
+//! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64`, [`Jet`] and [`JetF32`]; numerics.
+
+mod lbfgs;
+mod least_squares;
+mod statistics;
+
+pub use lbfgs::{Descent, Objective};
+pub use least_squares::{
+    AtBounds, Bounds, Ended, LeastSquares, Minimum, NormalEquations, Schedule, levenberg_marquardt,
+};
+pub use statistics::{NORMAL_MEDIAN_ABSOLUTE, NORMAL_MEDIAN_DISTANCE, median, quantile};
 
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
@@ -8,7 +18,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Derivatives that one [`Jet`] carries; N parameters take `ceil(N / LANES)` passes.
 pub const LANES: usize = 8;
 
-/// A scalar the physics can be computed in: exactly `f64`, [`Jet`] and [`Swift`].
+/// A scalar the physics can be computed in: exactly `f64`, [`Jet`] and [`JetF32`].
 pub trait Real:
     Copy
     + Debug
@@ -157,8 +167,8 @@ pub struct Dual<D, const N: usize> {
 
 /// Derivatives as exact as the value.
 pub type Jet = Dual<f64, LANES>;
-/// Derivatives of single precision, twice as many in the same time: where a search looks, not what is told.
-pub type Swift = Dual<f32, { 2 * LANES }>;
+/// Derivatives of single precision, twice as many in the same time: for searches, not for results.
+pub type JetF32 = Dual<f32, { 2 * LANES }>;
 
 /// A scalar with derivatives.
 pub trait Differential: Real {
@@ -456,12 +466,15 @@ impl<T: Real> SubAssign for Vec2<T> {
 pub type Stop<'a> = &'a (dyn Fn(f64) -> Result<(), Stopped> + Sync);
 
 /// For work that is the part from `from` to `to` of the whole.
-pub fn part<'s>(stop: Stop<'s>, [from, to]: [f64; 2]) -> impl Fn(f64) -> Result<(), Stopped> + Sync + 's {
+pub fn progress_within<'s>(
+    stop: Stop<'s>,
+    [from, to]: [f64; 2],
+) -> impl Fn(f64) -> Result<(), Stopped> + Sync + 's {
     move |progress| stop(from + (to - from) * progress.clamp(0.0, 1.0))
 }
 
 /// The same where the part is made of about so many pieces, each of which tells its own progress up to 1.
-pub fn counted<'s>(
+pub fn progress_of_jobs<'s>(
     stop: Stop<'s>,
     [from, to]: [f64; 2],
     pieces: usize,
@@ -485,7 +498,7 @@ pub fn never(_progress: f64) -> Result<(), Stopped> {
 }
 
 /// The angle in -pi..=pi that differs by whole turns.
-pub fn wrapped(angle: f64) -> f64 {
+pub fn wrap_angle(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()
 }
@@ -507,14 +520,14 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_work_tell_how_far_the_whole_is() {
-        let told = std::sync::Mutex::new(vec![]);
+    fn progress_of_parts_is_progress_of_the_whole() {
+        let reported = std::sync::Mutex::new(vec![]);
         let stop =
-            |f: f64| -> Result<(), Stopped> { told.lock().map(|mut t| t.push(f)).map_err(|_| Stopped) };
-        let half = part(&stop, [0.5, 1.0]);
-        let pieces = counted(&half, [0.0, 0.5], 2);
+            |f: f64| -> Result<(), Stopped> { reported.lock().map(|mut t| t.push(f)).map_err(|_| Stopped) };
+        let half = progress_within(&stop, [0.5, 1.0]);
+        let pieces = progress_of_jobs(&half, [0.0, 0.5], 2);
         assert_eq!([half(0.5), pieces(0.9), pieces(1.0), pieces(1.0), pieces(1.0)], [Ok(()); 5]);
-        assert_eq!(*told.lock().expect("nobody panicked"), [0.75, 0.5, 0.625, 0.75, 0.75]);
+        assert_eq!(*reported.lock().expect("nobody panicked"), [0.75, 0.5, 0.625, 0.75, 0.75]);
     }
 
     proptest! {
@@ -527,10 +540,10 @@ mod tests {
             prop_assert!((j.d[0] - g[0]).abs() < 1e-10 * (1.0 + g[0].abs()));
             prop_assert!((j.d[5] - g[1]).abs() < 1e-10 * (1.0 + g[1].abs()));
             prop_assert_eq!(j.d[1], 0.0);
-            let swift = ours(Swift::variable(x, 0), Swift::variable(y, 5));
-            prop_assert_eq!(swift.v, j.v);
+            let single = ours(JetF32::variable(x, 0), JetF32::variable(y, 5));
+            prop_assert_eq!(single.v, j.v);
             let size: f64 = 1e-5 * (1.0 + g[0].abs() + g[1].abs());
-            prop_assert!((swift.derivative(0) - g[0]).abs() < size && (swift.derivative(5) - g[1]).abs() < size);
+            prop_assert!((single.derivative(0) - g[0]).abs() < size && (single.derivative(5) - g[1]).abs() < size);
         }
     }
 

@@ -3,7 +3,7 @@
 use super::v1;
 use crate::effects::{EFFECTS, Scope};
 use crate::engine::{Answered, Engine, Job, Simulated, StoredFit};
-use crate::fit::{Estimate, Outcome};
+use crate::fit::{Estimate, Termination};
 use crate::reason::{ChoiceAnswer, CutShort, DerivationStep, LikelyEvent, Prediction};
 use crate::world::{Ending, EventKind, State};
 use std::time::Duration;
@@ -69,7 +69,7 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         degrees_of_freedom: scene.degrees_of_freedom as u64,
         identified: stored.fit.posterior.estimates.iter().all(|e| e.identified),
         adequate: scene.adequate,
-        converged: stored.fit.outcome == Outcome::Converged,
+        converged: stored.fit.outcome == Termination::Converged,
         iterations: stored.fit.iterations as u64,
         objects: objects.collect(),
         shared: shared.collect(),

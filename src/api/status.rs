@@ -68,7 +68,7 @@ pub fn status(error: EngineError) -> Status {
         EngineError::Fit(FitError::TooLittleData { .. }) => {
             plain(Code::FailedPrecondition, message, "TOO_LITTLE_DATA")
         }
-        EngineError::Fit(FitError::Undefined { .. }) => {
+        EngineError::Fit(FitError::FormulaUndefined { .. }) => {
             refused("UNDEFINED", vec![Violation { path: "formula".into(), message }])
         }
         EngineError::Fit(_) => plain(Code::Internal, message, "FIT"),

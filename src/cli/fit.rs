@@ -5,6 +5,7 @@ use super::connect::Connection;
 use super::error::Failure;
 use super::{input, output, progress};
 use crate::api::v1::{Estimate, FitMethod, FitModelRequest, Model, ModelChoice, SharedEstimate};
+use crate::num::median;
 use crate::scene::Scene;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -281,12 +282,8 @@ fn vector(shared: &SharedEstimate) -> Value {
 
 /// Median and worst of rmse over noise.
 fn summary(mut ratios: Vec<f64>) -> String {
-    ratios.sort_by(f64::total_cmp);
-    let at = |i: usize| ratios.get(i).copied().unwrap_or(f64::NAN);
-    let middle = ratios.len() / 2;
-    let median =
-        if ratios.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.wrapping_sub(1)) + at(middle)) };
-    let worst = ratios.last().copied().unwrap_or(f64::NAN);
+    let median = median(&mut ratios).unwrap_or(f64::NAN);
+    let worst = ratios.iter().copied().max_by(f64::total_cmp).unwrap_or(f64::NAN);
     let scenes = if ratios.len() == 1 { "scene" } else { "scenes" };
     format!("{} {scenes}: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
 }

@@ -3,7 +3,7 @@
 use super::contact::ContactCandidate;
 use super::contact_law::{estimates_of, pooled, with_contact};
 use super::proof;
-use super::revise::{Revision, TRIED_EFFORT, revise, trajectories};
+use super::revise::{Revision, TRIED_BUDGET_FRACTION, revise, trajectories};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion};
 use super::weak_form::WeakFormRegression;
@@ -99,7 +99,7 @@ fn of_another(
     let mut others: BTreeSet<u32> = models.iter().flat_map(|m| m.bodies.iter().map(|b| b.id)).collect();
     others.retain(|id| law.object != Some(*id));
     let (region, none) = (region(lens.scenes), vec![0.0; law.values.len()]);
-    let less = FitOptions { effort: TRIED_EFFORT, ..*options };
+    let less = FitOptions { budget_fraction: TRIED_BUDGET_FRACTION, ..*options };
     let tried = others.into_par_iter().map(|id| {
         let with = with_contact(models, law.entry, &none, Some(id), &region);
         let (fit, _) = trajectories(lens, &with, Some(name), &less, stop)?;

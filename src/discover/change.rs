@@ -22,8 +22,8 @@ use super::window_fits::WindowFits;
 use super::windows::contacts;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, effect};
-use crate::fit::{Begin, Fit, FitError, FitOptions, SceneFit, estimate};
-use crate::num::{Stop, counted, part};
+use crate::fit::{Fit, FitError, FitOptions, SceneFit, StartPoint, estimate};
+use crate::num::{Stop, progress_of_jobs, progress_within};
 use crate::scene::Scene;
 use crate::world::Model;
 use serde::{Deserialize, Serialize};
@@ -199,11 +199,12 @@ pub fn change(
     // The base is read as the motion with the change has it: what a base lacks misleads about it.
     let mut read: Vec<(f64, Vec<Model>, Proposal)> = vec![];
     for models in readings {
-        let proposal = propose(&lens, &models, change, &part(stop, [0.0, 0.1]))?;
+        let proposal = propose(&lens, &models, change, &progress_within(stop, [0.0, 0.1]))?;
         read.push((fit_forces(&lens, &proposal.models).1.cost, models, proposal));
     }
     let near = nearest(read.iter().map(|r| r.0));
-    let half = |half: [f64; 2], revisions: usize| counted(stop, half, revisions * fits_of_revision(scenes));
+    let half =
+        |half: [f64; 2], revisions: usize| progress_of_jobs(stop, half, revisions * fits_of_revision(scenes));
     // Where the lens cannot tell the readings apart, or sees none of them, trajectories do.
     let read = read.into_iter().enumerate().filter(|(k, _)| near.is_empty() || near.contains(k));
     let read: Vec<(Vec<Model>, Proposal)> =
@@ -240,7 +241,7 @@ pub fn change(
     let again = match &proposal.added {
         Some(name) => {
             let models = without_effect(&after.fit, name);
-            let near = FitOptions { begin: Begin::Near, ..*options };
+            let near = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
             Some(estimate(scenes, &models, &near, &|_| stop(1.0))?)
         }
         None => None,
@@ -526,7 +527,7 @@ mod tests {
     fn with_one_law_more_a_revision_is_no_farther() {
         let scene = |k: usize| {
             let path = format!("tests/data/billiards/rolling/scene_0{k}/observed.json");
-            let path = std::path::SmoothTrack::new(env!("CARGO_MANIFEST_DIR")).join(path);
+            let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
             let text = std::fs::read_to_string(path).expect("it is there");
             crate::scene::parse(&k.to_string(), &text).expect("it is one")
         };

@@ -8,12 +8,12 @@ use super::jackknife::{numbers_of, scatter};
 use super::negligible::is_slight;
 use super::outcome::widened;
 use super::restitution_decay::{FADING, as_met};
-use super::revise::{TRIED_EFFORT, agree_on, chi_squares, lower, sum, without_effect};
+use super::revise::{TRIED_BUDGET_FRACTION, agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::certain;
 use super::window_fits::{AT_NOISE, FOLLOWED, OPTIONS, WindowFits};
 use super::windows::ContactWindows;
 use crate::effects::{EffectEntry, Hook, Region};
-use crate::fit::{self, Begin, Fit, FitError, FitOptions, estimate, estimate_one};
+use crate::fit::{self, Fit, FitError, FitOptions, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::world::Model;
 use rayon::prelude::*;
@@ -107,9 +107,10 @@ pub fn screen_contacts(
     if films.scenes.is_empty() {
         return Ok((vec![], lost));
     }
-    let options = FitOptions { effort: TRIED_EFFORT, ..OPTIONS };
-    let near = FitOptions { begin: Begin::Near, max_iterations: COMMON_ITERATIONS, ..options };
-    let mut base = fit::together(&films.scenes, &films.models, &fits, &near, stop)?;
+    let options = FitOptions { budget_fraction: TRIED_BUDGET_FRACTION, ..OPTIONS };
+    let near =
+        FitOptions { start_point: StartPoint::NearOptimum, max_iterations: COMMON_ITERATIONS, ..options };
+    let mut base = fit::fit_jointly(&films.scenes, &films.models, &fits, &near, stop)?;
     let mut before = chi_squares(&base);
     let mut ended = base.models();
     let off = |fit: &Fit, film: usize| fit.scenes[film].reduced_chi_square;
@@ -350,7 +351,7 @@ fn judged(
     let least = |film: usize| fitted.iter().map(|f| off(&f.fit, film)).fold(off(&base, film), f64::min);
     let followed = followed(&base, least);
     if followed.len() < films.scenes.len() {
-        let near = FitOptions { begin: Begin::Near, ..*options };
+        let near = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
         let (rest, base, lost) = without_lost(films, &base, &followed, lost, &near, stop)?;
         if followed.is_empty() {
             return Ok((vec![], lost));
@@ -429,7 +430,7 @@ fn without(
     stop: Stop,
 ) -> Result<Cost, FitError> {
     let models = without_effect(with, entry.spec.name);
-    let near = FitOptions { begin: Begin::Near, ..*options };
+    let near = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
     let again = Cost::of(&estimate(&films.scenes, &models, &near, stop)?, None);
     Ok(if again.total() < before.total() { again } else { before.clone() })
 }

@@ -8,7 +8,7 @@ use super::formula_test;
 use super::intervals::ranked;
 use super::outcome::{Discovery, RankedEffect, Verdict};
 use super::proof;
-use super::revise::{Revision, TRIED_EFFORT, pooled_noise, trajectories};
+use super::revise::{Revision, TRIED_BUDGET_FRACTION, pooled_noise, trajectories};
 use super::screen::{candidates, region, with_nuisance};
 use super::search::{FreeMotion, fewer, search, search_on};
 use super::smooth_track::ChangePoint;
@@ -20,7 +20,7 @@ use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError, FitOptions};
-use crate::num::{Stop, part};
+use crate::num::{Stop, progress_within};
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
@@ -51,38 +51,40 @@ pub fn discover(
     if too_little(&lens).is_some() {
         return Ok(not_identifiable(&lens));
     }
-    let options = &DiscoverOptions { fit: FitOptions { swift: true, ..options.fit }, ..*options };
+    let options = &DiscoverOptions { fit: FitOptions { single_precision: true, ..options.fit }, ..*options };
     if options.max_effects > 0
-        && let Some(found) = spinning(&lens, models, &options.fit, &part(stop, SPINNING))?
+        && let Some(found) = spinning(&lens, models, &options.fit, &progress_within(stop, SPINNING))?
     {
         return Ok(found);
     }
     let mut known: Vec<BaseSearch> = vec![];
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
-        let first = search(&lens, &models, &part(stop, SEARCH))?;
+        let first = search(&lens, &models, &progress_within(stop, SEARCH))?;
         known.push(BaseSearch { models, first, further: None, screened: None });
     }
-    if let Some(found) = decisive_formula(&lens, &known, options, &part(stop, TRAJECTORIES))? {
+    if let Some(found) = decisive_formula(&lens, &known, options, &progress_within(stop, TRAJECTORIES))? {
         return Ok(found);
     }
     let mut looked: Vec<(usize, f64, bool)> = vec![];
     for reading in nearest(known.iter().map(|k| k.first.priced())) {
-        let (motion, films) = known[reading].look(&lens, options, &part(stop, FILMS))?;
+        let (motion, films) = known[reading].look(&lens, options, &progress_within(stop, FILMS))?;
         looked.push((reading, motion.priced() + films.cost(), films.at_noise()));
     }
     // Where one reading follows all contacts to the noise, no law of contact makes another the better one.
     let settled = looked.iter().filter(|k| k.2).map(|k| k.1).fold(f64::INFINITY, f64::min);
     looked.retain(|k| k.1 < settled + SAME);
-    let seen: Result<Vec<BaseModel>, FitError> =
-        looked.iter().map(|k| known[k.0].screened(&lens, options, &part(stop, CONTACTS))).collect();
+    let seen: Result<Vec<BaseModel>, FitError> = looked
+        .iter()
+        .map(|k| known[k.0].screened(&lens, options, &progress_within(stop, CONTACTS)))
+        .collect();
     let seen = seen?;
     let near = nearest(seen.iter().map(|r| r.motion.priced() + r.films));
     let seen = seen.into_iter().enumerate().filter(|(k, _)| near.contains(k)).map(|(_, r)| r).collect();
-    match by_trajectories(&lens, seen, options, &part(stop, READING))? {
+    match by_trajectories(&lens, seen, options, &progress_within(stop, READING))? {
         Some(reading) => {
-            let found = conclude(&lens, reading, options, &part(stop, TRAJECTORIES))?;
-            let last = &part(stop, DOUBTS);
+            let found = conclude(&lens, reading, options, &progress_within(stop, TRAJECTORIES))?;
+            let last = &progress_within(stop, DOUBTS);
             let found = reread(&lens, &mut known, found, options, last)?;
             unseen(&lens, &mut known, found, options, last)
         }
@@ -198,11 +200,11 @@ fn reread(
             if nearer {
                 break;
             }
-            let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
+            let tried = FitOptions { budget_fraction: TRIED_BUDGET_FRACTION, ..options.fit };
             nearer |= match trajectories(lens, &models, law.map(|l| l.spec.name), &tried, stop) {
                 Ok((fit, _)) => proof::follows_better(&last.fit, &fit),
                 // A law that was written may have no value in this reading.
-                Err(FitError::Undefined { .. }) => false,
+                Err(FitError::FormulaUndefined { .. }) => false,
                 Err(other) => return Err(other),
             };
         }
@@ -335,7 +337,7 @@ fn by_trajectories(
     if seen.len() < 2 {
         return Ok(seen.pop());
     }
-    let tried = FitOptions { effort: TRIED_EFFORT, ..options.fit };
+    let tried = FitOptions { budget_fraction: TRIED_BUDGET_FRACTION, ..options.fit };
     let misfit = |reading: &BaseModel| -> Result<f64, FitError> {
         let motion = &reading.motion;
         let (models, law) = match law_of(&reading.contacts, motion, options) {

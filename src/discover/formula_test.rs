@@ -9,7 +9,7 @@ use super::search::{CLEAN, FreeMotion, leaves_something};
 use super::verdict::DiscoverOptions;
 use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::formula::Formula;
-use crate::fit::{Begin, Fit, FitError, FitOptions, estimate};
+use crate::fit::{Fit, FitError, FitOptions, StartPoint, estimate};
 use crate::num::Stop;
 use crate::world::Model;
 
@@ -143,7 +143,7 @@ fn followed_better(
         let laws = known.model.effects.iter().filter(|e| model.effect(&e.name).is_none()).cloned();
         model.effects.extend(laws.collect::<Vec<_>>());
     }
-    let near = FitOptions { begin: Begin::Near, ..options.fit };
+    let near = FitOptions { start_point: StartPoint::NearOptimum, ..options.fit };
     Ok(nearer(&estimate(lens.scenes, &there, &near, stop)?))
 }
 
@@ -192,7 +192,7 @@ pub fn written(
     let with = propose(lens, models, &ModelChange::Write(FORMULA.into(), formula), stop)?.models;
     match revise(lens, &with, Some(FORMULA), &options.fit, stop) {
         Ok(revision) => Ok(Some(revision)),
-        Err(FitError::Undefined { .. }) => Ok(None),
+        Err(FitError::FormulaUndefined { .. }) => Ok(None),
         Err(other) => Err(other),
     }
 }

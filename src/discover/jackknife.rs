@@ -6,7 +6,7 @@ use super::proof;
 use super::revise::Revision;
 use super::weak_form::WeakFormRegression;
 use crate::effects::EffectEntry;
-use crate::fit::{Begin, Fit, FitError, FitOptions, estimate, estimate_each, together};
+use crate::fit::{Fit, FitError, FitOptions, StartPoint, estimate, estimate_each, fit_jointly};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::Model;
@@ -50,7 +50,7 @@ pub fn of_videos(
         return Ok(None);
     }
     let most = options.max_iterations.min(ITERATIONS);
-    let near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
+    let near = FitOptions { start_point: StartPoint::NearOptimum, max_iterations: most, ..*options };
     let (scenes, fit) = &in_common(lens, revision, &followed, &near, stop)?;
     let known: Vec<Option<(f64, f64)>> =
         numbers.names.iter().map(|name| number(fit, numbers.law, name)).collect();
@@ -78,7 +78,7 @@ fn in_common(
     }
     // From a mean of what they have no search of all of them finds back.
     let alone = estimate_each(&scenes, &models, near, stop)?;
-    let fit = together(&scenes, &models, &alone, near, stop)?;
+    let fit = fit_jointly(&scenes, &models, &alone, near, stop)?;
     // One that common numbers lose has found another way to move as it did.
     let kept = which.iter().zip(&fit.scenes).filter(|(_, s)| !proof::lost(s));
     let kept: Vec<usize> = kept.map(|(k, _)| *k).collect();
@@ -105,7 +105,7 @@ pub fn scatter(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Vec<f64>, FitError> {
-    let near = FitOptions { begin: Begin::Near, ..*options };
+    let near = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
     let one = |&left_out: &usize| -> Result<Vec<f64>, FitError> {
         let kept: Vec<usize> = (0..scenes.len()).filter(|&k| k != left_out).collect();
         let some: Vec<Scene> = kept.iter().map(|&k| scenes[k].clone()).collect();

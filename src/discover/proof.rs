@@ -232,7 +232,7 @@ mod tests {
             scenes: fits(chi_squares).to_vec(),
             posterior: Default::default(),
             iterations: 0,
-            outcome: crate::fit::Outcome::Converged,
+            outcome: crate::fit::Termination::Converged,
             losses: vec![],
         }
     }

@@ -3,7 +3,7 @@
 use super::free::{FreeParameter, at_values};
 use super::proof;
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
-use crate::fit::{self, Begin, Fit, FitError, FitOptions, Posterior, SceneFit, estimate, estimate_one};
+use crate::fit::{self, Fit, FitError, FitOptions, Posterior, SceneFit, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{Limits, Model, film};
@@ -22,7 +22,7 @@ const KEPT: f64 = 1.05;
 /// A scene that the common fit follows this many times worse than its own fit is lost.
 const LOST: f64 = 2.0;
 /// Effort of fits that only choose between models: the right one is followed soon, and the others are never.
-pub const TRIED_EFFORT: f64 = 0.25;
+pub const TRIED_BUDGET_FRACTION: f64 = 0.25;
 /// What leaves more than this of the free motion (reduced chi-square) no search follows, however long.
 const REFUTED: f64 = 4.0;
 /// Most iterations of the fit of all scenes together, which begins where each of them ended.
@@ -114,7 +114,7 @@ pub fn revise_from(
         (0..models.len()).map(|k| begun[k].or_else(|| follows(&shown[k], &first.scenes[k]))).collect();
     let led = led(models, effect, &free, &seen);
     // What others are compared with is what a fit would give.
-    let options = &FitOptions { swift: options.swift && effect.is_some(), ..*options };
+    let options = &FitOptions { single_precision: options.single_precision && effect.is_some(), ..*options };
     let (fit_all, unpooled) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
@@ -165,10 +165,17 @@ pub fn trajectories_from(
     Ok((found, apart))
 }
 
-/// The effort that a model is worth, by what it leaves of the free motion.
+/// The share of the work budget for a model, by what it leaves of the free motion.
 fn worth(options: &FitOptions, lens: &WeakFormRegression, seen: &LensFit) -> FitOptions {
     let refuted = seen.chi_square > REFUTED * lens.degrees_of_freedom() as f64;
-    FitOptions { effort: if refuted { options.effort.min(TRIED_EFFORT) } else { options.effort }, ..*options }
+    FitOptions {
+        budget_fraction: if refuted {
+            options.budget_fraction.min(TRIED_BUDGET_FRACTION)
+        } else {
+            options.budget_fraction
+        },
+        ..*options
+    }
 }
 
 /// Root mean square of the scenes' noise (m).
@@ -230,7 +237,7 @@ fn fit_set_up(
         let found = joint.models();
         // What is lost has no say.
         let most = if proof::loses(&joint) { 0 } else { options.max_iterations.min(COMMON_ITERATIONS) };
-        let near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
+        let near = FitOptions { start_point: StartPoint::NearOptimum, max_iterations: most, ..*options };
         let Fit { scenes, posterior, .. } = fit::fit(scenes, &found, &near, stop)?;
         joint = Fit { scenes, posterior, ..joint };
     }
@@ -260,13 +267,13 @@ fn common(
     let lost =
         |alone: &[Fit]| -> Vec<usize> { (0..scenes.len()).filter(|&k| proof::loses(&alone[k])).collect() };
     let most = options.max_iterations.min(COMMON_ITERATIONS);
-    let as_near = FitOptions { begin: Begin::Near, max_iterations: most, ..*options };
+    let as_near = FitOptions { start_point: StartPoint::NearOptimum, max_iterations: most, ..*options };
     let together = |all: &mut [Model], alone: &[Fit], lost: &[usize]| -> Result<Fit, FitError> {
         let rest: Vec<usize> = (0..scenes.len()).filter(|k| !lost.contains(k)).collect();
         let some: Vec<Scene> = rest.iter().map(|&k| scenes[k].clone()).collect();
         let models: Vec<Model> = rest.iter().map(|&k| all[k].clone()).collect();
         let alone: Vec<Fit> = rest.iter().map(|&k| alone[k].clone()).collect();
-        let found = fit::together(&some, &models, &alone, &as_near, stop)?;
+        let found = fit::fit_jointly(&some, &models, &alone, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
             all.iter_mut().for_each(|model| model.take_shared(&fitted.model));
             all[k].clone_from(&fitted.model);
@@ -275,7 +282,7 @@ fn common(
     };
     let mut left = lost(&alone);
     if left.is_empty() {
-        return Ok((fit::together(scenes, models, &alone, &as_near, stop)?, alone));
+        return Ok((fit::fit_jointly(scenes, models, &alone, &as_near, stop)?, alone));
     }
     let mut all = gathered(models, &alone);
     if left.len() == scenes.len() {
@@ -370,7 +377,8 @@ fn fit_on(
     let mut model = model.clone();
     model.stand_as(begun);
     model.take_shared(begun);
-    let found = estimate_one(scene, &model, &FitOptions { begin: Begin::Turned, ..*options }, stop)?;
+    let found =
+        estimate_one(scene, &model, &FitOptions { start_point: StartPoint::YawSearched, ..*options }, stop)?;
     if proof::loses(&found) { Ok(lower(found, anew()?)) } else { Ok(found) }
 }
 
@@ -419,7 +427,7 @@ fn pool(near: &mut [Model], alone: &[Fit], active: usize, k: usize) {
         let Some(p) = shared(&scene.model) else { continue };
         for label in &p.labels {
             let name = p.full_name(&scene.model.effects[active], label);
-            if let Some(e) = fitted.posterior.told(&name, p.prior.sd) {
+            if let Some(e) = fitted.posterior.informative(&name, p.prior.sd) {
                 let sd = e.sd.max(1e-9) * scene.reduced_chi_square.max(1.0);
                 let sum = sums.entry(label.clone()).or_default();
                 *sum = (sum.0 + e.value / (sd * sd), sum.1 + 1.0 / (sd * sd));

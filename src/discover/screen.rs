@@ -3,7 +3,7 @@
 use super::free::{FreeParameter, at_values, flats, free_parameters, shows, stride, values_of};
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, quantile, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
@@ -284,8 +284,7 @@ pub fn typical_sd(
         covariance.map_or(f64::INFINITY, |c| c.diagonal().max().sqrt())
     };
     let mut all: Vec<f64> = entry.seeds(region).par_iter().map(sd).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().filter(|sd| sd.is_finite())
+    quantile(&mut all, 0.5).filter(|sd| sd.is_finite())
 }
 
 /// The best that the effect can do from these beginnings, beside numbers that stand as there.

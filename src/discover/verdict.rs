@@ -25,7 +25,7 @@ use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect};
 use crate::fit::{FitError, FitOptions};
-use crate::num::{Stop, counted, part};
+use crate::num::{Stop, progress_of_jobs, progress_within};
 use crate::world::Model;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -96,7 +96,7 @@ pub fn conclude(
         steps.push((Some(step.entry.spec.name), models.clone()));
     }
     let most = steps.len() + 2 * usize::from(proven.is_some());
-    let told = counted(stop, [0.0, REVISIONS], most * fits_of_revision(lens.scenes));
+    let told = progress_of_jobs(stop, [0.0, REVISIONS], most * fits_of_revision(lens.scenes));
     let revise =
         |(effect, models): &(Option<&str>, Vec<Model>)| revise(lens, models, *effect, &options.fit, &told);
     let mut revisions: Vec<Revision> = steps.par_iter().map(revise).collect::<Result<_, FitError>>()?;
@@ -112,7 +112,7 @@ pub fn conclude(
         let further: Result<Vec<Revision>, FitError> = steps.par_iter().map(revise).collect();
         revisions.extend(further?);
     }
-    let stop: Stop = &part(stop, [REVISIONS, 1.0]);
+    let stop: Stop = &progress_within(stop, [REVISIONS, 1.0]);
     let (asked_for, forces) = (proven, motion.found.len());
     let (mut revisions, mut motion, mut proven) =
         is_supported(lens, &base, revisions, motion, proven, &options.fit, stop)?;

@@ -5,11 +5,12 @@ use super::free::{FreeParameter, STEP, at_values, flats, free_parameters, values
 use super::segment::{FreeSegment, instants, integral};
 use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
-use crate::num::Vec2;
+use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, levenberg_marquardt};
 use crate::scene::Scene;
 use crate::world::{Field, Kinematics, Model, Snapshot, Written};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::ops::Range;
 
 /// Iterations of one search, and trials of the damping in each.
@@ -191,37 +192,18 @@ impl<'a> WeakFormRegression<'a> {
         iterations: usize,
         without: &[Range<usize>],
     ) -> LensFit {
-        let mut values = start.to_vec();
+        let residual = self.residual(models, &flats(models, free, start));
         let counted = self.counted(without);
-        let mut residual = self.residual(models, &flats(models, free, &values));
-        let mut cost = self.cost(&residual, free, &values, without);
-        let mut damping = 1e-6;
-        let mut normal = DMatrix::identity(free.len(), free.len());
-        for _ in 0..iterations.max(1) {
-            let jacobian = self.slopes(models, free, &values, &residual, &counted);
-            let (h, g) = self.normal(&jacobian, &residual, free, &values, without);
-            normal = h;
-            let mut fallen = None;
-            for _ in 0..if iterations == 0 { 0 } else { TRIALS } {
-                let trial = damped_step(&normal, &g, free, &values, damping);
-                let mut trial_residual = residual.clone();
-                let at = flats(models, free, &trial);
-                for &scene in &counted {
-                    self.write_scene(scene, &Field::new(&models[scene], &at[scene]), &mut trial_residual);
-                }
-                let trial_cost = self.cost(&trial_residual, free, &trial, without);
-                if trial_cost < cost {
-                    fallen = Some(cost - trial_cost);
-                    (values, residual, cost) = (trial, trial_residual, trial_cost);
-                    damping = (damping * 0.1f64).max(1e-9);
-                    break;
-                }
-                damping = damping.max(1e-6) * 20.0;
-            }
-            if fallen.is_none_or(|fall| fall < TOLERANCE * cost) {
-                break;
-            }
-        }
+        let bounds = free.iter().map(|f| Bounds { min: f.min, max: f.max, frozen: false }).collect();
+        let mut problem = WeakFormProblem { lens: self, models, free, without, counted, bounds, residual };
+        let schedule = Schedule { trials: if iterations == 0 { 0 } else { TRIALS }, ..SCHEDULE };
+        let linear = problem.linearize(start, None);
+        let Ok(found) =
+            levenberg_marquardt(&mut problem, start.to_vec(), Some(linear), &schedule, iterations.max(1));
+        let WeakFormProblem { counted, residual, .. } = problem;
+        let (values, cost) = (found.point, found.cost);
+        let mut residual = found.evaluation.unwrap_or(residual);
+        let normal = found.normal.map_or_else(|| DMatrix::identity(free.len(), free.len()), |n| n.hessian);
         if counted.len() < self.scenes.len() {
             residual = self.residual(models, &flats(models, free, &values));
         }
@@ -476,21 +458,62 @@ impl Projector {
     }
 }
 
-fn damped_step(
-    normal: &DMatrix<f64>,
-    gradient: &DVector<f64>,
-    free: &[FreeParameter],
-    values: &[f64],
-    damping: f64,
-) -> Vec<f64> {
-    let mut system = normal.clone();
-    for k in 0..free.len() {
-        system[(k, k)] *= 1.0 + damping;
+/// Damping of [`WeakFormRegression::solve`].
+const SCHEDULE: Schedule = Schedule {
+    initial: 1e-6,
+    min: 1e-9,
+    max: f64::INFINITY,
+    max_at_start: f64::INFINITY,
+    min_after_rejection: 1e-6,
+    growth: 20.0,
+    trials: TRIALS,
+    chord_below: 0.0,
+    at_bounds: AtBounds::Clamp,
+};
+
+/// The lens's least-squares problem in the free parameters, without some rows.
+struct WeakFormProblem<'p, 'a> {
+    lens: &'p WeakFormRegression<'a>,
+    models: &'p [Model],
+    free: &'p [FreeParameter],
+    without: &'p [Range<usize>],
+    /// Scenes with rows that count.
+    counted: Vec<usize>,
+    bounds: Vec<Bounds>,
+    /// The residual at the start, of all rows.
+    residual: DVector<f64>,
+}
+
+impl LeastSquares for WeakFormProblem<'_, '_> {
+    /// The residual.
+    type Evaluation = DVector<f64>;
+    type Linearization = ();
+    type Error = Infallible;
+
+    fn evaluate(&mut self, point: &[f64]) -> Option<(f64, DVector<f64>)> {
+        let mut residual = self.residual.clone();
+        let at = flats(self.models, self.free, point);
+        for &scene in &self.counted {
+            self.lens.write_scene(scene, &Field::new(&self.models[scene], &at[scene]), &mut residual);
+        }
+        Some((self.lens.cost(&residual, self.free, point, self.without), residual))
     }
-    let Some(factor) = system.cholesky() else { return values.to_vec() };
-    let step = factor.solve(gradient);
-    let moved = values.iter().zip(step.iter()).map(|(v, s)| v - s);
-    moved.zip(free).map(|(v, f)| v.clamp(f.min, f.max)).collect()
+    fn linearize(&mut self, point: &[f64], known: Option<&DVector<f64>>) -> ((), NormalEquations) {
+        let residual = known.unwrap_or(&self.residual);
+        let jacobian = self.lens.slopes(self.models, self.free, point, residual, &self.counted);
+        let (hessian, gradient) = self.lens.normal(&jacobian, residual, self.free, point, self.without);
+        let cost = self.lens.cost(residual, self.free, point, self.without);
+        ((), NormalEquations { cost, gradient, hessian })
+    }
+    fn bounds(&self) -> &[Bounds] {
+        &self.bounds
+    }
+    fn tolerance(&self, _before: f64, after: f64) -> f64 {
+        TOLERANCE * after
+    }
+    fn poll(&self, _progress: f64) -> Result<(), Infallible> {
+        Ok(())
+    }
 }
 
 /// Fits the models' parameters as the lens sees them.

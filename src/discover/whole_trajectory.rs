@@ -10,7 +10,7 @@ use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict, reported};
 use super::proof;
 use super::restitution_decay::FADING;
 use super::revise::{
-    Revision, TRIED_EFFORT, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
+    Revision, TRIED_BUDGET_FRACTION, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
     trajectories_from, without_effect,
 };
 use super::screen::region;
@@ -19,8 +19,8 @@ use super::weak_form::WeakFormRegression;
 use super::window_fits::{films_stick, meet};
 use super::windows::contacts;
 use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
-use crate::fit::{Begin, Estimate, Fit, FitError, FitOptions, SceneFit, estimate, estimate_each};
-use crate::num::Stop;
+use crate::fit::{Estimate, Fit, FitError, FitOptions, SceneFit, StartPoint, estimate, estimate_each};
+use crate::num::{Stop, quantile};
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
@@ -80,7 +80,12 @@ pub fn recovers(
         return Ok(None);
     }
     let without = without_effect(&found.fit, name);
-    let without = estimate_each(lens.scenes, &without, &FitOptions { begin: Begin::Near, ..*options }, stop)?;
+    let without = estimate_each(
+        lens.scenes,
+        &without,
+        &FitOptions { start_point: StartPoint::NearOptimum, ..*options },
+        stop,
+    )?;
     let without: Vec<SceneFit> = without.into_iter().flat_map(|f| f.scenes).collect();
     Ok((!mends(&without)).then_some(found))
 }
@@ -106,7 +111,7 @@ pub fn asked(
     let region = region(lens.scenes);
     let with = |t: &LawTrial| with_contact(models, t.entry, &t.start, t.object, &region);
     let most = options.max_iterations.min(TRIED_ITERATIONS);
-    let few = FitOptions { max_iterations: most, effort: TRIED_EFFORT, ..*options };
+    let few = FitOptions { max_iterations: most, budget_fraction: TRIED_BUDGET_FRACTION, ..*options };
     let (mut trials, mut near) = (vec![], vec![]);
     if let Some(starts) = fading(lens, base, models) {
         let with_law = starts.clone().map(|t| with(&t));
@@ -178,7 +183,7 @@ pub fn asked(
     }
     // A search that escaped a bad minimum is no discovery.
     let without = without_effect(&found.fit, best.entry.spec.name);
-    let from_there = FitOptions { begin: Begin::Near, ..*options };
+    let from_there = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
     let (without, _) = trajectories(lens, &without, None, &from_there, stop)?;
     if !proof::nearer(&without, &found.fit) {
         return Ok(None);
@@ -307,7 +312,7 @@ fn from_there(
         model.take_shared(fitted);
         model.stand_as(fitted);
     }
-    let options = FitOptions { begin: Begin::Near, ..*options };
+    let options = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
     let found = estimate(&scenes, &near, &options, stop)?;
     let known = estimate(&scenes, &known, &FitOptions { max_iterations: 0, ..options }, stop)?;
     if proof::deviance(&found) >= proof::deviance(&known) - PROMISING {
@@ -322,8 +327,7 @@ fn from_there(
 fn usual_speed(base: &Revision) -> Option<f64> {
     let begun = base.fit.scenes.iter().flat_map(|s| &s.model.bodies);
     let mut speeds: Vec<f64> = begun.map(|b| b.start.state.velocity.norm()).filter(|v| *v > 0.0).collect();
-    speeds.sort_by(f64::total_cmp);
-    speeds.get(speeds.len() / 2).copied()
+    quantile(&mut speeds, 0.5)
 }
 
 /// The masses that differ most from the others when all are free.

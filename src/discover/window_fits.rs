@@ -3,7 +3,7 @@
 use super::revise::{chi_squares, sum};
 use super::segment::unseen_turn;
 use super::windows::ContactWindows;
-use crate::fit::{Begin, Fit, FitError, FitOptions, Method, SceneFit, estimate_each, estimate_one};
+use crate::fit::{Fit, FitError, FitOptions, Method, SceneFit, StartPoint, estimate_each, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, trace};
@@ -19,9 +19,9 @@ const FEW: usize = 3;
 pub const OPTIONS: FitOptions = FitOptions {
     max_iterations: 40,
     method: Method::GaussNewton,
-    begin: Begin::Turned,
-    effort: 1.0,
-    swift: true,
+    start_point: StartPoint::YawSearched,
+    budget_fraction: 1.0,
+    single_precision: true,
 };
 
 /// The films with a fit of each.
@@ -107,7 +107,7 @@ pub fn meet(model: &Model, times: &[f64]) -> bool {
 
 /// The films with yaws that nobody measured as each film by itself has them: together they would be searched over and over.
 fn turned(films: &ContactWindows, stop: Stop) -> Result<ContactWindows, FitError> {
-    let options = FitOptions { begin: Begin::Models, ..OPTIONS };
+    let options = FitOptions { start_point: StartPoint::Models, ..OPTIONS };
     let unseen = |scene: &Scene| (0..scene.objects.len()).any(|object| unseen_turn(scene, object));
     let one = |(scene, model): (&Scene, &Model)| -> Result<Model, FitError> {
         let mut model = model.clone();
@@ -132,7 +132,7 @@ pub fn films_stick(films: &ContactWindows, stuck: &[Model], stop: Stop) -> Resul
     if films.scenes.is_empty() {
         return Ok(true);
     }
-    let options = FitOptions { begin: Begin::Models, ..OPTIONS };
+    let options = FitOptions { start_point: StartPoint::Models, ..OPTIONS };
     // Each film by itself: what it shares with the others says nothing here.
     let cost = |models: &[Model]| -> Result<f64, FitError> {
         let fits = estimate_each(&films.scenes, models, &options, stop)?;

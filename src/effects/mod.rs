@@ -50,7 +50,7 @@ pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
 use crate::body::{Body, Contact, ContactLaw, Matter, Obstacle, View, Wrench};
-use crate::num::{Jet, Real, Swift, Vec2};
+use crate::num::{Jet, JetF32, Real, Vec2};
 
 /// Every effect there is. A new one is its file and a line here.
 pub static EFFECTS: &[EffectEntry] = &[
@@ -289,7 +289,7 @@ pub struct EffectEntry {
     pub report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
     real: Hooks<f64>,
     jet: Hooks<Jet>,
-    swift: Hooks<Swift>,
+    jet_f32: Hooks<JetF32>,
 }
 
 impl EffectEntry {
@@ -303,7 +303,7 @@ impl EffectEntry {
             report: E::report,
             real: Hooks::of::<E>(),
             jet: Hooks::of::<E>(),
-            swift: Hooks::of::<E>(),
+            jet_f32: Hooks::of::<E>(),
         }
     }
 
@@ -331,8 +331,8 @@ impl Scalar for Jet {
         &entry.jet
     }
 }
-impl Scalar for Swift {
-    fn hooks(entry: &EffectEntry) -> &Hooks<Swift> {
-        &entry.swift
+impl Scalar for JetF32 {
+    fn hooks(entry: &EffectEntry) -> &Hooks<JetF32> {
+        &entry.jet_f32
     }
 }

@@ -23,7 +23,7 @@ pub enum Others {
 /// Refuses, under the name of the field, videos that cannot share their physics.
 pub(super) fn one_set_up(field: &str, scenes: &[Scene], models: &[Model]) -> Result<(), EngineError> {
     match crate::fit::check(scenes, models) {
-        Err(error @ (FitError::Worlds { .. } | FitError::Twice { .. })) => {
+        Err(error @ (FitError::PresetsDiffer { .. } | FitError::DuplicateVideo { .. })) => {
             Err(EngineError::invalid(field, error.to_string()))
         }
         // What else is wrong is told by the fit.

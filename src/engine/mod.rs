@@ -27,7 +27,7 @@ pub use start::{Choice, ChoiceKind};
 pub use study::{Course, Discovered, Findings, Inquiry, MAX_STUDY_VIDEOS, Pose, Study};
 pub use trace::{Download, TraceFilter, TraceKind, TraceRecord};
 
-use crate::fit::{Fit, FitError, FitOptions, drawn, estimate_one};
+use crate::fit::{Fit, FitError, FitOptions, estimate_one, with_draws};
 use crate::reason::{
     Answer, AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, ReasonError, ask, predict,
 };
@@ -420,7 +420,7 @@ impl Engine {
             let job = move |stop: crate::num::Stop| {
                 let stored = StoredFit::clone(&fitted);
                 Ok(StoredFit {
-                    fit: drawn(std::slice::from_ref(scene.as_ref()), stored.fit, stop)?,
+                    fit: with_draws(std::slice::from_ref(scene.as_ref()), stored.fit, stop)?,
                     ..stored
                 })
             };

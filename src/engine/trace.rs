@@ -2,7 +2,7 @@
 
 use super::shelf::Lease;
 use super::{Discovered, Engine, EngineError, StoredFit, figures};
-use crate::fit::{Begin, FitError, FitOptions, beginning};
+use crate::fit::{FitError, FitOptions, StartPoint, initial_model};
 use crate::num::Stop;
 use crate::reason::Prediction;
 use crate::recording::{self, Change, Recording, RecordingError, Step};
@@ -129,9 +129,9 @@ pub fn fit(
     options: &FitOptions,
     fitted: &StoredFit,
 ) -> Result<TraceFile, EngineError> {
-    let before = match options.begin {
-        Begin::Tracks => beginning(scene, start),
-        Begin::Models | Begin::Turned | Begin::Near => start.clone(),
+    let before = match options.start_point {
+        StartPoint::Tracks => initial_model(scene, start),
+        StartPoint::Models | StartPoint::YawSearched | StartPoint::NearOptimum => start.clone(),
     };
     let request = serde_json::json!({ "fit": options }).to_string();
     changed(TraceKind::Fit, scene, &before, fitted, &[], &request)

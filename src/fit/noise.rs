@@ -1,12 +1,19 @@
 //! Measurement noise, estimated from the tracks alone.
+//!
+//! Of three samples a, b, c in near frames at times t_a < t_b < t_c, the middle one's distance from the straight line through
+//! the others is d = b - (1 - q) a - q c, with q = (t_b - t_a) / (t_c - t_a). Smooth motion leaves almost none, so that d is noise of
+//! covariance C_b + (1 - q)^2 C_a + q^2 C_c. The estimate of the standard deviation is the upper median of the whitened |d|,
+//! divided by that of a standard normal number (0.6745): the few impacts leave a median alone. Samples that state covariances
+//! keep their ratios; their common scale is estimated.
 
+use crate::num::{NORMAL_MEDIAN_ABSOLUTE, quantile};
 use crate::scene::{Covariance, Sample, Scene, Track};
 
 /// Fewest second differences that make an estimate.
 const ENOUGH: usize = 12;
-/// Noise that is taken where neither the tracks nor the user tell (m, rad).
+/// Noise that is assumed if neither the tracks nor the user give it (m; yaws: twice as many rad).
 const FALLBACK: f64 = 0.005;
-/// Noise is never believed to be smaller (m, rad): it would make every model inadequate by round-off.
+/// Least noise (m, rad): less would make every model inadequate by round-off.
 const SMALLEST: f64 = 1e-6;
 
 /// Standard deviations of the measurements of one scene.
@@ -30,7 +37,7 @@ pub(super) struct Whitener {
 
 impl Whitener {
     fn of(covariance: &Covariance) -> Whitener {
-        // Where a covariance has no factor (validation refuses it), its mean is better than nothing.
+        // A covariance without a factor (validation refuses it) is replaced by its mean variance.
         let alone = covariance.mean().abs().sqrt();
         let [xx, yx, yy] = covariance.factor().unwrap_or([alone, 0.0, alone]);
         Whitener { xx: 1.0 / xx, yx: -yx / (xx * yy), yy: 1.0 / yy }
@@ -42,12 +49,12 @@ impl Whitener {
 }
 
 impl Noise {
-    /// Of the positions of a scene whose noise was estimated before (m).
+    /// The noise of a scene whose position noise (m) was estimated before.
     pub(super) fn of_fit(scene: &Scene, position: f64) -> Noise {
         Noise { position, yaw: None, stated: stated(scene) }
     }
 
-    /// Covariance of a sample (m^2) that states this one.
+    /// Covariance of a sample (m^2), given the one that it states.
     pub(super) fn covariance(&self, stated: Option<Covariance>) -> Covariance {
         let variance = self.position * self.position;
         match stated {
@@ -56,7 +63,7 @@ impl Noise {
         }
     }
 
-    /// For a sample that states this covariance.
+    /// Whitener of a sample, given the covariance that it states.
     pub(super) fn whitener(&self, stated: Option<Covariance>) -> Whitener {
         Whitener::of(&self.covariance(stated))
     }
@@ -80,13 +87,26 @@ fn stated(scene: &Scene) -> f64 {
     if count == 0 { 1.0 } else { sum / count as f64 }
 }
 
-/// Median absolute second difference over three neighbouring frames, scaled to a standard deviation:
-/// smooth motion and the few impacts leave the median alone.
+/// The noise of a scene's positions and yaws.
 pub fn estimate(scene: &Scene) -> Noise {
-    let mut positions = vec![];
-    let mut yaws = vec![];
-    // In units of the stated mean, which is one where nothing is stated.
     let stated = stated(scene);
+    let (mut positions, mut yaws) = whitened_differences(scene, stated);
+    let any_stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
+    let assumed = scene.noise_sigma.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
+    let position = standard_deviation(&mut positions).unwrap_or(assumed).max(SMALLEST);
+    let any_yaw = scene
+        .objects
+        .iter()
+        .zip(&scene.tracks)
+        .any(|(o, t)| !o.shape.is_ball() && t.samples.iter().any(|s| s.yaw.is_some()));
+    let yaw = any_yaw.then(|| standard_deviation(&mut yaws).unwrap_or(2.0 * FALLBACK).max(SMALLEST));
+    Noise { position, yaw, stated }
+}
+
+/// Absolute values of the whitened second differences of positions, in units of the mean stated deviation (`stated` is its
+/// square, 1 if nothing is stated), and of yaws (rad).
+fn whitened_differences(scene: &Scene, stated: f64) -> (Vec<f64>, Vec<f64>) {
+    let (mut positions, mut yaws) = (vec![], vec![]);
     let relative = |s: &Sample| {
         s.covariance.map_or(Covariance { xx: 1.0, xy: 0.0, yy: 1.0 }, |c| c.scaled(1.0 / stated))
     };
@@ -108,21 +128,10 @@ pub fn estimate(scene: &Scene) -> Noise {
             });
         }
     }
-    let seen = |d: &Vec<f64>| (d.len() >= ENOUGH).then_some(());
-    let any_stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
-    let believed = scene.noise_sigma.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
-    let position = seen(&positions).map_or(believed, |()| deviation(&mut positions)).max(SMALLEST);
-    let any_yaw = scene
-        .objects
-        .iter()
-        .zip(&scene.tracks)
-        .any(|(o, t)| !o.shape.is_ball() && t.samples.iter().any(|s| s.yaw.is_some()));
-    let yaw = any_yaw.then(|| seen(&yaws).map_or(2.0 * FALLBACK, |()| deviation(&mut yaws)).max(SMALLEST));
-    Noise { position, yaw, stated }
+    (positions, yaws)
 }
 
-/// Calls `f(samples, share)` for three samples in near frames; `share` is the middle one's place in time between the
-/// others (1: at the last).
+/// Calls `f(samples, q)` for three samples in near frames; q is the middle one's place in time between the others (1: at the last).
 fn second_differences(scene: &Scene, track: &Track, mut f: impl FnMut([&Sample; 3], f64)) {
     for w in track.samples.windows(3) {
         if let [a, b, c] = w
@@ -134,9 +143,8 @@ fn second_differences(scene: &Scene, track: &Track, mut f: impl FnMut([&Sample; 
     }
 }
 
-/// Standard deviation of a normal distribution with this median of absolute values.
-fn deviation(absolute: &mut [f64]) -> f64 {
-    let middle = absolute.len() / 2;
-    let (_, median, _) = absolute.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / 0.674_489_750_196_081_7
+/// Standard deviation of a centred normal distribution from absolute values; `None` if they are too few.
+fn standard_deviation(absolute: &mut [f64]) -> Option<f64> {
+    let enough = absolute.len() >= ENOUGH;
+    quantile(absolute, 0.5).filter(|_| enough).map(|median| median / NORMAL_MEDIAN_ABSOLUTE)
 }

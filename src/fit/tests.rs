@@ -1,10 +1,12 @@
 //! The fit on simulated videos whose truth is known, and what it refuses.
 
+use super::problem::FitProblem;
+use super::search::{divergences, missed_contact_restarts, restitution_restarts};
 use super::*;
 use crate::effects::effect;
-use crate::num::{Vec2, never, vec2};
-use crate::scene::{Covariance, Object, Sample, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Owner, Preset, trace};
+use crate::num::{Stopped, Vec2, never, vec2};
+use crate::scene::{Covariance, Object, Sample, Scene, Shape, Track, WorldKind};
+use crate::world::{ActiveEffect, Model, Owner, Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -21,7 +23,7 @@ fn objects() -> Vec<Object> {
 }
 
 /// A video of three objects, two of which meet the third; `masses` and the effects' values are as given.
-pub(super) fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
+pub(super) fn three_bodies(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
     let mut scene = Scene {
         name: name.into(),
         setup: None,
@@ -46,7 +48,7 @@ pub(super) fn film(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, Model) {
     (scene, model)
 }
 
-/// Gives the scene the tracks that the model leaves, with noise.
+/// Gives the scene the tracks of the model's simulation, with noise.
 fn measure(scene: &mut Scene, model: &Model, seed: u64) {
     let truth = trace(model, &scene.times);
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -66,7 +68,7 @@ fn measure(scene: &mut Scene, model: &Model, seed: u64) {
 
 #[test]
 fn bodies_turn_in_place_and_yaws_may_wrap() {
-    let (mut scene, mut model) = film("turning", 5, [1.0; 3]);
+    let (mut scene, mut model) = three_bodies("turning", 5, [1.0; 3]);
     model.bodies[0].start.state.spin = 5.0;
     (model.bodies[2].start.state.yaw, model.bodies[2].start.state.spin) = (3.0, 4.0);
     measure(&mut scene, &model, 5);
@@ -77,7 +79,7 @@ fn bodies_turn_in_place_and_yaws_may_wrap() {
     }
     assert!(whole.scenes[0].adequate, "{}", whole.scenes[0].reduced_chi_square);
     for yaw in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).filter_map(|s| s.yaw.as_mut()) {
-        *yaw = crate::num::wrapped(*yaw);
+        *yaw = crate::num::wrap_angle(*yaw);
     }
     let wrapped = fitted(&[scene]);
     assert!((wrapped.scenes[0].reduced_chi_square - whole.scenes[0].reduced_chi_square).abs() < 1e-3);
@@ -89,10 +91,10 @@ fn fitted(scenes: &[Scene]) -> Fit {
 }
 
 #[test]
-fn it_finds_the_truth_within_what_it_says_it_knows() {
+fn the_truth_is_within_the_stated_deviations() {
     let (mut inside, mut all) = (0, 0);
     for seed in 0..6 {
-        let (scene, truth) = film("a", seed, [1.0, 1.6, 0.7]);
+        let (scene, truth) = three_bodies("a", seed, [1.0, 1.6, 0.7]);
         let fit = fitted(std::slice::from_ref(&scene));
         let found = &fit.scenes[0];
         assert!(found.adequate && (found.noise_sigma / SIGMA - 1.0).abs() < 0.2, "{found:?}");
@@ -111,7 +113,7 @@ fn it_finds_the_truth_within_what_it_says_it_knows() {
             );
         }
     }
-    // Two deviations hold 95 % of a normal law.
+    // Two standard deviations hold 95 % of a normal distribution.
     assert!(inside as f64 >= 0.85 * all as f64, "{inside} of {all}");
 }
 
@@ -137,7 +139,7 @@ fn true_value(model: &Model, name: &str) -> Option<f64> {
 
 #[test]
 fn the_distance_at_which_outlines_touch_is_found() {
-    let (mut scene, mut model) = film("late", 3, [1.0; 3]);
+    let (mut scene, mut model) = three_bodies("late", 3, [1.0; 3]);
     let margin = effect("contact_distance").expect("it is in the table");
     let mut late = ActiveEffect::new(&margin.spec, &model.bodies);
     late.parameters[0].values.fill(-0.01);
@@ -157,8 +159,8 @@ fn the_distance_at_which_outlines_touch_is_found() {
 }
 
 #[test]
-fn mass_ratios_of_objects_that_met_are_known_and_others_are_not() {
-    let (scene, truth) = film("a", 3, [1.0, 1.6, 0.7]);
+fn mass_ratios_of_objects_that_met_are_identified_but_no_mass_alone() {
+    let (scene, truth) = three_bodies("a", 3, [1.0, 1.6, 0.7]);
     let fit = fitted(&[scene]);
     let masses: Vec<f64> = fit.objects(0).iter().map(|o| o.mass.value).collect();
     for (k, body) in truth.bodies.iter().enumerate() {
@@ -173,8 +175,8 @@ fn mass_ratios_of_objects_that_met_are_known_and_others_are_not() {
 
 #[test]
 fn videos_of_one_set_up_share_its_physics() {
-    let (a, _) = film("a", 1, [1.0, 1.6, 0.7]);
-    let (b, _) = film("b", 2, [2.0, 1.0, 0.5]);
+    let (a, _) = three_bodies("a", 1, [1.0, 1.6, 0.7]);
+    let (b, _) = three_bodies("b", 2, [2.0, 1.0, 0.5]);
     let (alone, both) = (fitted(std::slice::from_ref(&a)), fitted(&[a, b]));
     let sd = |f: &Fit| {
         f.posterior.estimates.iter().find(|e| e.name == "gliding_friction.sliding[rubber]").map(|e| e.sd)
@@ -186,7 +188,7 @@ fn videos_of_one_set_up_share_its_physics() {
 
 #[test]
 fn the_same_fit_gives_the_same_bits_and_draws() {
-    let (scene, _) = film("a", 5, [1.0, 1.0, 1.0]);
+    let (scene, _) = three_bodies("a", 5, [1.0, 1.0, 1.0]);
     let (a, b) = (fitted(std::slice::from_ref(&scene)), fitted(&[scene]));
     assert_eq!(a, b);
     let draws = a.draw(0, 5, 9);
@@ -196,10 +198,10 @@ fn the_same_fit_gives_the_same_bits_and_draws() {
 
 #[test]
 fn the_papers_method_finds_the_start_states_and_can_be_stopped() {
-    let (scene, truth) = film("a", 4, [1.0, 1.6, 0.7]);
+    let (scene, truth) = three_bodies("a", 4, [1.0, 1.6, 0.7]);
     let one = std::slice::from_ref(&scene);
     let mut start = [Preset::for_world(scene.world).model(&scene)];
-    // The paper knows no uneven feet, and one restitution.
+    // The paper has no off-centre friction, and one restitution.
     start[0].effects.retain(|e| e.name != "friction_offset");
     let parameters = start[0].effects.iter_mut().flat_map(|e| &mut e.parameters);
     parameters.filter(|p| p.name == "deviation").for_each(|p| p.prior.sd = 0.0);
@@ -216,35 +218,35 @@ fn the_papers_method_finds_the_start_states_and_can_be_stopped() {
 }
 
 #[test]
-fn what_cannot_be_fitted_says_why() {
-    let (scene, model) = film("a", 1, [1.0; 3]);
+fn a_refused_fit_says_why() {
+    let (scene, model) = three_bodies("a", 1, [1.0; 3]);
     let options = FitOptions::default();
     assert_eq!(fit(&[], &[], &options, &never), Err(FitError::NoScene));
     let one = std::slice::from_ref(&scene);
-    assert!(matches!(fit(one, &[], &options, &never), Err(FitError::Count { .. })));
+    assert!(matches!(fit(one, &[], &options, &never), Err(FitError::ModelCount { .. })));
     let mut short = scene.clone();
     short.tracks.iter_mut().for_each(|t| t.samples.clear());
     let refused =
         fit(&[short], std::slice::from_ref(&model), &options, &never).expect_err("nothing was seen");
-    assert!(refused.to_string().contains("film longer"), "{refused}");
-    let (mut other, mut air) = (film("b", 2, [1.0; 3]).0, model.clone());
+    assert!(refused.to_string().contains("record a longer video"), "{refused}");
+    let (mut other, mut air) = (three_bodies("b", 2, [1.0; 3]).0, model.clone());
     air.preset = "air_table".into();
     let pair = |other: &Scene| [scene.clone(), other.clone()];
     let refused = fit(&pair(&other), &[model.clone(), air], &options, &never);
-    assert!(matches!(refused, Err(FitError::Worlds { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(FitError::PresetsDiffer { .. })), "{refused:?}");
     other.tracks.clone_from(&scene.tracks);
     let refused = fit(&pair(&other), &[model.clone(), model.clone()], &options, &never);
-    assert!(matches!(refused, Err(FitError::Twice { .. })), "{refused:?}");
+    assert!(matches!(refused, Err(FitError::DuplicateVideo { .. })), "{refused:?}");
     let mut fewer = model;
     fewer.remove_body(0);
-    assert!(matches!(fit(one, &[fewer], &options, &never), Err(FitError::Mismatch { .. })));
+    assert!(matches!(fit(one, &[fewer], &options, &never), Err(FitError::BodyCount { .. })));
     let stop = |_: f64| Err(Stopped);
     let start = Preset::for_world(scene.world).model(&scene);
     assert_eq!(fit(one, &[start], &options, &stop), Err(FitError::Stopped(Stopped)));
 }
 
-/// A film of two balls on a table with cushions: the first is struck with the given spins (as shares of rolling, and
-/// as a speed of the surface), meets the second and goes on to a cushion.
+/// A video of two balls on a table with cushions: the first starts with the given spins (as shares of rolling, and as a speed
+/// of the surface), meets the second and goes on to a cushion.
 fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
     let radius = 0.0286;
     let ball = |id| Object {
@@ -289,11 +291,11 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
     (scene, truth)
 }
 
-/// Where a ball is that the cue ball hits.
+/// A position where the cue ball hits the other ball.
 const IN_THE_WAY: Vec2 = Vec2 { x: 0.85, y: 1.18 };
 
 #[test]
-fn draws_of_what_meets_nothing_spread_as_far_as_it_is_unknown() {
+fn draws_of_a_body_without_contacts_have_its_standard_deviation() {
     let (scene, _) = shot(7, 1.0, 0.0, vec2(1.3, 0.15));
     let fit = fitted(&[scene]);
     let sd = fit.posterior.estimates.iter().find(|e| e.name == "objects[4].x").expect("it is free").sd;
@@ -304,13 +306,13 @@ fn draws_of_what_meets_nothing_spread_as_far_as_it_is_unknown() {
     assert!((0.7..1.4).contains(&(spread / sd)), "{spread} {sd}");
 }
 
-/// Of boxes that come to press on each other: what no window followed, draws from the frames before that do.
+/// Boxes that come to press on each other: no horizon follows them, but random restarts from the frames before do.
 #[test]
-fn draws_lead_on_where_a_search_ended_beside_its_tracks() {
+fn random_restarts_follow_tracks_that_the_search_left() {
     let text = include_str!("../../tests/data/bounce/scene_00019/observed.json");
     let scene = crate::scene::parse("bounce", text).expect("it is right");
     let found = &fitted(&[scene]).scenes[0];
-    // 1.47 without them, and 3.75 where friction and damping are not held at first.
+    // 1.47 without them, and 3.75 if friction and damping are not frozen at first.
     assert!(found.reduced_chi_square < 1.4, "{}", found.reduced_chi_square);
 }
 
@@ -335,23 +337,23 @@ fn follow_draw_and_side_are_found_from_positions_alone() {
 }
 
 #[test]
-fn a_track_that_leaves_the_simulation_says_by_how_much_and_noise_says_nothing() {
-    let (mut scene, _) = film("a", 2, [1.0, 1.6, 0.7]);
+fn a_drifting_track_gives_its_discrepancy_and_noise_gives_none() {
+    let (mut scene, _) = three_bodies("a", 2, [1.0, 1.6, 0.7]);
     let fit = fitted(std::slice::from_ref(&scene));
     let found = &fit.scenes[0];
     let run = trace(&found.model, &scene.times);
     let (end, last) = (scene.times[99], run.states.len() - 1);
     for body in 0..3 {
-        assert_eq!(deviation(&scene, found, &run, body, end), None, "body {body}");
+        assert_eq!(state_discrepancy(&scene, found, &run, body, end), None, "body {body}");
     }
     for s in scene.tracks[2].samples.iter_mut().filter(|s| s.frame >= 80) {
         s.position += vec2(0.03 + 0.1 * (s.frame as f64 * 0.04 - end), 0.0);
     }
-    let off = deviation(&scene, found, &run, 2, end).expect("it drifts");
-    let anchor = off.anchor();
+    let off = state_discrepancy(&scene, found, &run, 2, end).expect("it drifts");
+    let anchor = off.correction();
     assert!((anchor.position - vec2(0.03, 0.0)).norm() < 0.01, "{anchor:?}");
     assert!((anchor.velocity - vec2(0.1, 0.0)).norm() < 0.02, "{anchor:?}");
-    // Samples that say how little they know weigh little.
+    // Samples with large covariances have little weight.
     let mut doubtful = scene.clone();
     for s in &mut doubtful.tracks[2].samples {
         let far = s.frame % 4 == 0;
@@ -359,24 +361,24 @@ fn a_track_that_leaves_the_simulation_says_by_how_much_and_noise_says_nothing() 
         s.covariance = Some(Covariance { xx: variance, xy: 0.0, yy: variance });
         s.position += vec2(0.0, if far { 0.2 } else { 0.0 });
     }
-    let anchor = deviation(&doubtful, found, &run, 2, end).expect("it drifts").anchor();
+    let anchor = state_discrepancy(&doubtful, found, &run, 2, end).expect("it drifts").correction();
     assert!((anchor.position - vec2(0.03, 0.0)).norm() < 0.01, "{anchor:?}");
-    let anchor = off.anchor();
-    // A draw is led to the same place from wherever it is.
+    let anchor = off.correction();
+    // A draw is corrected to the same position from any state.
     let state = run.states[last][2].expect("there");
     let mut other = state;
     other.position += vec2(0.05, 0.0);
-    let drawn = off.drawn(3, &other, &state);
+    let drawn = off.sample_correction(3, &other, &state);
     assert!((other.position + drawn.position - state.position - anchor.position).norm() < 0.02, "{drawn:?}");
-    assert_eq!(drawn, off.drawn(3, &other, &state));
-    assert_ne!(drawn, off.drawn(4, &other, &state));
+    assert_eq!(drawn, off.sample_correction(3, &other, &state));
+    assert_ne!(drawn, off.sample_correction(4, &other, &state));
 }
 
 #[test]
-fn each_sample_weighs_by_its_own_covariance_whatever_their_scale() {
-    let (mut scene, truth) = film("a", 3, [1.0, 1.6, 0.7]);
+fn each_sample_is_weighted_by_its_covariance_whatever_the_scale() {
+    let (mut scene, truth) = three_bodies("a", 3, [1.0, 1.6, 0.7]);
     let mut random = ChaCha8Rng::seed_from_u64(8);
-    // Every other sample is uncertain along one diagonal; what is stated is three times the true deviation.
+    // Every other sample is uncertain along one diagonal; stated are three times the true standard deviations.
     let (own, along) = (SIGMA * SIGMA, 0.04 * 0.04 / 2.0);
     let mut squares = 0.0;
     for (k, sample) in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).enumerate() {
@@ -393,18 +395,18 @@ fn each_sample_weighs_by_its_own_covariance_whatever_their_scale() {
         };
         fit.scenes[0].model.bodies.iter().zip(&truth.bodies).map(off).sum()
     };
-    let weighed = fitted(std::slice::from_ref(&scene));
-    let found = &weighed.scenes[0];
+    let weighted = fitted(std::slice::from_ref(&scene));
+    let found = &weighted.scenes[0];
     assert!((0.8..1.25).contains(&found.reduced_chi_square), "{}", found.reduced_chi_square);
     assert!((found.noise_sigma / squares.sqrt() - 1.0).abs() < 0.2, "{}", found.noise_sigma);
     assert!((found.rmse / squares.sqrt() - 1.0).abs() < 0.2, "{}", found.rmse);
     scene.tracks.iter_mut().flat_map(|t| &mut t.samples).for_each(|s| s.covariance = None);
     let alike = fitted(std::slice::from_ref(&scene));
-    assert!(error(&weighed) < 0.5 * error(&alike), "{} {}", error(&weighed), error(&alike));
+    assert!(error(&weighted) < 0.5 * error(&alike), "{} {}", error(&weighted), error(&alike));
 }
 
 #[test]
-fn the_side_that_was_hit_is_found_where_no_yaw_was_measured() {
+fn the_side_that_was_hit_is_found_without_measured_yaws() {
     let real = include_str!("../../tests/data/clevrer/scene_00022/observed.json");
     let mut root: serde_json::Value = serde_json::from_str(real).expect("json");
     for frame in root["motion_trajectory"].as_array_mut().expect("frames") {
@@ -421,8 +423,8 @@ fn the_side_that_was_hit_is_found_where_no_yaw_was_measured() {
 }
 
 #[test]
-fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively() {
-    let (mut scene, mut truth) = film("dead", 3, [1.0, 1.6, 0.7]);
+fn a_contact_before_a_divergence_is_tried_elastic_and_inelastic() {
+    let (mut scene, mut truth) = three_bodies("inelastic", 3, [1.0, 1.6, 0.7]);
     let start = Preset::for_world(scene.world).model(&scene);
     for p in truth.effects.iter_mut().filter(|e| e.name == "restitution").flat_map(|e| &mut e.parameters) {
         p.values.iter_mut().filter(|_| p.name == "deviation").for_each(|v| *v = 0.0);
@@ -436,16 +438,16 @@ fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively()
     let frames = scene.times.len();
     let others = |model: &Model| {
         let one = std::slice::from_ref(&scene);
-        let problem = Problem::new(one, vec![model.clone()], &[noise], &never);
+        let problem = FitProblem::new(one, vec![model.clone()], &[noise], &never);
         let point = problem.start();
         let changed = |other: Vec<f64>| {
             let k = (0..point.len()).find(|&k| other[k] != point[k]).expect("one is another");
-            (problem.free[k].name.clone(), point[k], other[k])
+            (problem.parameters[k].name.clone(), point[k], other[k])
         };
-        let left = bounce::left(&problem, &point, frames);
-        bounce::others(&problem, &point, &left).into_iter().map(changed).collect::<Vec<_>>()
+        let found = divergences(&problem, &point, frames);
+        restitution_restarts::points(&problem, &point, &found).into_iter().map(changed).collect::<Vec<_>>()
     };
-    assert!(others(&truth).is_empty(), "what follows its tracks is left alone");
+    assert!(others(&truth).is_empty(), "a simulation that follows its tracks is not restarted");
     let found = others(&model);
     assert!(
         found.iter().any(|(name, from, to)| {
@@ -456,30 +458,32 @@ fn where_a_track_is_left_after_a_contact_that_contact_is_tried_dead_and_lively()
 }
 
 #[test]
-fn where_nothing_rebounds_one_contact_alone_is_made_lively() {
-    let (scene, truth) = film("lively", 3, [1.0, 1.6, 0.7]);
+fn of_contacts_that_are_all_inelastic_one_is_made_elastic() {
+    let (scene, truth) = three_bodies("elastic", 3, [1.0, 1.6, 0.7]);
     let mut model = truth.clone();
     let restitution = model.effects.iter_mut().filter(|e| e.name == "restitution");
     for p in restitution.flat_map(|e| &mut e.parameters).filter(|p| p.name == "coefficient") {
         p.values.fill(0.0);
     }
-    let problem = Problem::new(std::slice::from_ref(&scene), vec![model], &[estimate_noise(&scene)], &never);
+    let problem =
+        FitProblem::new(std::slice::from_ref(&scene), vec![model], &[estimate_noise(&scene)], &never);
     let point = problem.start();
-    let others = bounce::others(&problem, &point, &bounce::left(&problem, &point, scene.times.len()));
+    let others =
+        restitution_restarts::points(&problem, &point, &divergences(&problem, &point, scene.times.len()));
     assert!(!others.is_empty());
     for other in others {
-        let rebound = |name: &str| -> Vec<f64> {
-            let named = (0..other.len()).filter(|&k| problem.free[k].name.starts_with(name));
+        let elastic = |name: &str| -> Vec<f64> {
+            let named = (0..other.len()).filter(|&k| problem.parameters[k].name.starts_with(name));
             named.map(|k| other[k]).filter(|v| *v > 0.0).collect()
         };
-        let [common, owns] = ["restitution.coefficient", "restitution.deviation"].map(rebound);
+        let [common, owns] = ["restitution.coefficient", "restitution.deviation"].map(elastic);
         assert!(common.len() == 1 && owns.len() == 1, "{common:?} {owns:?}");
     }
 }
 
 #[test]
-fn a_graze_that_the_simulation_misses_is_tried() {
-    let (mut scene, mut truth) = film("graze", 3, [1.0; 3]);
+fn a_contact_that_the_simulation_misses_is_tried() {
+    let (mut scene, mut truth) = three_bodies("missed", 3, [1.0; 3]);
     truth.bodies[1].start.state.position.y = 0.393;
     truth.bodies[2].start.state.velocity = vec2(0.0, 0.0);
     measure(&mut scene, &truth, 3);
@@ -489,22 +493,23 @@ fn a_graze_that_the_simulation_misses_is_tried() {
     let met = |model: &Model| trace(model, &scene.times).events.iter().any(|e| e.objects == [0, 1]);
     assert!(met(&truth) && !met(&missed));
     let others = |model: &Model| {
-        let problem = Problem::new(std::slice::from_ref(&scene), vec![model.clone()], &[noise], &never);
+        let problem = FitProblem::new(std::slice::from_ref(&scene), vec![model.clone()], &[noise], &never);
         let point = problem.start();
-        let others = graze::others(&point, &bounce::left(&problem, &point, scene.times.len()));
+        let others =
+            missed_contact_restarts::points(&point, &divergences(&problem, &point, scene.times.len()));
         let models = others.iter().map(|other| problem.model(0, other));
         models.collect::<Vec<_>>()
     };
-    assert!(others(&truth).is_empty(), "what follows its tracks is left alone");
+    assert!(others(&truth).is_empty(), "a simulation that follows its tracks is not restarted");
     let found = others(&missed);
     assert!(matches!(&found[..], [one] if met(one)), "{found:?}");
 }
 
-/// Six cubes and discs that meet in the middle: what each meets next hangs by the noise.
+/// Six cubes and discs that meet in the middle: noise decides which body each meets next.
 fn burst(seed: u64) -> Scene {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-    let (mut scene, _) = film("burst", 0, [1.0; 3]);
+    let (mut scene, _) = three_bodies("burst", 0, [1.0; 3]);
     let shapes = [Shape::Square { half_side: 0.2 }, Shape::Disc { radius: 0.2 }];
     let object =
         |id: u32| Object { id, shape: shapes[id as usize % 2], mass: Some(1.0), ..objects()[0].clone() };
@@ -522,7 +527,7 @@ fn burst(seed: u64) -> Scene {
 }
 
 #[test]
-fn bursts_are_followed_that_no_step_leads_through() {
+fn random_restarts_follow_bursts_of_contacts() {
     for seed in [18, 20, 26] {
         let found = fitted(&[burst(seed)]);
         assert!(found.scenes[0].reduced_chi_square < 1.2, "{seed}: {}", found.scenes[0].reduced_chi_square);
@@ -530,20 +535,20 @@ fn bursts_are_followed_that_no_step_leads_through() {
 }
 
 #[test]
-fn videos_that_a_trace_of_a_shared_number_sets_apart_are_drawn_together() {
+fn videos_that_diverge_with_mean_parameters_reach_a_consensus() {
     let scenes = [18, 20, 26].map(burst);
     let worst = |fit: &Fit| fit.scenes.iter().map(|s| s.reduced_chi_square).fold(0.0, f64::max);
-    let alone = scenes.each_ref().map(|s| fitted(std::slice::from_ref(s)).scenes.remove(0).model);
-    let flat = alone.each_ref().map(Model::flatten);
+    let single = scenes.each_ref().map(|s| fitted(std::slice::from_ref(s)).scenes.remove(0).model);
+    let flat = single.each_ref().map(Model::flatten);
     let mean = |k: usize| flat.iter().map(|f| f[k]).sum::<f64>() / flat.len() as f64;
-    let as_on_average = |(model, flat): (&Model, &Vec<f64>)| {
+    let with_mean = |(model, flat): (&Model, &Vec<f64>)| {
         let owners = model.owners().into_iter().enumerate();
         let value = |(k, owner)| if owner == Owner::Shared { mean(k) } else { flat[k] };
         model.with_values(&owners.map(value).collect::<Vec<_>>())
     };
-    let as_on_average: Vec<Model> = alone.iter().zip(&flat).map(as_on_average).collect();
-    let near = FitOptions { begin: Begin::Near, ..FitOptions::default() };
-    let lost = estimate(&scenes, &as_on_average, &near, &never).expect("it can be fitted");
-    assert!(worst(&lost) > 4.0, "each where it stands, with the mean of their numbers: {}", worst(&lost));
+    let with_means: Vec<Model> = single.iter().zip(&flat).map(with_mean).collect();
+    let near = FitOptions { start_point: StartPoint::NearOptimum, ..FitOptions::default() };
+    let diverged = estimate(&scenes, &with_means, &near, &never).expect("it can be fitted");
+    assert!(worst(&diverged) > 4.0, "own states, mean parameters: {}", worst(&diverged));
     assert!(worst(&fitted(&scenes)) < 1.2, "{}", worst(&fitted(&scenes)));
 }

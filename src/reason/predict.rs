@@ -12,7 +12,7 @@
 //! [`DIVERGED`]. Objects that never diverge within the video move as observed ("unreached").
 
 use super::ReasonError;
-use crate::fit::{Deviation, Fit, deviation};
+use crate::fit::{Fit, StateDiscrepancy, state_discrepancy};
 use crate::num::Stop;
 use crate::scene::{Camera, Scene};
 use crate::world::{Anchor, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
@@ -111,12 +111,12 @@ pub fn predict(
     let unguided = |model: &Model| changed.then(|| trace(model, &scene.times));
     let reached = divergence_times(&factual, unguided(&model).as_ref().unwrap_or(&factual));
     // An anchor at the last frame that is asked for, or after it, changes nothing.
-    let mut known: BTreeMap<(usize, usize), Option<Deviation>> = BTreeMap::new();
-    let mut off = |p: &Parting| -> Option<Deviation> {
-        let found = || deviation(scene, fitted, &factual, p.body, scene.time_of(p.last));
+    let mut known: BTreeMap<(usize, usize), Option<StateDiscrepancy>> = BTreeMap::new();
+    let mut off = |p: &Parting| -> Option<StateDiscrepancy> {
+        let found = || state_discrepancy(scene, fitted, &factual, p.body, scene.time_of(p.last));
         if p.last + 1 < *frames { *known.entry((p.body, p.last)).or_insert_with(found) } else { None }
     };
-    model.anchors = reached.iter().filter_map(|p| Some(off(p)?.anchor())).collect();
+    model.anchors = reached.iter().filter_map(|p| Some(off(p)?.correction())).collect();
     let best = filmed(trace(&model, &times), &model);
     let anchored = !model.anchors.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
@@ -129,7 +129,7 @@ pub fn predict(
             found = unguided(&model);
             let anchor = |p: &Parting| -> Option<Anchor> {
                 let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
-                Some(off(p)?.drawn(number, &at(&own)?, &at(&factual)?))
+                Some(off(p)?.sample_correction(number, &at(&own)?, &at(&factual)?))
             };
             let parted = divergence_times(&own, found.as_ref().unwrap_or(&own));
             model.anchors = parted.iter().filter_map(anchor).collect();

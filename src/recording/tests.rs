@@ -1,7 +1,7 @@
 //! Tests of trace files: complete, deterministic, replayed bit for bit, and safe to read when damaged.
 
 use super::*;
-use crate::fit::{FitOptions, beginning, fit};
+use crate::fit::{FitOptions, fit, initial_model};
 use crate::num::never;
 use crate::num::vec2;
 use crate::reason::{LikelyEvent, PredictionRequest, predict};
@@ -105,7 +105,7 @@ fn simulation(frames: usize, change: impl Fn(&mut Prediction)) -> Vec<u8> {
 
 fn change() -> Vec<u8> {
     let (scene, fit) = &*FITTED;
-    let before = beginning(scene, &Preset::for_world(scene.world).model(scene));
+    let before = initial_model(scene, &Preset::for_world(scene.world).model(scene));
     let step = Step { effect: "tilt".into(), rmse: 0.1, held_out_rmse: 0.2, reduced_chi_square: 3.0 };
     let revisions = [step];
     encode_change(&Change {

@@ -6,6 +6,7 @@ use super::chart::{Axis, Chart, Picture, dots, line, number, px};
 use super::look::{NINETY_NINE, Residual, Stage, Views, along, left, weighted_mean};
 use super::table::View;
 use crate::discover::UnexplainedAcceleration;
+use crate::num::quantile;
 use crate::scene::Scene;
 use maud::{Markup, html};
 
@@ -221,8 +222,7 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     // The same scale for both models.
     let first = views.stages.first().map_or(&[][..], |s| &s.unexplained);
     let mut sizes: Vec<f64> = first.iter().map(|u| u.acceleration.norm()).collect();
-    sizes.sort_by(f64::total_cmp);
-    let usual = sizes.get(sizes.len() * 9 / 10).copied().unwrap_or(1.0).max(1e-9);
+    let usual = quantile(&mut sizes, 0.9).unwrap_or(1.0).max(1e-9);
     let scale = ARROW / usual;
     let arrow = |u: &UnexplainedAcceleration| {
         let (x, y) = view.at(u.position.x, u.position.y);

@@ -1,6 +1,6 @@
 //! One video as data: its frames, objects and tracks, and the times of its frames.
 
-use crate::num::{Vec2, wrapped};
+use crate::num::{Vec2, wrap_angle};
 use crate::scene::camera::Camera;
 use crate::scene::covariance::Covariance;
 use crate::scene::object::Object;
@@ -106,7 +106,7 @@ impl Track {
     /// Whether every sample has a yaw and the yaw changes steadily. The yaw of a rolling ball does not: it flips each time
     /// the ball's mark passes over the top.
     pub fn turns_evenly(&self) -> bool {
-        let turn = |a: f64, b: f64| wrapped(b - a);
+        let turn = |a: f64, b: f64| wrap_angle(b - a);
         let even = |w: &[Sample]| match (w[0].yaw, w[1].yaw, w[2].yaw) {
             (Some(a), Some(b), Some(c)) => turn(turn(a, b), turn(b, c)).abs() < MAX_YAW_STEP_CHANGE,
             _ => false,

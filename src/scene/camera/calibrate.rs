@@ -7,21 +7,21 @@
 //! pairs, the Jacobian `J = d r / d theta` (central differences) is (2N + 4) x 10.
 //!
 //! 1. Starting values: direct linear transforms (`linear_start`).
-//! 2. Levenberg-Marquardt (Marquardt, 1963): `(J^T J + lambda diag(J^T J)) step = J^T r`, lambda divided by 10 after a step that
-//!    lowers C, else multiplied by 10, until C falls by less than 1e-10 of its value.
+//! 2. Levenberg-Marquardt (`num/least_squares.rs`, `reprojection`), until C falls by less than 1e-10 of its value.
 //! 3. s is the median of |r_i| divided by 1.1774 (the median of a Rayleigh distribution); pairs with `|r_i| > 4 s` are outliers
 //!    and left out. Steps 2 and 3 repeat until s changes by less than 0.1 %.
 //! 4. The standard deviation of ln f is the root of the first diagonal entry of `(J^T J)^-1`.
 //!
 //! Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 7.2.
 
-use crate::num::{Vec2, vec2};
-use crate::scene::camera::lens_pose::{LensPose, PointPair, distance, off, parts, rotation};
+use crate::num::{NORMAL_MEDIAN_DISTANCE, Vec2, quantile, vec2};
+use crate::scene::camera::lens_pose::{LensPose, PointPair, distance, parts, rotation};
 use crate::scene::camera::linear_start::{
-    LIKELY_FOCAL, MAX_PLANE_THICKNESS, MIN_PAIRS, MIN_VOLUME_THICKNESS, PointPlane, starting_values,
+    MAX_PLANE_THICKNESS, MIN_PAIRS, MIN_VOLUME_THICKNESS, PointPlane, starting_values,
 };
 use crate::scene::camera::projection::{Camera, Intrinsics};
-use nalgebra::{Rotation3, SMatrix, Vector3};
+use crate::scene::camera::reprojection::{FOCAL_DEVIATION, refine};
+use nalgebra::Vector3;
 
 /// Most pairs; more do not improve the estimate.
 pub const MAX_PAIRS: usize = 20_000;
@@ -35,12 +35,6 @@ const DEFAULT_NOISE: f64 = 1.0;
 const MIN_NOISE: f64 = 1e-3;
 /// Residuals beyond the number of parameters from which the pixel noise is estimated.
 const MIN_SURPLUS: usize = 8;
-/// Standard deviation of the focal length's logarithm in the prior, whose mean is [`LIKELY_FOCAL`].
-const FOCAL_DEVIATION: f64 = 0.7;
-/// Standard deviation of the logarithm of the pixel aspect in the prior.
-const ASPECT_DEVIATION: f64 = 0.01;
-/// Standard deviation of the principal point in the prior, as a share of the image's size.
-const CENTRE_DEVIATION: f64 = 0.03;
 /// Largest root mean square residual of a calibration, as a share of the image's width.
 const MAX_ERROR_SHARE: f64 = 0.05;
 
@@ -186,9 +180,8 @@ fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
             return DEFAULT_NOISE;
         }
         let mut all: Vec<f64> = pairs.iter().map(|p| distance(at, p, size)).collect();
-        let middle = all.len() / 2;
-        // The median of a Rayleigh distribution, the length of a two-dimensional normal deviate.
-        (*all.select_nth_unstable_by(middle, f64::total_cmp).1 / 1.177_410_022_515_474_6).max(MIN_NOISE)
+        let noise = quantile(&mut all, 0.5).map(|median| median / NORMAL_MEDIAN_DISTANCE);
+        noise.map_or(DEFAULT_NOISE, |noise| noise.max(MIN_NOISE))
     };
     let mut found = CameraFit { at: start, sigma: sigma(&start), focal_sd: FOCAL_DEVIATION };
     for _ in 0..6 {
@@ -209,72 +202,4 @@ fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
         found.sigma = DEFAULT_NOISE.max((squares / pairs.len() as f64).sqrt());
     }
     found
-}
-
-/// Minimises C by Levenberg-Marquardt; also returns the standard deviation of the focal length's logarithm.
-fn refine(pairs: &[PointPair], start: LensPose, sigma: f64, size: [f64; 2]) -> (LensPose, f64) {
-    let mean = |k: usize| if k == 0 { (LIKELY_FOCAL * size[0]).ln() } else { 0.0 };
-    let prior = [FOCAL_DEVIATION, ASPECT_DEVIATION, CENTRE_DEVIATION * size[0], CENTRE_DEVIATION * size[1]];
-    let cost = |at: &LensPose| {
-        let turn = rotation(at);
-        let square =
-            |p| off(at, &turn, p, size).map_or(f64::INFINITY, |[u, v]| (u * u + v * v) / (sigma * sigma));
-        let of_priors: f64 = prior.iter().enumerate().map(|(k, sd)| ((at[k] - mean(k)) / sd).powi(2)).sum();
-        pairs.iter().map(square).sum::<f64>() + of_priors
-    };
-    let (mut at, mut damping) = (start, 1e-3);
-    let mut now = cost(&at);
-    let mut focal_sd = prior[0];
-    for _ in 0..100 {
-        let mut hessian = SMatrix::<f64, 10, 10>::zeros();
-        let mut gradient = LensPose::zeros();
-        for (k, sd) in prior.iter().enumerate() {
-            hessian[(k, k)] += 1.0 / (sd * sd);
-            gradient[k] += (at[k] - mean(k)) / (sd * sd);
-        }
-        let moved: [[(LensPose, Rotation3<f64>, f64); 2]; 10] = std::array::from_fn(|k| {
-            let step = 1e-6 * if matches!(k, 2 | 3) { size[0] } else { at[k].abs().max(1.0) };
-            [step, -step].map(|step| {
-                let mut at = at;
-                at[k] += step;
-                (at, rotation(&at), step)
-            })
-        });
-        let turn = rotation(&at);
-        for pair in pairs {
-            let Some(r) = off(&at, &turn, pair, size) else { continue };
-            let slope = |k: usize, c: usize| {
-                let [(a, ta, step), (b, tb, _)] = &moved[k];
-                let value = |at, turn| off(at, turn, pair, size).map_or(r[c], |r| r[c]);
-                (value(a, ta) - value(b, tb)) / (2.0 * step * sigma)
-            };
-            for (c, residual) in r.into_iter().enumerate() {
-                let j = LensPose::from_fn(|k, _| slope(k, c));
-                hessian += j * j.transpose();
-                gradient += j * (residual / sigma);
-            }
-        }
-        focal_sd = hessian.try_inverse().map_or(focal_sd, |inverse| inverse[(0, 0)].max(0.0).sqrt());
-        let mut better = false;
-        while damping < 1e12 {
-            let mut damped = hessian;
-            (0..10).for_each(|k| damped[(k, k)] *= 1.0 + damping);
-            let Some(step) = damped.cholesky().map(|c| c.solve(&gradient)) else {
-                damping *= 10.0;
-                continue;
-            };
-            let trial = at - step;
-            let then = cost(&trial);
-            if then < now {
-                better = now - then > 1e-10 * (1.0 + now);
-                (at, now, damping) = (trial, then, (0.1 * damping).max(1e-12));
-                break;
-            }
-            damping *= 10.0;
-        }
-        if !better {
-            break;
-        }
-    }
-    (at, focal_sd)
 }

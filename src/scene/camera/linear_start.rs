@@ -8,6 +8,7 @@
 //! kept (Rousseeuw, 1984) and fitted again to the pairs within 2.5 such medians. Focal length and pose follow from a plane's
 //! map as in Zhang (2000), from a spatial map by splitting `K R` (Hartley and Zisserman, section 6.2.4).
 
+use crate::num::quantile;
 use crate::scene::camera::lens_pose::{LensPose, PointPair, lens_pose};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -115,9 +116,8 @@ fn least_median(points: &[([f64; 2], Vec<f64>)], minimal: usize) -> Option<DMatr
     let median = |map: &DMatrix<f64>| {
         let mut residuals: Vec<f64> =
             judges.iter().map(|&i| residual(map, i)).filter(|m| m.is_finite()).collect();
-        let middle = residuals.len() / 2;
-        (2 * residuals.len() > judges.len())
-            .then(|| *residuals.select_nth_unstable_by(middle, f64::total_cmp).1)
+        let enough = 2 * residuals.len() > judges.len();
+        quantile(&mut residuals, 0.5).filter(|_| enough)
     };
     let all: Vec<usize> = (0..points.len()).collect();
     let mut candidates: Vec<DMatrix<f64>> = linear(points, &all).into_iter().collect();

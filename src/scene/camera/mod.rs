@@ -5,6 +5,7 @@ pub(in crate::scene) mod lens_pose;
 mod linear_start;
 pub(in crate::scene) mod placement;
 pub(in crate::scene) mod projection;
+mod reprojection;
 
 pub use calibrate::{CalibrateError, Calibration, MAX_PAIRS, calibrate};
 pub use lens_pose::PointPair;

@@ -1,6 +1,6 @@
 //! Reads the text that Tracker (Open Source Physics) exports: track names, a header, and rows of t, x, y.
 
-use crate::num::vec2;
+use crate::num::{quantile, vec2};
 use crate::scene::limits::{DEFAULT_FPS, MAX_FRAMES};
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Track, WorldKind};
@@ -145,8 +145,7 @@ pub fn parse_tracker(
     }
     r.finish()?;
     let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
-    steps.sort_by(f64::total_cmp);
-    let fps = steps.get(steps.len() / 2).map_or(DEFAULT_FPS, |step| 1.0 / step);
+    let fps = quantile(&mut steps, 0.5).map_or(DEFAULT_FPS, |step| 1.0 / step);
     let sample = |&(t, x, y): &TimedPoint| Sample {
         frame: times.partition_point(|&known| known < t - 0.5 * SAME_TIME_S),
         position: vec2(x, y),

@@ -14,7 +14,7 @@
 //! sigma a coordinate, `m = 1.177 sqrt(3/2) sigma`, so that `7 m` is about `10 sigma`. The search repeats, as one outlier can
 //! hide another next to it. The method and its thresholds are ours.
 
-use crate::num::Vec2;
+use crate::num::{Vec2, quantile};
 use crate::scene::observation::{Outlier, Sample, Scene, Track};
 use std::ops::Range;
 
@@ -101,8 +101,7 @@ fn find_outliers(mut samples: Vec<(f64, Sample)>, top_speed: f64, least: f64) ->
 fn median_deviation(samples: &[(f64, Sample)]) -> f64 {
     let off = |w: &[(f64, Sample)]| (w[1].1.position - interpolate(&w[0], &w[2], w[1].0)).norm();
     let mut offs: Vec<f64> = samples.windows(3).map(off).collect();
-    let middle = offs.len() / 2;
-    if offs.is_empty() { 0.0 } else { *offs.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    quantile(&mut offs, 0.5).unwrap_or(0.0)
 }
 
 /// Position at a time (s) on the straight line from one sample to another.

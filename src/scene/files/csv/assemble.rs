@@ -1,6 +1,6 @@
 //! Builds a scene from the rows of a CSV file.
 
-use crate::num::vec2;
+use crate::num::{quantile, vec2};
 use crate::scene::files::csv::notes::Notes;
 use crate::scene::files::csv::rows::{CsvRows, Row};
 use crate::scene::files::csv::vocabulary::ShapeKind;
@@ -149,6 +149,5 @@ fn median_speed(track: &Track, times: &[f64]) -> Option<f64> {
             Some((next - x).norm() / (then - t))
         })
         .collect();
-    speeds.sort_by(f64::total_cmp);
-    speeds.get(speeds.len() / 2).copied()
+    quantile(&mut speeds, 0.5)
 }

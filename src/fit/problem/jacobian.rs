@@ -1,117 +1,117 @@
-//! One scene linearised at a point: its residuals with their Jacobian, in as few passes as the meetings of its bodies allow.
+//! One scene linearised at a point: residuals r (rows) and their Jacobian J = dr/dx (rows x parameters), compressed.
+//!
+//! Forward differentiation gives J column by column: one pass carries [`LANES`] derivatives. Bodies that never met, directly or
+//! through others, form components with no parameters in common but the shared ones; a lane carries one parameter of each
+//! component at a time (column compression: Curtis, Powell and Reid, IMA Journal of Applied Mathematics 13 (1974) 117).
+//! Stored is, for each row, one derivative a lane, and for each body which parameter stands in which lane.
 
-use super::problem::{Coordinate, Followed, Free, HUBER, LIMITS, Normal, Part, Window, rho};
+use super::loss::{huber, weight};
+use super::scene_problem::{Horizon, LIMITS, ResidualId, SceneProblem, SimulatedScene};
+use super::search_parameter::SearchParameter;
 use crate::effects::Scalar;
-use crate::num::{Differential, Jet, LANES, Stop, Swift};
+use crate::num::{Differential, Jet, JetF32, LANES, NormalEquations, Stop};
 use crate::world::{Event, Owner, Rollout, film};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Frames over which residuals are taken together.
+/// Frames whose residuals are summed to measure their correlation.
 const BLOCK: usize = 25;
-/// What a pass with derivatives costs, in simulations without.
-const JET: u64 = 5;
+/// Cost of a pass with derivatives, in simulations without.
+const PASS_COST: u64 = 5;
 
-impl Part<'_> {
-    /// With derivatives by the free parameters that are `wanted`; what it does at the point, where that is known.
-    pub fn linearised(
+impl SceneProblem<'_> {
+    /// Residuals at a point and their derivatives by the parameters that are wanted; `known` is the simulation at the point.
+    pub(super) fn linearize(
         &self,
-        free: &[Free],
-        wanted: impl Fn(usize) -> bool,
+        (parameters, wanted): (&[SearchParameter], &dyn Fn(usize) -> bool),
         point: &[f64],
-        window: Window,
-        there: Option<&Followed>,
+        horizon: Horizon,
+        known: Option<&SimulatedScene>,
         stop: Stop,
-    ) -> Linear {
-        let flat = self.flat(free, point);
-        let there = match there {
-            Some(there) => Cow::Borrowed(there),
-            None => Cow::Owned(self.simulated(free, point, window)),
+    ) -> LinearizedScene {
+        let values = self.values(parameters, point);
+        let known = match known {
+            Some(known) => Cow::Borrowed(known),
+            None => Cow::Owned(self.simulate(parameters, point, horizon)),
         };
-        let Followed { rollout, residuals } = there.as_ref();
+        let SimulatedScene { rollout, residuals } = known.as_ref();
         let residuals = residuals.clone();
         let mut bodies = Vec::with_capacity(residuals.len());
-        self.each_sample(window, |m, row| bodies.resize(row + 2 + usize::from(m.yaw.is_some()), m.body));
+        self.each_sample(horizon, |m, row| bodies.resize(row + 2 + usize::from(m.yaw.is_some()), m.body));
         let components = self.components(rollout);
         let lanes = self.lanes(wanted, rollout, &components);
-        // Derivatives by lane: rows x lanes.
         let width = lanes.iter().map(|l| l.number + 1).max().unwrap_or(0);
         let mut jacobian = vec![0.0; residuals.len() * width];
-        // What one pass carries is as quick in double precision.
-        let swift = self.swift && width > LANES;
-        let firsts: Vec<usize> = (0..width).step_by(if swift { Swift::LANES } else { LANES }).collect();
-        let slopes = |first: usize| match swift {
-            _ if stop(0.0).is_err() => Slopes::default(),
-            true => self.slopes::<Swift>(free, &flat, &lanes, first, window),
-            false => self.slopes::<Jet>(free, &flat, &lanes, first, window),
+        // What one pass carries takes the same time in double precision.
+        let single = self.single_precision && width > LANES;
+        let firsts: Vec<usize> = (0..width).step_by(if single { JetF32::LANES } else { LANES }).collect();
+        let pass = |first: usize| match single {
+            _ if stop(0.0).is_err() => Derivatives::default(),
+            true => self.differentiate::<JetF32>((parameters, &values), &lanes, first, horizon),
+            false => self.differentiate::<Jet>((parameters, &values), &lanes, first, horizon),
         };
-        let passes: Vec<Slopes> = firsts.par_iter().map(|&first| slopes(first)).collect();
-        for (&first, Slopes { rows, slopes }) in firsts.iter().zip(&passes) {
-            let count = slopes.len() / rows.len().max(1);
-            for (row, slopes) in rows.iter().zip(slopes.chunks_exact(count.max(1))) {
+        let passes: Vec<Derivatives> = firsts.par_iter().map(|&first| pass(first)).collect();
+        for (&first, Derivatives { rows, derivatives }) in firsts.iter().zip(&passes) {
+            let count = derivatives.len() / rows.len().max(1);
+            for (row, derivatives) in rows.iter().zip(derivatives.chunks_exact(count.max(1))) {
                 let at = row * width + first;
-                jacobian[at..at + count].copy_from_slice(slopes);
+                jacobian[at..at + count].copy_from_slice(derivatives);
             }
         }
-        // Each body's rows meet only the parameters of its component and the shared ones.
+        // A body's rows depend on the parameters of its component and on the shared ones only.
         let columns: Vec<Vec<(usize, usize)>> = (0..self.model.bodies.len())
             .map(|body| {
                 let relevant = lanes.iter().filter(|l| l.component.is_none_or(|c| c == components[body]));
                 relevant.map(|l| (self.slots[l.slot].1, l.number)).collect()
             })
             .collect();
-        Linear { residuals, bodies, jacobian, width, columns }
+        LinearizedScene { residuals, bodies, jacobian, width, columns }
     }
 
-    /// Of all residuals, one pass: their derivatives by the lanes that begin with number `first`.
-    fn slopes<J: Differential + Scalar>(
+    /// One pass: derivatives of all residuals by the lanes from number `first` on.
+    fn differentiate<J: Differential + Scalar>(
         &self,
-        free: &[Free],
-        flat: &[f64],
-        lanes: &[Lane],
+        (parameters, values): (&[SearchParameter], &[f64]),
+        lanes: &[DerivativeLane],
         first: usize,
-        window: Window,
-    ) -> Slopes {
-        let mut jets: Vec<J> = flat.iter().map(|&v| J::constant(v)).collect();
+        horizon: Horizon,
+    ) -> Derivatives {
+        let mut jets: Vec<J> = values.iter().map(|&v| J::constant(v)).collect();
         let mut count = 0;
         for lane in lanes.iter().filter(|l| (first..first + J::LANES).contains(&l.number)) {
             let (slot, k) = self.slots[lane.slot];
-            let slope = if free[k].log { flat[slot] } else { 1.0 };
+            let slope = if parameters[k].log { values[slot] } else { 1.0 };
             jets[slot] = jets[slot].with_derivative(lane.number - first, slope);
             count = count.max(lane.number - first + 1);
         }
-        let run = film(&self.model, &jets, self.times(window), &LIMITS);
-        // As much for a derivative in whichever precision: a search that ends for want of work ends where it would.
-        self.worked(&run, JET * (J::LANES / LANES) as u64);
-        let (mut rows, mut slopes) = (vec![], vec![]);
-        self.each_sample(window, |m, row| {
+        let run = film(&self.model, &jets, self.times(horizon), &LIMITS);
+        // Derivatives count the same in either precision, so that a search ends at the same budget.
+        self.count_steps(&run, PASS_COST * (J::LANES / LANES) as u64);
+        let (mut rows, mut derivatives) = (vec![], vec![]);
+        self.each_sample(horizon, |m, row| {
             let Some(k) = run.states.get(m.sample.frame).and_then(|s| s[m.body].as_ref()) else { return };
-            let place = |lane| m.whitener.apply(k.position.x.derivative(lane), k.position.y.derivative(lane));
+            let position =
+                |lane| m.whitener.apply(k.position.x.derivative(lane), k.position.y.derivative(lane));
             rows.extend([row, row + 1]);
             for axis in [0, 1] {
-                slopes.extend((0..count).map(|lane| place(lane)[axis]));
+                derivatives.extend((0..count).map(|lane| position(lane)[axis]));
             }
             if let Some((_, sigma)) = m.yaw {
                 rows.push(row + 2);
-                slopes.extend((0..count).map(|lane| k.yaw.derivative(lane) / sigma));
+                derivatives.extend((0..count).map(|lane| k.yaw.derivative(lane) / sigma));
             }
         });
-        Slopes { rows, slopes }
+        Derivatives { rows, derivatives }
     }
 
-    /// How many measurements of this part tell as much as one that is independent: residuals that go together,
-    /// because the model is not quite right, say less than their number. Variance of means over a block of
-    /// frames against that of independent ones, of which the fit has taken its leverage; `factor` L has the
-    /// parameters' covariance L L^T.
-    pub fn redundancy(&self, linear: &Linear, factor: &nalgebra::DMatrix<f64>) -> f64 {
-        /// Residuals of one coordinate of a body over a few frames: their sum, number and derivative.
-        struct Block {
-            key: Coordinate,
-            sum: f64,
-            count: usize,
-            slope: nalgebra::DVector<f64>,
-        }
-        let mut blocks: Vec<Block> = vec![];
+    /// How many measurements of this scene carry as much information as one independent measurement (at least 1).
+    ///
+    /// Where the model is not quite right, residuals of neighbouring frames are correlated. It is the ratio of
+    /// sum_b (sum_i r_i)^2 / n_b over blocks b of [`BLOCK`] frames to its expectation sum_b (1 - leverage_b) for independent
+    /// residuals; the leverage of a block is |L^T sum_i J_i|^2 / n_b, with the parameters' covariance L L^T (`factor` L).
+    pub fn redundancy(&self, linear: &LinearizedScene, factor: &DMatrix<f64>) -> f64 {
+        let mut blocks: Vec<ResidualBlock> = vec![];
         let mut rows = linear.rows();
         self.each_sample(self.scene.times.len(), |m, _| {
             for coordinate in 0..2 + usize::from(m.yaw.is_some()) {
@@ -120,8 +120,8 @@ impl Part<'_> {
                 // The coordinates of a sample come one after the other.
                 let known = blocks.iter().rposition(|b| b.key == key).filter(|at| at + 3 >= blocks.len());
                 let at = known.unwrap_or_else(|| {
-                    let slope = nalgebra::DVector::zeros(factor.nrows());
-                    blocks.push(Block { key, sum: 0.0, count: 0, slope });
+                    let slope = DVector::zeros(factor.nrows());
+                    blocks.push(ResidualBlock { key, sum: 0.0, count: 0, slope });
                     blocks.len() - 1
                 });
                 let block = &mut blocks[at];
@@ -141,7 +141,7 @@ impl Part<'_> {
         if expected < 1.0 { 1.0 } else { f64::max(1.0, found / expected) }
     }
 
-    /// Bodies that met, directly or through others, share a component: the smallest index among them.
+    /// The component of each body: bodies that met, directly or through others, share the smallest index among them.
     pub fn components(&self, rollout: &Rollout<f64>) -> Vec<usize> {
         let mut component: Vec<usize> = (0..self.model.bodies.len()).collect();
         if self.model.has_pair_forces() {
@@ -163,14 +163,13 @@ impl Part<'_> {
         rollout.events.iter().filter_map(met).collect()
     }
 
-    /// A lane for each slot that can matter; lanes are shared by slots of components that never meet, so that
-    /// one pass carries several of them (column compression: Curtis, Powell and Reid, 1974).
+    /// A lane for each slot that can matter; slots of different components share lanes.
     fn lanes(
         &self,
-        wanted: impl Fn(usize) -> bool,
+        wanted: &dyn Fn(usize) -> bool,
         rollout: &Rollout<f64>,
         components: &[usize],
-    ) -> Vec<Lane> {
+    ) -> Vec<DerivativeLane> {
         let owners = self.model.owners();
         let meetings = self.meetings(rollout);
         let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
@@ -184,11 +183,11 @@ impl Part<'_> {
         let mut shared = 0;
         for s in 0..self.slots.len() {
             if component(s) == Some(None) {
-                lanes.push(Lane { slot: s, component: None, number: shared });
+                lanes.push(DerivativeLane { slot: s, component: None, number: shared });
                 shared += 1;
             }
         }
-        // Body by body: a body that no lane of a pass reaches goes without derivatives until it meets one that has some.
+        // Body by body: a body without a lane in a pass is simulated without derivatives until it meets one that has some.
         let body = |slot: usize| match owners[slot] {
             Owner::Body(a) => a,
             Owner::Pair(a, b) => a.max(b),
@@ -199,7 +198,7 @@ impl Part<'_> {
         let mut own = vec![shared; components.len()];
         for s in order {
             if let Some(Some(c)) = component(s) {
-                lanes.push(Lane { slot: s, component: Some(c), number: own[c] });
+                lanes.push(DerivativeLane { slot: s, component: Some(c), number: own[c] });
                 own[c] += 1;
             }
         }
@@ -207,45 +206,73 @@ impl Part<'_> {
     }
 }
 
-/// Residuals of one scene with their Jacobian, compressed: of each row only what can differ from zero.
+/// Derivatives of one pass: the rows that have some, and as many derivatives for each of them.
+#[derive(Default)]
+struct Derivatives {
+    rows: Vec<usize>,
+    derivatives: Vec<f64>,
+}
+
+/// The lane that carries the derivative by one slot.
+struct DerivativeLane {
+    slot: usize,
+    /// The bodies that the slot can affect; `None`: all.
+    component: Option<usize>,
+    number: usize,
+}
+
+/// Residuals of one coordinate of a body over a few frames: their sum, number and derivative.
+struct ResidualBlock {
+    key: ResidualId,
+    sum: f64,
+    count: usize,
+    slope: DVector<f64>,
+}
+
+/// Residuals of one scene with their compressed Jacobian.
 #[derive(Debug, Clone)]
-pub(super) struct Linear {
+pub(in super::super) struct LinearizedScene {
     pub residuals: Vec<f64>,
     /// Body of each row.
     pub bodies: Vec<usize>,
-    /// Rows x width.
+    /// Rows x width, row by row.
     jacobian: Vec<f64>,
+    /// Number of lanes.
     width: usize,
-    /// For each body, the parameters that reach it and where in the row their derivatives stand.
+    /// For each body, the parameters that affect it and their lanes.
     columns: Vec<Vec<(usize, usize)>>,
 }
 
-impl Linear {
+impl LinearizedScene {
     /// The same with the derivatives by further parameters.
-    pub fn with(self, further: &Linear) -> Linear {
+    pub(super) fn with(self, further: &LinearizedScene) -> LinearizedScene {
         let width = self.width + further.width;
         let mut jacobian = Vec::with_capacity(self.residuals.len() * width);
         for row in 0..self.residuals.len() {
             for part in [&self, further] {
-                jacobian.extend_from_slice(&part.jacobian[row * part.width..(row + 1) * part.width]);
+                jacobian.extend_from_slice(part.row(row));
             }
         }
         let mut columns = self.columns;
         for (columns, further) in columns.iter_mut().zip(&further.columns) {
             columns.extend(further.iter().map(|&(k, lane)| (k, self.width + lane)));
         }
-        Linear { jacobian, width, columns, ..self }
+        LinearizedScene { jacobian, width, columns, ..self }
     }
 
+    fn row(&self, row: usize) -> &[f64] {
+        &self.jacobian[row * self.width..(row + 1) * self.width]
+    }
+
+    /// Residual, derivatives and columns of each row.
     fn rows(&self) -> impl Iterator<Item = (f64, &[f64], &[(usize, usize)])> {
-        let row = |(row, (&r, &body)): (usize, (&f64, &usize))| {
-            (r, &self.jacobian[row * self.width..(row + 1) * self.width], self.columns[body].as_slice())
-        };
+        let row =
+            |(row, (&r, &body)): (usize, (&f64, &usize))| (r, self.row(row), self.columns[body].as_slice());
         self.residuals.iter().zip(&self.bodies).enumerate().map(row)
     }
 
-    /// Adds its cost and derivatives to the normal equations, counted `share` times.
-    pub fn add_to(&self, normal: &mut Normal, share: f64) {
+    /// Adds the scene's loss, gradient J^T rho'(r) and Hessian J^T W J to the lower triangle, all multiplied by `share`.
+    pub(super) fn add_to(&self, normal: &mut NormalEquations, share: f64) {
         let (mut row, mut gradient, mut hessian, mut reached) = (vec![], vec![], vec![], vec![]);
         let mut next = 0;
         // The rows of a body follow each other and have the same columns: their sums are dense.
@@ -255,13 +282,13 @@ impl Linear {
             gradient.clear();
             hessian.clear();
             for (r, j, _) in self.rows().skip(next).take(of_body.len()) {
-                // What others are reaches a body when it meets them: until then its rows are short.
+                // Parameters of other bodies have derivatives from the first meeting on: until then rows are short.
                 reached.extend(waiting.extract_if(.., |(_, lane)| j[*lane] != 0.0));
                 let n = reached.len();
                 gradient.resize(n, 0.0);
                 hessian.resize(n * (n + 1) / 2, 0.0);
-                let weight = share * if r.abs() <= HUBER { 1.0 } else { HUBER / r.abs() };
-                normal.cost += share * rho(r);
+                let weight = share * weight(r);
+                normal.cost += share * huber(r);
                 row.clear();
                 row.extend(reached.iter().map(|&(_, lane)| j[lane]));
                 let mut rest = &mut hessian[..];
@@ -284,7 +311,7 @@ impl Linear {
         }
     }
 
-    /// What the residuals become after a step, were they linear.
+    /// The residuals after a step, as the linear model predicts them: r + J step.
     pub fn predicted(&self, step: &[f64]) -> Vec<f64> {
         let (mut after, mut along) = (Vec::with_capacity(self.residuals.len()), vec![0.0; self.width]);
         for of_body in self.bodies.chunk_by(|a, b| a == b) {
@@ -292,22 +319,21 @@ impl Linear {
             self.columns[of_body[0]].iter().for_each(|&(k, lane)| along[lane] = step[k]);
             for _ in of_body {
                 let row = after.len();
-                let slopes = &self.jacobian[row * self.width..(row + 1) * self.width];
-                let off: f64 = slopes.iter().zip(&along).map(|(slope, step)| slope * step).sum();
+                let off: f64 = self.row(row).iter().zip(&along).map(|(slope, step)| slope * step).sum();
                 after.push(self.residuals[row] + off);
             }
         }
         after
     }
 
-    /// Adds the transposed Jacobian's product with `difference`.
-    pub fn pull_back(&self, difference: &[f64], gradient: &mut nalgebra::DVector<f64>) {
+    /// Adds J^T `factors`, one factor a row.
+    pub fn add_transposed_product(&self, factors: &[f64], gradient: &mut DVector<f64>) {
         let (mut row, mut sums) = (0, vec![0.0; self.width]);
         for of_body in self.bodies.chunk_by(|a, b| a == b) {
             sums.fill(0.0);
-            for d in &difference[row..row + of_body.len()] {
-                let slopes = &self.jacobian[row * self.width..(row + 1) * self.width];
-                sums.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope * d);
+            for factor in &factors[row..row + of_body.len()] {
+                let slopes = self.row(row);
+                sums.iter_mut().zip(slopes).for_each(|(sum, slope)| *sum += slope * factor);
                 row += 1;
             }
             self.columns[of_body[0]].iter().for_each(|&(k, lane)| gradient[k] += sums[lane]);
@@ -315,44 +341,29 @@ impl Linear {
     }
 }
 
-/// Derivatives of one pass: for each of the rows, as many.
-#[derive(Default)]
-struct Slopes {
-    rows: Vec<usize>,
-    slopes: Vec<f64>,
-}
-
-/// Where the derivative by one slot is carried.
-struct Lane {
-    slot: usize,
-    /// The bodies it can reach; `None`: all.
-    component: Option<usize>,
-    number: usize,
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::noise;
-    use super::super::problem::Problem;
-    use super::super::tests::film;
+    use super::super::super::noise;
+    use super::super::super::tests::three_bodies;
+    use super::super::FitProblem;
     use super::*;
     use crate::num::never;
 
     #[test]
     fn derivatives_of_single_precision_are_those_of_double() {
-        let (scene, model) = film("swift", 5, [1.0, 1.6, 0.7]);
+        let (scene, model) = three_bodies("single", 5, [1.0, 1.6, 0.7]);
         let (noise, scenes) = (noise::estimate(&scene), std::slice::from_ref(&scene));
-        let mut problem = Problem::new(scenes, vec![model], &[noise], &never);
+        let mut problem = FitProblem::new(scenes, vec![model], &[noise], &never);
         let (point, frames) = (problem.start(), scene.times.len());
-        let exact = problem.linearised(&point, frames, None).remove(0);
-        problem.hurry(true);
-        let swift = problem.linearised(&point, frames, None).remove(0);
-        assert!(exact.width > LANES, "one pass is of double precision anyway");
-        assert_eq!((&exact.residuals, &exact.columns), (&swift.residuals, &swift.columns));
-        assert_ne!(exact.jacobian, swift.jacobian);
-        for (exact, swift) in exact.rows().zip(swift.rows()) {
-            let size = exact.1.iter().fold(1.0, |a: f64, b| a.max(b.abs()));
-            let off = exact.1.iter().zip(swift.1).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let double = problem.linearize(&point, frames, None).remove(0);
+        problem.set_single_precision(true);
+        let single = problem.linearize(&point, frames, None).remove(0);
+        assert!(double.width > LANES, "one pass is of double precision anyway");
+        assert_eq!((&double.residuals, &double.columns), (&single.residuals, &single.columns));
+        assert_ne!(double.jacobian, single.jacobian);
+        for (double, single) in double.rows().zip(single.rows()) {
+            let size = double.1.iter().fold(1.0, |a: f64, b| a.max(b.abs()));
+            let off = double.1.iter().zip(single.1).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(off < 1e-4 * size, "{off} of {size}");
         }
     }

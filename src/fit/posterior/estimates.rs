@@ -1,0 +1,137 @@
+//! What a fit says of objects and of effects, by their names.
+
+use super::super::result::{Fit, SceneFit};
+use super::laplace::Estimate;
+use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter};
+
+/// What is known of one object of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObjectEstimate {
+    pub id: u32,
+    /// kg, or relative if the scene gives no mass.
+    pub mass: Estimate,
+    /// The object's factor: a contact's restitution is about the product of the two.
+    pub restitution: Estimate,
+}
+
+/// One parameter that the objects of a set-up share; several values if it differs by material or pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SharedEstimate {
+    pub effect: String,
+    pub parameter: String,
+    /// What each value applies to; one empty label if there is one value.
+    pub labels: Vec<String>,
+    pub values: Vec<Estimate>,
+}
+
+impl Fit {
+    /// The fitted models, one a scene.
+    pub fn models(&self) -> Vec<Model> {
+        self.scenes.iter().map(|s| s.model.clone()).collect()
+    }
+
+    /// The fit of one of its scenes alone.
+    pub fn of_scene(&self, scene: usize) -> Fit {
+        Fit {
+            scenes: self.scenes.get(scene).cloned().into_iter().collect(),
+            posterior: self.posterior.of_scene(scene),
+            iterations: self.iterations,
+            outcome: self.outcome,
+            losses: self.losses.clone(),
+        }
+    }
+
+    /// How many draws the fit has.
+    pub fn draws(&self) -> usize {
+        self.posterior.draws.len()
+    }
+
+    /// Models of one scene drawn from the posterior; the seed picks among the draws of [`with_draws`](crate::fit::with_draws); none
+    /// without it.
+    pub fn draw(&self, scene: usize, count: usize, seed: u64) -> Vec<Model> {
+        let model = &self.scenes[scene].model;
+        let kept = self.posterior.draws.len();
+        let pick =
+            |i: usize| self.posterior.model(scene, model, (i + (seed % kept.max(1) as u64) as usize) % kept);
+        if kept == 0 { vec![] } else { (0..count.min(kept)).map(pick).collect() }
+    }
+
+    /// Mass and restitution of each object of a scene, in the scene's order.
+    pub fn objects(&self, scene: usize) -> Vec<ObjectEstimate> {
+        let SceneFit { model, .. } = &self.scenes[scene];
+        let values = model.flatten();
+        let one = |(b, body): (usize, &BodySpec)| {
+            let name = format!("objects[{}].mass", body.id);
+            let given = Estimate {
+                scene: Some(scene),
+                name: name.clone(),
+                value: values[b * BODY_VALUES.len() + MASS],
+                sd: 0.0,
+                unit: "kg".into(),
+                identified: true,
+            };
+            let mass = self.posterior.named(scene, &name).cloned().unwrap_or(given);
+            ObjectEstimate { id: body.id, mass, restitution: self.restitution(scene, body.id) }
+        };
+        model.bodies.iter().enumerate().map(one).collect()
+    }
+
+    /// The restitution factor of one object: its own if the model has one, else the root of its best known contact.
+    fn restitution(&self, scene: usize, id: u32) -> Estimate {
+        let name = format!("objects[{id}].restitution");
+        if let Some(own) = self.posterior.named(scene, &format!("restitution.object[{id}]")) {
+            return Estimate { name, ..own.clone() };
+        }
+        let touches = |label: &str| label.split('-').any(|part| part == id.to_string());
+        let shared = self.shared(scene);
+        let coefficient = shared.iter().find(|s| s.effect == "restitution" && s.parameter == "coefficient");
+        let best =
+            coefficient.into_iter().flat_map(|s| s.labels.iter().zip(&s.values)).filter(|(label, _)| {
+                label.is_empty() || !label.contains(|c: char| c.is_ascii_digit()) || touches(label)
+            });
+        let best = best.min_by(|a, b| a.1.sd.total_cmp(&b.1.sd)).map(|(_, e)| e.clone());
+        let e = best.unwrap_or(Estimate {
+            scene: Some(scene),
+            name: String::new(),
+            value: 0.0,
+            sd: 0.0,
+            unit: "1".into(),
+            identified: false,
+        });
+        let root = e.value.max(0.0).sqrt();
+        Estimate { scene: Some(scene), name, value: root, sd: e.sd / (2.0 * root.max(0.1)), ..e }
+    }
+
+    /// Parameters of the effects as they apply to a scene.
+    pub fn shared(&self, scene: usize) -> Vec<SharedEstimate> {
+        let active = self.scenes[scene].model.effects.iter().filter(|e| e.on);
+        active
+            .flat_map(|active| {
+                (0..active.parameters.len()).map(move |k| self.shared_parameter(scene, active, k))
+            })
+            .collect()
+    }
+
+    fn shared_parameter(&self, scene: usize, active: &ActiveEffect, k: usize) -> SharedEstimate {
+        let parameter: &Parameter = &active.parameters[k];
+        let unit = active.bounds(k).map_or("1", |b| b.0);
+        let value = |(label, value): (&String, &f64)| {
+            let name = parameter.full_name(active, label);
+            let fixed = Estimate {
+                scene: None,
+                name: name.clone(),
+                value: *value,
+                sd: 0.0,
+                unit: unit.to_string(),
+                identified: false,
+            };
+            self.posterior.named(scene, &name).cloned().unwrap_or(fixed)
+        };
+        SharedEstimate {
+            effect: active.name.clone(),
+            parameter: parameter.name.clone(),
+            labels: parameter.labels.clone(),
+            values: parameter.labels.iter().zip(&parameter.values).map(value).collect(),
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Laplace's approximation of the posterior: means, standard deviations, what the data identify.
+
+use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter};
+use crate::world::Model;
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+/// Uninformative if the posterior standard deviation is at least this share of the prior's.
+const UNINFORMATIVE: f64 = 0.95;
+/// The data identify a parameter if they leave less than this share of the prior's standard deviation.
+const IDENTIFIED: f64 = 0.5;
+
+/// Normal distribution around the best parameters in search space: masses as logarithms.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Posterior {
+    pub estimates: Vec<Estimate>,
+    /// The best point, in the order of `estimates`.
+    pub(super) coordinates: Vec<SearchCoordinate>,
+    /// For each scene, index in [`Model::flatten`] and in `coordinates`.
+    pub(super) slots: Vec<Vec<(usize, usize)>>,
+    /// Draws, as search-space values; none until they are asked for.
+    pub(super) draws: Vec<Vec<f64>>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct SearchCoordinate {
+    pub value: f64,
+    pub log: bool,
+    /// The prior mean.
+    #[serde(default)]
+    pub mean: f64,
+}
+
+/// One fitted parameter.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// Index of the scene; `None` if scenes share it.
+    pub scene: Option<usize>,
+    /// `objects[3].mass`, `sliding_friction.mu[rubber]`.
+    pub name: String,
+    pub value: f64,
+    /// Standard deviation, in `unit`.
+    pub sd: f64,
+    pub unit: String,
+    /// Whether the data, and not the prior, determine it.
+    pub identified: bool,
+}
+
+/// The linear model of a problem at its best point.
+pub(super) struct Laplace {
+    pub scenes: Vec<LinearizedScene>,
+    /// Share of each scene's measurements that is independent: one over its redundancy.
+    pub shares: Vec<f64>,
+    /// L with L L^T = the parameters' covariance.
+    pub factor: DMatrix<f64>,
+}
+
+impl Laplace {
+    pub fn at(problem: &FitProblem, point: &[f64], horizon: Horizon) -> Laplace {
+        // The search's last derivatives are of a point before: through contacts they change within a standard deviation.
+        let scenes = problem.linearize(point, horizon, None);
+        let independent = vec![1.0; scenes.len()];
+        let factor = problem.normal_equations(point, &scenes, &independent).covariance_factor();
+        let share =
+            |(scene, linear): (&SceneProblem, &LinearizedScene)| 1.0 / scene.redundancy(linear, &factor);
+        let shares: Vec<f64> = problem.scenes.iter().zip(&scenes).map(share).collect();
+        let factor = problem.normal_equations(point, &scenes, &shares).covariance_factor();
+        Laplace { scenes, shares, factor }
+    }
+}
+
+impl Posterior {
+    /// The posterior at the best point of a problem, without draws.
+    pub(in super::super) fn at(problem: &FitProblem, point: &[f64], horizon: Horizon) -> Posterior {
+        let Laplace { factor, .. } = Laplace::at(problem, point, horizon);
+        let estimate = |(k, p): (usize, &SearchParameter)| {
+            let sd = factor.row(k).norm();
+            let value = p.in_model(point[k]);
+            Estimate {
+                scene: p.scene,
+                name: p.name.clone(),
+                value,
+                sd: if p.log { value * sd } else { sd },
+                unit: p.unit.to_string(),
+                identified: sd < IDENTIFIED * p.sd,
+            }
+        };
+        let coordinate =
+            |(p, &value): (&SearchParameter, &f64)| SearchCoordinate { value, log: p.log, mean: p.mean };
+        Posterior {
+            estimates: problem.parameters.iter().enumerate().map(estimate).collect(),
+            coordinates: problem.parameters.iter().zip(point).map(coordinate).collect(),
+            slots: problem.scenes.iter().map(|s| s.slots.clone()).collect(),
+            draws: vec![],
+        }
+    }
+
+    /// The parameter of a full name, if the data inform it beyond its prior of standard deviation `prior_sd`.
+    pub fn informative(&self, name: &str, prior_sd: f64) -> Option<&Estimate> {
+        self.estimates.iter().find(|e| e.name == name && e.sd < UNINFORMATIVE * prior_sd)
+    }
+
+    /// The part of one scene.
+    pub(super) fn of_scene(&self, scene: usize) -> Posterior {
+        let concerns = |k: &usize| self.estimates[*k].scene.is_none_or(|s| s == scene);
+        let kept: Vec<usize> = (0..self.estimates.len()).filter(concerns).collect();
+        let estimate = |k: &usize| {
+            let e = &self.estimates[*k];
+            Estimate { scene: e.scene.map(|_| 0), ..e.clone() }
+        };
+        let slot = |&(slot, k): &(usize, usize)| Some((slot, kept.binary_search(&k).ok()?));
+        let slots = self.slots.get(scene).map(|slots| slots.iter().filter_map(slot).collect());
+        Posterior {
+            estimates: kept.iter().map(estimate).collect(),
+            coordinates: kept.iter().map(|&k| self.coordinates[k]).collect(),
+            slots: slots.into_iter().collect(),
+            draws: self.draws.iter().map(|d| kept.iter().map(|&k| d[k]).collect()).collect(),
+        }
+    }
+
+    /// The estimate of a name in one scene.
+    pub(super) fn named(&self, scene: usize, name: &str) -> Option<&Estimate> {
+        self.estimates.iter().find(|e| e.name == name && e.scene.is_none_or(|s| s == scene))
+    }
+
+    /// The model of a scene at stored draw `draw`.
+    pub(super) fn model(&self, scene: usize, model: &Model, draw: usize) -> Model {
+        let mut values = model.flatten();
+        for &(slot, k) in &self.slots[scene] {
+            let value = self.draws[draw][k];
+            values[slot] = if self.coordinates[k].log { value.exp() } else { value };
+        }
+        model.with_values(&values)
+    }
+}

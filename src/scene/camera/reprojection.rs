@@ -1,0 +1,137 @@
+//! The least-squares problem of a calibration: reprojection errors and priors, minimised by Levenberg-Marquardt.
+
+use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, levenberg_marquardt};
+use crate::scene::camera::lens_pose::{LensPose, PointPair, off, rotation};
+use crate::scene::camera::linear_start::LIKELY_FOCAL;
+use nalgebra::{DMatrix, DVector, Rotation3, SMatrix};
+use std::convert::Infallible;
+
+/// Standard deviation of the focal length's logarithm in the prior, whose mean is [`LIKELY_FOCAL`].
+pub(super) const FOCAL_DEVIATION: f64 = 0.7;
+/// Standard deviation of the logarithm of the pixel aspect in the prior.
+const ASPECT_DEVIATION: f64 = 0.01;
+/// Standard deviation of the principal point in the prior, as a share of the image's size.
+const CENTRE_DEVIATION: f64 = 0.03;
+/// Most iterations.
+const MAX_ITERATIONS: usize = 100;
+const SCHEDULE: Schedule = Schedule {
+    initial: 1e-3,
+    min: 1e-12,
+    max: 1e12,
+    max_at_start: f64::INFINITY,
+    min_after_rejection: 0.0,
+    growth: 10.0,
+    trials: usize::MAX,
+    chord_below: 0.0,
+    at_bounds: AtBounds::Clamp,
+};
+
+/// Minimises the cost of `calibrate` at a fixed pixel noise `sigma` (px); also returns the standard deviation of the focal
+/// length's logarithm.
+pub(super) fn refine(pairs: &[PointPair], start: LensPose, sigma: f64, size: [f64; 2]) -> (LensPose, f64) {
+    let mut problem = Reprojection { pairs, sigma, size, focal_sd: FOCAL_DEVIATION };
+    let start = start.as_slice().to_vec();
+    match levenberg_marquardt(&mut problem, start, None, &SCHEDULE, MAX_ITERATIONS) {
+        Ok(found) => (LensPose::from_column_slice(&found.point), problem.focal_sd),
+    }
+}
+
+/// Reprojection errors r = (projected - seen) / sigma, two rows a pair, and priors of the four intrinsic parameters. The cost is
+/// the sum of r^2 and of ((x_k - m_k) / s_k)^2; it is infinite where a pair lies behind the camera.
+struct Reprojection<'p> {
+    pairs: &'p [PointPair],
+    sigma: f64,
+    size: [f64; 2],
+    /// Standard deviation of the logarithm of the focal length, at the last point with an invertible Hessian.
+    focal_sd: f64,
+}
+
+impl Reprojection<'_> {
+    /// Mean and standard deviation of the priors.
+    fn priors(&self) -> [(f64, f64); 4] {
+        let focal = (LIKELY_FOCAL * self.size[0]).ln();
+        [
+            (focal, FOCAL_DEVIATION),
+            (0.0, ASPECT_DEVIATION),
+            (0.0, CENTRE_DEVIATION * self.size[0]),
+            (0.0, CENTRE_DEVIATION * self.size[1]),
+        ]
+    }
+
+    fn cost(&self, at: &LensPose) -> f64 {
+        let turn = rotation(at);
+        let square = |p| {
+            off(at, &turn, p, self.size)
+                .map_or(f64::INFINITY, |[u, v]| (u * u + v * v) / (self.sigma * self.sigma))
+        };
+        let of_priors: f64 =
+            self.priors().iter().enumerate().map(|(k, (mean, sd))| ((at[k] - mean) / sd).powi(2)).sum();
+        self.pairs.iter().map(square).sum::<f64>() + of_priors
+    }
+
+    /// Gradient and Hessian by central differences of the projection.
+    fn normal(&self, at: &LensPose) -> (LensPose, SMatrix<f64, 10, 10>) {
+        let mut hessian = SMatrix::<f64, 10, 10>::zeros();
+        let mut gradient = LensPose::zeros();
+        for (k, (mean, sd)) in self.priors().iter().enumerate() {
+            hessian[(k, k)] += 1.0 / (sd * sd);
+            gradient[k] += (at[k] - mean) / (sd * sd);
+        }
+        let moved: [[(LensPose, Rotation3<f64>, f64); 2]; 10] = std::array::from_fn(|k| {
+            let step = 1e-6 * if matches!(k, 2 | 3) { self.size[0] } else { at[k].abs().max(1.0) };
+            [step, -step].map(|step| {
+                let mut at = *at;
+                at[k] += step;
+                (at, rotation(&at), step)
+            })
+        });
+        let turn = rotation(at);
+        for pair in self.pairs {
+            let Some(r) = off(at, &turn, pair, self.size) else { continue };
+            let slope = |k: usize, c: usize| {
+                let [(a, ta, step), (b, tb, _)] = &moved[k];
+                let value = |at, turn| off(at, turn, pair, self.size).map_or(r[c], |r| r[c]);
+                (value(a, ta) - value(b, tb)) / (2.0 * step * self.sigma)
+            };
+            for (c, residual) in r.into_iter().enumerate() {
+                let j = LensPose::from_fn(|k, _| slope(k, c));
+                hessian += j * j.transpose();
+                gradient += j * (residual / self.sigma);
+            }
+        }
+        (gradient, hessian)
+    }
+}
+
+impl LeastSquares for Reprojection<'_> {
+    /// The cost.
+    type Evaluation = f64;
+    type Linearization = ();
+    type Error = Infallible;
+
+    fn evaluate(&mut self, point: &[f64]) -> Option<(f64, f64)> {
+        let cost = self.cost(&LensPose::from_column_slice(point));
+        Some((cost, cost))
+    }
+    fn linearize(&mut self, point: &[f64], known: Option<&f64>) -> ((), NormalEquations) {
+        let at = LensPose::from_column_slice(point);
+        let (gradient, hessian) = self.normal(&at);
+        let inverse = hessian.try_inverse();
+        self.focal_sd = inverse.map_or(self.focal_sd, |inverse| inverse[(0, 0)].max(0.0).sqrt());
+        let normal = NormalEquations {
+            cost: known.copied().unwrap_or_else(|| self.cost(&at)),
+            gradient: DVector::from_column_slice(gradient.as_slice()),
+            hessian: DMatrix::from_column_slice(10, 10, hessian.as_slice()),
+        };
+        ((), normal)
+    }
+    fn bounds(&self) -> &[Bounds] {
+        &[Bounds::NONE; 10]
+    }
+    fn tolerance(&self, before: f64, _after: f64) -> f64 {
+        1e-10 * (1.0 + before)
+    }
+    fn poll(&self, _progress: f64) -> Result<(), Infallible> {
+        Ok(())
+    }
+}
