@@ -10,11 +10,11 @@ use vrdp::num::{Jet, LANES, Vec2, never};
 use vrdp::reason::{AskOptions, Question, ask};
 use vrdp::scene::{Scene, Shape, parse};
 use vrdp::world::{
-    ActiveEffect, BodySpec, Limits, Model, Parameter, Preset, Prior, Start, State, simulate, trace,
+    ActiveEffect, BodySpec, Model, Parameter, Preset, Prior, SimulationLimits, Start, State, simulate, trace,
 };
 
 const SCENE: &str = include_str!("../tests/data/clevrer/scene_00000/observed.json");
-const LIMITS: Limits = Limits { events: 100_000 };
+const LIMITS: SimulationLimits = SimulationLimits { events: 100_000 };
 
 struct Fitted {
     scene: Scene,
@@ -123,7 +123,7 @@ fn crowd(objects: u32) -> Model {
         bodies,
         walls: vec![],
         effects,
-        anchors: vec![],
+        corrections: vec![],
         mass_sd: 0.5,
         spin_sd: 0.0,
     }

@@ -14,7 +14,9 @@ use vrdp::fit::{Fit, FitOptions, estimate, with_draws};
 use vrdp::num::{Differential, Jet, Real, Vec2, never, vec2};
 use vrdp::reason::{Prediction, PredictionRequest, predict};
 use vrdp::scene::{Camera, Scene, parse};
-use vrdp::world::{BODY_VALUES, EventKind, Intervention, Limits, MASS, Model, Preset, simulate, trace};
+use vrdp::world::{
+    BODY_VALUES, EventKind, Intervention, MASS, Model, Preset, SimulationLimits, simulate, trace,
+};
 
 /// Size of the film in pixels where the truth has a camera, and the height of what it sees (m).
 const FILM: [f64; 2] = [480.0, 320.0];
@@ -345,7 +347,7 @@ fn rollout_us(model: &Model, times: &[f64]) -> f64 {
 fn gradients(model: &Model, scene: &Scene) -> [usize; 2] {
     let flat = model.flatten();
     let run = |values: &[f64]| -> Vec<f64> {
-        let rollout = simulate(model, values, &scene.times, &Limits::default());
+        let rollout = simulate(model, values, &scene.times, &SimulationLimits::default());
         let flattened = rollout.states.iter().flatten().flatten();
         flattened.flat_map(|k| [k.position.x, k.position.y]).collect()
     };
@@ -356,7 +358,7 @@ fn gradients(model: &Model, scene: &Scene) -> [usize; 2] {
             .enumerate()
             .map(|(i, v)| if i == slot { Jet::variable(*v, 0) } else { Jet::constant(*v) })
             .collect();
-        let rollout = simulate(model, &jets, &scene.times, &Limits::default());
+        let rollout = simulate(model, &jets, &scene.times, &SimulationLimits::default());
         let exact = rollout.states.iter().flatten().flatten();
         let exact: Vec<f64> =
             exact.flat_map(|k| [k.position.x, k.position.y].map(|p| p.derivative(0))).collect();

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use vrdp::fit::{FitOptions, fit};
 use vrdp::num::{Differential, Jet, LANES, Real, Vec2, never};
 use vrdp::scene::parse;
-use vrdp::world::{Limits, Model, Preset, Rollout, simulate};
+use vrdp::world::{Model, Preset, Rollout, SimulationLimits, simulate};
 
 /// Relative to the largest of one and the number itself.
 const STEPS: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
@@ -47,7 +47,7 @@ fn agreement(folder: &Path) -> Result<(usize, usize), Box<dyn Error>> {
             false => Jet::constant(v),
         };
         let jets: Vec<Jet> = base.iter().enumerate().map(jet).collect();
-        let exact = positions(&simulate(model, &jets, times, &Limits::default()));
+        let exact = positions(&simulate(model, &jets, times, &SimulationLimits::default()));
         for i in lanes.clone() {
             let errors = STEPS.map(|step| off(model, times, &base, i, step, &exact, i - first));
             let errors: Vec<f64> = errors.into_iter().flatten().collect();
@@ -74,7 +74,7 @@ fn off(
     let at = |by: f64| {
         let mut flat = base.to_vec();
         flat[i] += by;
-        positions(&simulate(model, &flat, times, &Limits::default()))
+        positions(&simulate(model, &flat, times, &SimulationLimits::default()))
     };
     let (up, down) = (at(step), at(-step));
     let (mut error, mut size) = (0.0, 0.0);

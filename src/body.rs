@@ -1,4 +1,4 @@
-//! Bodies and contacts: all that an effect may see and change.
+//! Bodies and contacts: all that an effect may read and change.
 
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
@@ -18,9 +18,9 @@ pub struct Body<T> {
     pub yaw: T,
     /// m/s.
     pub velocity: Vec2<T>,
-    /// Turn rate about z (rad/s).
+    /// Angular velocity about z (rad/s).
     pub spin: T,
-    /// Turn rate about the horizontal axes (rad/s); of balls only.
+    /// Angular velocity about the horizontal axes (rad/s); of balls only.
     pub roll: Vec2<T>,
 }
 
@@ -31,35 +31,36 @@ impl<T: Real> Body<T> {
     }
 }
 
-/// What acts on a body, in two parts. Smooth forces are given as they are; dry friction is
-/// set-valued at rest, so an effect gives its *bound* and the world resolves sliding, rolling and rest.
+/// What acts on a body, in two parts. Smooth forces are given as they are. Dry friction is
+/// set-valued at rest, so an effect gives its *bound*; the world resolves sliding, rolling and rest.
 #[derive(Debug, Clone, Copy)]
 pub struct Wrench<T> {
     /// Force on the centre of mass (N).
     pub force: Vec2<T>,
     /// Torque about z (N m).
     pub torque: T,
-    /// Most dry friction of the ground at the foot (N).
-    pub grip: T,
-    /// Lever (m) and angle (rad) by which the friction of a sliding foot is off the centre of mass and askew.
-    pub lever: T,
-    pub skew: T,
-    /// Share by which a box stands more on one diagonal of its corners than on the other, -1..=1.
-    pub rock: T,
-    /// How much nearer to its middle than rim and corners a foot carries the weight, as a share of its size, -1..=0.
-    pub foot: T,
-    /// Most resistance to rolling, as a force at a ball's centre (N).
-    pub rolling: T,
-    /// Torque against the turn of a ball about the horizontal axes while its foot slides (N m).
-    pub turning: T,
-    /// Rate at which velocities and spins decay (1/s), whatever holds the body.
+    /// Largest dry friction force of the ground on the contact patch (N).
+    pub friction_limit: T,
+    /// Arm (m) at which the friction of a sliding patch acts beside the centre of mass.
+    pub friction_arm: T,
+    /// Angle (rad) between the friction of a sliding patch and the direction opposite to the velocity.
+    pub friction_skew: T,
+    /// Share by which a box loads one diagonal of its corners more than the other, -1..=1.
+    pub diagonal_load: T,
+    /// How much nearer to the centre than rim and corners the patch carries the weight, as a share of its size, -1..=0.
+    pub load_concentration: T,
+    /// Largest rolling resistance, as a force at a ball's centre (N).
+    pub rolling_resistance: T,
+    /// Torque against the rotation of a ball about the horizontal axes while it slides on the ground (N m).
+    pub rolling_torque: T,
+    /// Rate at which velocities and spins decay (1/s), independent of friction.
     pub damping: T,
-    /// The same of spins, on top of that (1/s).
+    /// Rate at which spins decay in addition (1/s).
     pub spin_damping: T,
-    /// Most friction torque about z on top of what `grip` does over the footprint (N m).
-    pub pivot: T,
-    /// Share by which the ground's dry friction is larger where the body is.
-    pub excess: T,
+    /// Largest friction torque about z in addition to that of `friction_limit` over the patch (N m).
+    pub spin_friction_limit: T,
+    /// Relative increase of the ground's dry friction where the body is.
+    pub friction_excess: T,
 }
 
 impl<T: Real> Wrench<T> {
@@ -69,17 +70,17 @@ impl<T: Real> Wrench<T> {
         Wrench {
             force: Vec2::zero(),
             torque: zero,
-            grip: zero,
-            lever: zero,
-            skew: zero,
-            rock: zero,
-            foot: zero,
-            rolling: zero,
-            turning: zero,
+            friction_limit: zero,
+            friction_arm: zero,
+            friction_skew: zero,
+            diagonal_load: zero,
+            load_concentration: zero,
+            rolling_resistance: zero,
+            rolling_torque: zero,
             damping: zero,
             spin_damping: zero,
-            pivot: zero,
-            excess: zero,
+            spin_friction_limit: zero,
+            friction_excess: zero,
         }
     }
 }
@@ -91,82 +92,83 @@ pub struct Contact<T> {
     pub b: Option<Body<T>>,
     /// Unit normal from a to b.
     pub normal: Vec2<T>,
-    /// Where they touch (m).
+    /// Contact point (m).
     pub point: Vec2<T>,
     /// Approach speed of the touching points along the normal (m/s), positive.
     pub approach: T,
 }
 
-/// The law of one contact. Effects shape it; the world turns it into impulses.
+/// The law of one contact. Effects set its parameters; the world turns it into impulses.
 #[derive(Debug, Clone, Copy)]
 pub struct ContactLaw<T> {
     /// Ratio of separation to approach speed, 0..=1.
     pub restitution: T,
     /// Coulomb coefficient between the surfaces.
     pub friction: T,
-    /// Rate at which restitution falls with the approach speed (s/m).
-    pub fading: T,
-    /// One over the root of the surfaces' stiffness ((m/N)^0.5), and their damping (N s/m).
+    /// Rate at which the restitution decays with the approach speed (s/m).
+    pub restitution_decay: T,
+    /// Inverse square root of the surfaces' stiffness ((m/N)^0.5).
     pub softness: T,
+    /// Damping of the surfaces (N s/m).
     pub damping: T,
-    /// Share of the blow that is given: below 1 the contact is with something that may not be there.
+    /// Share of the impulse that is applied; below 1 the other side is a hypothetical obstacle.
     pub presence: T,
-    /// How far above a ball's centre a wall touches it, in radii.
-    pub edge: T,
-    /// Share of the slip that comes back reversed where friction holds; below 0: that is left.
-    pub shear: T,
-    /// Share of a ball's rolling that does not rub: 1 where contacts know the plane only.
-    pub planar: T,
-    /// Share of two bodies' relative motion that the blow takes; from 1 on they stick together.
+    /// Height above a ball's centre at which a wall touches it, in radii.
+    pub contact_height: T,
+    /// Share of the tangential slip that is reversed where friction holds; a negative value is the share that remains.
+    pub tangential_restitution: T,
+    /// Share of a ball's roll that contact friction ignores: 1 in engines whose contacts are purely planar.
+    pub ignore_roll: T,
+    /// Share of the relative motion of two bodies that the impulse removes; from 1 on they stick together.
     pub stick: T,
-    /// One over the pull that parts bodies that stick (1/N); 0: nothing does.
-    pub weakness: T,
+    /// Inverse of the pull that separates bodies that stick (1/N); 0: no pull does.
+    pub inverse_strength: T,
 }
 
 impl<T: Real> ContactLaw<T> {
-    /// Plastic and frictionless: what happens where no effect says otherwise.
+    /// Plastic and frictionless: the law where no effect sets another.
     pub fn plain() -> Self {
         let zero = T::zero();
         ContactLaw {
             restitution: zero,
             friction: zero,
-            fading: zero,
+            restitution_decay: zero,
             softness: zero,
             damping: zero,
             presence: T::constant(1.0),
-            edge: zero,
-            shear: zero,
-            planar: zero,
+            contact_height: zero,
+            tangential_restitution: zero,
+            ignore_roll: zero,
             stick: zero,
-            weakness: zero,
+            inverse_strength: zero,
         }
     }
 }
 
-/// Something static that the scene does not show.
+/// A static body that the scene does not show.
 #[derive(Debug, Clone, Copy)]
 pub struct Obstacle<T> {
-    /// How events call it.
+    /// Its name in events.
     pub name: &'static str,
-    pub outline: Outline<T>,
+    pub outline: ObstacleShape<T>,
     /// 0 lets bodies through, 1 is solid.
     pub presence: T,
-    /// Ratio of separation to approach speed, whatever hits it.
+    /// Ratio of separation to approach speed for every body.
     pub restitution: T,
 }
 
 /// Outline of an [`Obstacle`].
 #[derive(Debug, Clone, Copy)]
-pub enum Outline<T> {
+pub enum ObstacleShape<T> {
     /// All that lies behind the line `x.n = offset` (m), n the unit vector at `angle` (rad).
     HalfPlane { offset: T, angle: T },
     /// m.
     Disc { center: Vec2<T>, radius: T },
 }
 
-/// What a body is really like, as factors of what is believed.
+/// True mass and size of a body, as factors of the values that the model gives.
 #[derive(Debug, Clone, Copy)]
-pub struct Matter<T> {
+pub struct BodyCorrection<T> {
     pub mass: T,
     /// Of all lengths of its outline.
     pub size: T,
@@ -174,7 +176,7 @@ pub struct Matter<T> {
 
 /// What the camera reports of a body.
 #[derive(Debug, Clone, Copy)]
-pub struct View<T> {
+pub struct Observation<T> {
     /// m.
     pub position: Vec2<T>,
     /// rad.

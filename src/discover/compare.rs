@@ -6,7 +6,7 @@ use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Fit, FitError, FitOptions, estimate_noise};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{Limits, Model, film};
+use crate::world::{Model, SimulationLimits, simulate_observed};
 use serde::{Deserialize, Serialize};
 
 /// Regimes of bodies that touch nothing.
@@ -117,7 +117,8 @@ pub fn failures(scene: &Scene, model: &Model) -> Vec<Regime> {
 }
 
 fn residuals(scene: &Scene, model: &Model) -> Vec<PositionResidual> {
-    let rollout = film::<f64>(model, &model.flatten(), &scene.times, &Limits::default());
+    let rollout =
+        simulate_observed::<f64>(model, &model.flatten(), &scene.times, &SimulationLimits::default());
     let of = |(object, track): (usize, &crate::scene::Track)| {
         let at = |s: &crate::scene::Sample| {
             let state = rollout.states.get(s.frame)?.get(object).copied().flatten()?;

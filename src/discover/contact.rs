@@ -171,7 +171,7 @@ pub fn screen_contacts(
                     estimate_one(&films.scenes[film], &asked, if anew { &options } else { &near }, stop)?;
                 fall += before[film] - sum(&chi_squares(&alone));
                 least[film] = least[film].min(off(&alone, 0));
-                models[film].stand_as(&alone.scenes[0].model);
+                models[film].copy_state_from(&alone.scenes[0].model);
                 tried.push(alone);
             }
             agree_on(&mut models, entry.spec.name, &tried);
@@ -182,7 +182,7 @@ pub fn screen_contacts(
                 for &film in &anew {
                     let scene = &films.scenes[film];
                     let mut as_before = models[film].clone();
-                    as_before.stand_as(&stand[film]);
+                    as_before.copy_state_from(&stand[film]);
                     let misfit =
                         |m: &Model| Ok::<_, FitError>(off(&estimate_one(scene, m, &as_it_is, stop)?, 0));
                     if misfit(&as_before)? < misfit(&models[film])? {
@@ -258,7 +258,7 @@ pub fn screen_contacts(
                 for film in lost {
                     let begun = &films.models[film..=film];
                     let mut begun = with_contact(begun, entry, &values, object, region).remove(0);
-                    begun.take_shared(&models[film]);
+                    begun.copy_shared_from(&models[film]);
                     let alone = estimate_one(&films.scenes[film], &begun, &options, stop)?;
                     if off(&alone, 0) < off(&found, film) {
                         models[film].clone_from(&alone.scenes[0].model);

@@ -216,7 +216,7 @@ mod tests {
                 effects: vec![],
                 mass_sd: 0.0,
                 spin_sd: 0.0,
-                anchors: vec![],
+                corrections: vec![],
             },
             noise_sigma: 0.005,
             noise_yaw: None,

@@ -6,7 +6,7 @@ use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::fit::{self, Fit, FitError, FitOptions, Posterior, SceneFit, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{Limits, Model, film};
+use crate::world::{SimulationLimits, Model, simulate_observed};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -161,7 +161,7 @@ pub fn trajectories_from(
     let options = &worth(options, lens, &seen);
     let led = led(models, effect, &free, &seen);
     let (mut found, apart) = fit_set_up(None, lens.scenes, &led, begun, options, stop)?;
-    found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
+    found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.copy_priors_from(asked));
     Ok((found, apart))
 }
 
@@ -233,7 +233,7 @@ fn fit_set_up(
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
     let (mut joint, alone) = common(scenes, models, alone, begun, options, stop)?;
     if let Some(asked) = asked {
-        joint.scenes.iter_mut().zip(asked).for_each(|(fitted, asked)| fitted.model.believe_as(asked));
+        joint.scenes.iter_mut().zip(asked).for_each(|(fitted, asked)| fitted.model.copy_priors_from(asked));
         let found = joint.models();
         // What is lost has no say.
         let most = if proof::loses(&joint) { 0 } else { options.max_iterations.min(COMMON_ITERATIONS) };
@@ -275,7 +275,7 @@ fn common(
         let alone: Vec<Fit> = rest.iter().map(|&k| alone[k].clone()).collect();
         let found = fit::fit_jointly(&some, &models, &alone, &as_near, stop)?;
         for (&k, fitted) in rest.iter().zip(&found.scenes) {
-            all.iter_mut().for_each(|model| model.take_shared(&fitted.model));
+            all.iter_mut().for_each(|model| model.copy_shared_from(&fitted.model));
             all[k].clone_from(&fitted.model);
         }
         Ok(found)
@@ -302,7 +302,7 @@ fn common(
             })
             .collect();
         for (&k, mut fitted) in left.iter().zip(retried?) {
-            fitted.scenes[0].model.believe_as(&all[k]);
+            fitted.scenes[0].model.copy_priors_from(&all[k]);
             if fitted.scenes[0].reduced_chi_square < KEPT * alone[k].scenes[0].reduced_chi_square {
                 all[k].clone_from(&fitted.scenes[0].model);
                 alone[k] = fitted;
@@ -320,7 +320,7 @@ fn common(
     }
     // A lost one has no say in what they share.
     for known in &found.scenes {
-        left.iter().for_each(|&k| all[k].take_shared(&known.model));
+        left.iter().for_each(|&k| all[k].copy_shared_from(&known.model));
     }
     let as_they_are = FitOptions { max_iterations: 0, ..as_near };
     let Fit { scenes, posterior, .. } = estimate(scenes, &all, &as_they_are, stop)?;
@@ -375,8 +375,8 @@ fn fit_on(
     let anew = || estimate_one(scene, model, options, stop);
     let Some(begun) = begun else { return anew() };
     let mut model = model.clone();
-    model.stand_as(begun);
-    model.take_shared(begun);
+    model.copy_state_from(begun);
+    model.copy_shared_from(begun);
     let found =
         estimate_one(scene, &model, &FitOptions { start_point: StartPoint::YawSearched, ..*options }, stop)?;
     if proof::loses(&found) { Ok(lower(found, anew()?)) } else { Ok(found) }
@@ -386,8 +386,8 @@ fn fit_on(
 pub fn gathered(models: &[Model], alone: &[Fit]) -> Vec<Model> {
     let mut near = pooled(models, alone);
     for ((model, asked), fitted) in near.iter_mut().zip(models).zip(alone) {
-        model.stand_as(&fitted.scenes[0].model);
-        model.believe_as(asked);
+        model.copy_state_from(&fitted.scenes[0].model);
+        model.copy_priors_from(asked);
     }
     near
 }
@@ -503,7 +503,7 @@ fn follows<'f>(shown: &Scene, fitted: &'f SceneFit) -> Option<&'f Model> {
 fn errors(scenes: &[Scene], shown: &[Scene], fitted: &Fit) -> Vec<HeldOut> {
     let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
         let model = &fitted.model;
-        let rollout = film::<f64>(model, &model.flatten(), &scene.times, &Limits::default());
+        let rollout = simulate_observed::<f64>(model, &model.flatten(), &scene.times, &SimulationLimits::default());
         let mut sum = HeldOut::default();
         for (body, (track, seen)) in scene.tracks.iter().zip(&part.tracks).enumerate() {
             if seen.samples.len() < FEWEST {

@@ -8,7 +8,9 @@ use crate::effects::formula::Formula;
 use crate::fit::{FitOptions, SceneFit, fit};
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Field, Kinematics, Limits, Model, Preset, Snapshot, film as filmed};
+use crate::world::{
+    AccelerationField, ActiveEffect, Kinematics, Model, Preset, SimulationLimits, Snapshot, simulate_observed,
+};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -80,7 +82,8 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             body.start.state.spin = 0.5;
         }
         change(&mut model);
-        let seen = filmed::<f64>(&model, &model.flatten(), &scene.times, &Limits::default());
+        let seen =
+            simulate_observed::<f64>(&model, &model.flatten(), &scene.times, &SimulationLimits::default());
         for (frame, row) in seen.states.iter().enumerate() {
             for (track, state) in scene.tracks.iter_mut().zip(row) {
                 let s = state.expect("all are there from the start");
@@ -422,8 +425,9 @@ fn what_turns_brakes_less_unless_its_foot_is_a_point() {
         roll: vec2(0.0, 0.0),
     };
     let instant = [Snapshot { time: 0.0, bodies: vec![(0, turning)] }];
-    let braking =
-        |model: &Model| -Field::new(model, &model.flatten()).accelerations(&instant, None, None)[0].x;
+    let braking = |model: &Model| {
+        -AccelerationField::new(model, &model.flatten()).accelerations(&instant, None, None)[0].x
+    };
     let full = 0.03 * GRAVITY;
     assert!(braking(&model) < 0.8 * full, "{}", braking(&model));
     for p in model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.name == "foot") {
@@ -454,7 +458,8 @@ fn a_law_along_a_direction_is_told_along_it() {
         let zero = vec2(0.0, 0.0);
         let moving = Kinematics { position: zero, yaw: 0.0, velocity, spin: 0.0, roll: zero };
         let instant = [Snapshot { time: 0.0, bodies: vec![(0, moving)] }];
-        Field::new(&bare, &bare.flatten()).accelerations(&instant, None, None)[0].scaled(bare.bodies[0].mass)
+        AccelerationField::new(&bare, &bare.flatten()).accelerations(&instant, None, None)[0]
+            .scaled(bare.bodies[0].mass)
     };
     let (along, across) = (acceleration(vec2(0.8, 0.6)), acceleration(vec2(-0.6, 0.8)));
     assert!((along + vec2(0.24, 0.18)).norm() < 0.02 && across.norm() < 0.02, "{along:?} {across:?}");

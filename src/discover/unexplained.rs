@@ -5,7 +5,7 @@ use super::smooth_track::paths;
 use crate::fit::estimate_noise;
 use crate::num::Vec2;
 use crate::scene::Scene;
-use crate::world::{Field, Model};
+use crate::world::{AccelerationField, Model};
 use nalgebra::{Matrix3, Vector3};
 
 /// Frames of one piece: with less than a second at 25 frames/s an acceleration drowns in the noise of positions.
@@ -34,7 +34,8 @@ pub fn unexplained(scenes: &[Scene], models: &[Model]) -> Vec<UnexplainedAcceler
         let noise = estimate_noise(scene);
         let paths = paths(scene, &noise);
         let instants = instants(scene, &paths);
-        let accelerations = Field::new(model, &model.flatten()).accelerations(&instants, None, None);
+        let accelerations =
+            AccelerationField::new(model, &model.flatten()).accelerations(&instants, None, None);
         let mut left = accelerations.into_iter();
         let accelerations: Vec<Vec<Vec2>> =
             instants.iter().map(|i| left.by_ref().take(i.bodies.len()).collect()).collect();

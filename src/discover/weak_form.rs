@@ -7,7 +7,7 @@ use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, levenberg_marquardt};
 use crate::scene::Scene;
-use crate::world::{Field, Kinematics, Model, Snapshot, Written};
+use crate::world::{AccelerationField, Kinematics, Model, Snapshot, FormulaForces};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -126,7 +126,7 @@ impl<'a> WeakFormRegression<'a> {
     pub fn residual(&self, models: &[Model], flats: &[Vec<f64>]) -> DVector<f64> {
         let mut out = DVector::zeros(self.row_count());
         for (scene, (model, flat)) in models.iter().zip(flats).enumerate() {
-            self.write_scene(scene, &Field::new(model, flat), &mut out);
+            self.write_scene(scene, &AccelerationField::new(model, flat), &mut out);
         }
         out
     }
@@ -137,7 +137,7 @@ impl<'a> WeakFormRegression<'a> {
         for (scene, (model, other)) in models.iter().zip(others).enumerate() {
             let [here, there] = [model, other].map(|m| {
                 let flat = m.flatten();
-                Field::new(m, &flat).accelerations(&self.instants[scene], None, None)
+                AccelerationField::new(m, &flat).accelerations(&self.instants[scene], None, None)
             });
             let measured = self.stretches.iter().filter(|s| s.scene == scene).flat_map(|s| &s.measured);
             for at in measured.filter_map(|m| m.at) {
@@ -152,7 +152,7 @@ impl<'a> WeakFormRegression<'a> {
         self.stretches.last().map_or(0, |s| s.span().end)
     }
 
-    fn write_scene(&self, scene: usize, field: &Field, out: &mut DVector<f64>) {
+    fn write_scene(&self, scene: usize, field: &AccelerationField, out: &mut DVector<f64>) {
         self.each_stretch(scene, field, None, None, |s, rows| {
             out.rows_mut(s.first_row, rows.len()).copy_from(&rows)
         });
@@ -162,9 +162,9 @@ impl<'a> WeakFormRegression<'a> {
     fn each_stretch(
         &self,
         scene: usize,
-        field: &Field,
+        field: &AccelerationField,
         of: Option<&[bool]>,
-        known: Option<&Written>,
+        known: Option<&FormulaForces>,
         mut f: impl FnMut(&FreeSegment, DVector<f64>),
     ) {
         let accelerations = field.accelerations(&self.instants[scene], of, known);
@@ -173,7 +173,7 @@ impl<'a> WeakFormRegression<'a> {
             let felt = s.measured.iter().map(|m| m.at.map_or(Vec2::zero(), |at| accelerations[at]));
             let integrated = integral(&self.scenes[scene], &s.frames, felt);
             let differences = s.measured.iter().zip(&integrated);
-            let differences = differences.map(|(m, at)| field.undone(s.body, m.position, m.yaw) - *at);
+            let differences = differences.map(|(m, at)| field.true_position(s.body, m.position, m.yaw) - *at);
             f(s, s.rows(differences, self.noises[scene].position));
         }
     }
@@ -271,10 +271,10 @@ impl<'a> WeakFormRegression<'a> {
     ) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
-        let fields: Vec<Field> = models.iter().zip(&flats).map(|(m, flat)| Field::new(m, flat)).collect();
+        let fields: Vec<AccelerationField> = models.iter().zip(&flats).map(|(m, flat)| AccelerationField::new(m, flat)).collect();
         let seen = fields.iter().zip(&self.instants).enumerate();
-        let written = seen.map(|(k, (field, at))| counted.contains(&k).then(|| field.written(at)));
-        let written: Vec<Option<Written>> = written.collect();
+        let written = seen.map(|(k, (field, at))| counted.contains(&k).then(|| field.formula_forces(at)));
+        let written: Vec<Option<FormulaForces>> = written.collect();
         for (k, f) in free.iter().enumerate() {
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
@@ -286,7 +286,7 @@ impl<'a> WeakFormRegression<'a> {
                 let at = |value: f64| {
                     let mut flat = flats[scene].clone();
                     f.slots.iter().filter(|s| s.0 == scene).for_each(|s| flat[s.1] = f.in_model(value));
-                    Field::new(&models[scene], &flat)
+                    AccelerationField::new(&models[scene], &flat)
                 };
                 let (above, below) = (at(up), (down != values[k]).then(|| at(down)));
                 // What moves as before has no slope.
@@ -494,7 +494,7 @@ impl LeastSquares for WeakFormProblem<'_, '_> {
         let mut residual = self.residual.clone();
         let at = flats(self.models, self.free, point);
         for &scene in &self.counted {
-            self.lens.write_scene(scene, &Field::new(&self.models[scene], &at[scene]), &mut residual);
+            self.lens.write_scene(scene, &AccelerationField::new(&self.models[scene], &at[scene]), &mut residual);
         }
         Some((self.lens.cost(&residual, self.free, point, self.without), residual))
     }

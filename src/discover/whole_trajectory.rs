@@ -309,8 +309,8 @@ fn from_there(
     let known: Vec<Model> = kept.iter().map(|&k| base.fit.scenes[k].model.clone()).collect();
     let mut near: Vec<Model> = kept.iter().map(|&k| models[k].clone()).collect();
     for (model, fitted) in near.iter_mut().zip(&known) {
-        model.take_shared(fitted);
-        model.stand_as(fitted);
+        model.copy_shared_from(fitted);
+        model.copy_state_from(fitted);
     }
     let options = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
     let found = estimate(&scenes, &near, &options, stop)?;

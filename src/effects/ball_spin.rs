@@ -40,10 +40,10 @@ impl Effect for BallSpin {
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         if let Shape::Ball { radius } = body.shape {
             let weight = body.mass * GRAVITY;
-            out.grip += p[0] * weight;
-            out.rolling += p[1] * weight;
+            out.friction_limit += p[0] * weight;
+            out.rolling_resistance += p[1] * weight;
             // A torque M slows a ball that rolls by 5/7 M/(m r).
-            out.turning += p[1] * weight * (1.4 * radius);
+            out.rolling_torque += p[1] * weight * (1.4 * radius);
         }
     }
 }

@@ -47,8 +47,8 @@ impl Effect for ContactFriction {
     fn contact<T: Real>(pa: &[T], _pb: &[T], contact: &Contact<T>, out: &mut ContactLaw<T>) {
         if contact.b.is_some() {
             out.friction += pa[0];
-            out.shear += pa[1];
-            out.planar += pa[2];
+            out.tangential_restitution += pa[1];
+            out.ignore_roll += pa[2];
         }
     }
 }

@@ -56,8 +56,8 @@ impl Effect for Cushion {
         if contact.b.is_none() {
             out.restitution = (out.restitution + pa[0]).min(T::constant(1.0));
             out.friction += pa[1];
-            out.edge += pa[2];
-            out.shear += pa[3];
+            out.contact_height += pa[2];
+            out.tangential_restitution += pa[3];
         }
     }
 }

@@ -55,9 +55,9 @@ impl Effect for FrictionOffset {
     const SYMMETRY: Symmetry = Symmetry::Chiral;
 
     fn force<T: Real>(p: &[T], _time: T, _body: &Body<T>, out: &mut Wrench<T>) {
-        out.lever += p[0];
-        out.skew += p[1];
-        out.rock += p[2];
-        out.foot += p[3];
+        out.friction_arm += p[0];
+        out.friction_skew += p[1];
+        out.diagonal_load += p[2];
+        out.load_concentration += p[3];
     }
 }

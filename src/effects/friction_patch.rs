@@ -49,6 +49,6 @@ impl Effect for FrictionPatch {
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         let inside = p[3] - (body.position - vec2(p[1], p[2])).norm();
         let share = ((inside * (0.5 / EDGE)) + 0.5).max(T::zero()).min(T::constant(1.0));
-        out.excess += p[0] * share * share * (-share * 2.0 + 3.0);
+        out.friction_excess += p[0] * share * share * (-share * 2.0 + 3.0);
     }
 }

@@ -37,9 +37,9 @@ impl Effect for GlidingFriction {
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         let weight = body.mass * GRAVITY;
         // The world lets resistance to rolling act on balls only.
-        out.rolling += p[1] * weight;
+        out.rolling_resistance += p[1] * weight;
         if !body.shape.is_ball() {
-            out.grip += p[0] * weight;
+            out.friction_limit += p[0] * weight;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A fixed round object that nobody saw.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, joined, report::Quantity};
-use crate::body::{Obstacle, Outline};
+use crate::body::{Obstacle, ObstacleShape};
 use crate::num::{Real, vec2};
 
 pub struct HiddenObject;
@@ -69,7 +69,7 @@ impl Effect for HiddenObject {
     }
 
     fn bodies<T: Real>(p: &[T]) -> Option<Obstacle<T>> {
-        let outline = Outline::Disc { center: vec2(p[1], p[2]), radius: p[3] };
+        let outline = ObstacleShape::Disc { center: vec2(p[1], p[2]), radius: p[3] };
         Some(Obstacle { name: Self::SPEC.name, outline, presence: p[0], restitution: p[4] })
     }
 }

@@ -1,7 +1,7 @@
 //! A straight wall that nobody saw.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry, report::Quantity};
-use crate::body::{Obstacle, Outline};
+use crate::body::{Obstacle, ObstacleShape};
 use crate::num::Real;
 
 pub struct HiddenWall;
@@ -65,7 +65,7 @@ impl Effect for HiddenWall {
     }
 
     fn bodies<T: Real>(p: &[T]) -> Option<Obstacle<T>> {
-        let outline = Outline::HalfPlane { offset: p[1], angle: p[2] };
+        let outline = ObstacleShape::HalfPlane { offset: p[1], angle: p[2] };
         Some(Obstacle { name: Self::SPEC.name, outline, presence: p[0], restitution: p[3] })
     }
 }

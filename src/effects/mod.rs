@@ -49,7 +49,7 @@ pub use contact_distance::MOST_MARGIN;
 pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
-use crate::body::{Body, Contact, ContactLaw, Matter, Obstacle, View, Wrench};
+use crate::body::{Body, Contact, ContactLaw, BodyCorrection, Obstacle, Observation, Wrench};
 use crate::num::{Jet, JetF32, Real, Vec2};
 
 /// Every effect there is. A new one is its file and a line here.
@@ -143,10 +143,10 @@ pub trait Effect {
     }
 
     /// Corrects what is believed of a body.
-    fn matter<T: Real>(_p: &[T], _out: &mut Matter<T>) {}
+    fn matter<T: Real>(_p: &[T], _out: &mut BodyCorrection<T>) {}
 
     /// Changes what the camera reports of a body.
-    fn observe<T: Real>(_p: &[T], _out: &mut View<T>) {}
+    fn observe<T: Real>(_p: &[T], _out: &mut Observation<T>) {}
 
     /// By how much the true time differs from the film's `time` (s).
     fn clock<T: Real>(_p: &[T], _time: f64) -> T {
@@ -243,9 +243,9 @@ pub type MarginFn<T> = fn(&[T]) -> T;
 /// See [`Effect::bodies`].
 pub type BodiesFn<T> = fn(&[T]) -> Option<Obstacle<T>>;
 /// See [`Effect::matter`].
-pub type MatterFn<T> = fn(&[T], &mut Matter<T>);
+pub type MatterFn<T> = fn(&[T], &mut BodyCorrection<T>);
 /// See [`Effect::observe`].
-pub type ObserveFn<T> = fn(&[T], &mut View<T>);
+pub type ObserveFn<T> = fn(&[T], &mut Observation<T>);
 /// See [`Effect::clock`].
 pub type ClockFn<T> = fn(&[T], f64) -> T;
 

@@ -1,7 +1,7 @@
 //! A tracked point beside the centre of mass: no physics, but it looks like some.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
-use crate::body::View;
+use crate::body::Observation;
 use crate::num::{Real, Vec2, vec2};
 
 pub struct OffCentreMarker;
@@ -36,7 +36,7 @@ impl Effect for OffCentreMarker {
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::None;
 
-    fn observe<T: Real>(p: &[T], out: &mut View<T>) {
+    fn observe<T: Real>(p: &[T], out: &mut Observation<T>) {
         out.position += vec2(p[0], p[1]).rotated(Vec2::from_angle(out.yaw));
     }
 }

@@ -24,6 +24,6 @@ impl Effect for RollingResistance {
     };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
-        out.rolling += p[0] * body.mass * GRAVITY;
+        out.rolling_resistance += p[0] * body.mass * GRAVITY;
     }
 }

@@ -24,6 +24,6 @@ impl Effect for SlidingFriction {
     };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
-        out.grip += p[0] * body.mass * GRAVITY;
+        out.friction_limit += p[0] * body.mass * GRAVITY;
     }
 }

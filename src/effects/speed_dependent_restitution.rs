@@ -28,6 +28,6 @@ impl Effect for SpeedDependentRestitution {
     }
 
     fn contact<T: Real>(pa: &[T], _pb: &[T], _contact: &Contact<T>, out: &mut ContactLaw<T>) {
-        out.fading += pa[0];
+        out.restitution_decay += pa[0];
     }
 }

@@ -24,6 +24,6 @@ impl Effect for SpinFriction {
     };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
-        out.pivot += p[0] * body.mass * (GRAVITY * body.shape.bounding_radius());
+        out.spin_friction_limit += p[0] * body.mass * (GRAVITY * body.shape.bounding_radius());
     }
 }

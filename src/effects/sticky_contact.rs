@@ -43,7 +43,7 @@ impl Effect for StickyContact {
         if contact.b.is_some() {
             let share = pa[0] * 2.0;
             out.stick += share;
-            out.weakness += pa[1] * share.min(T::constant(1.0));
+            out.inverse_strength += pa[1] * share.min(T::constant(1.0));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What holds for every effect in the table, also for those nobody has written yet.
 
 use super::*;
-use crate::body::Outline;
+use crate::body::ObstacleShape;
 use crate::num::{Differential, vec2};
 use crate::scene::Shape;
 
@@ -36,20 +36,31 @@ fn forces<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let Wrench {
             force,
             torque,
-            grip,
-            lever,
-            skew,
-            rock,
-            foot,
-            rolling,
-            turning,
+            friction_limit,
+            friction_arm,
+            friction_skew,
+            diagonal_load,
+            load_concentration,
+            rolling_resistance,
+            rolling_torque,
             damping,
             spin_damping,
-            pivot,
-            excess,
+            spin_friction_limit,
+            friction_excess,
         } = w;
-        all.extend([force.x, force.y, torque, grip, lever, skew, rock, foot, rolling, turning]);
-        all.extend([damping, spin_damping, pivot, excess]);
+        all.extend([
+            force.x,
+            force.y,
+            torque,
+            friction_limit,
+            friction_arm,
+            friction_skew,
+            diagonal_load,
+            load_concentration,
+            rolling_resistance,
+            rolling_torque,
+        ]);
+        all.extend([damping, spin_damping, spin_friction_limit, friction_excess]);
     }
     all
 }
@@ -72,18 +83,27 @@ fn contact<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
         let ContactLaw {
             restitution,
             friction,
-            fading,
+            restitution_decay,
             softness,
             damping,
             presence,
-            edge,
-            shear,
-            planar,
+            contact_height,
+            tangential_restitution,
+            ignore_roll,
             stick,
-            weakness,
+            inverse_strength,
         } = law;
-        all.extend([restitution, friction, fading, softness, damping, presence - 1.0, edge, shear]);
-        all.extend([planar, stick, weakness]);
+        all.extend([
+            restitution,
+            friction,
+            restitution_decay,
+            softness,
+            damping,
+            presence - 1.0,
+            contact_height,
+            tangential_restitution,
+        ]);
+        all.extend([ignore_roll, stick, inverse_strength]);
     }
     all
 }
@@ -93,21 +113,21 @@ fn bodies<T: Scalar>(entry: &EffectEntry, p: &[T]) -> Vec<T> {
     let found = (T::hooks(entry).bodies)(p).filter(|o| o.presence.value() != 0.0);
     let Some(o) = found else { return vec![] };
     let [x, y, z] = match o.outline {
-        Outline::HalfPlane { offset, angle } => [offset, angle, T::zero()],
-        Outline::Disc { center, radius } => [center.x, center.y, radius],
+        ObstacleShape::HalfPlane { offset, angle } => [offset, angle, T::zero()],
+        ObstacleShape::Disc { center, radius } => [center.x, center.y, radius],
     };
     vec![x, y, z, o.presence, o.restitution]
 }
 
 fn matter<T: Scalar>(entry: &EffectEntry, p: &[T]) -> Vec<T> {
-    let mut matter = Matter { mass: T::constant(1.0), size: T::constant(1.0) };
+    let mut matter = BodyCorrection { mass: T::constant(1.0), size: T::constant(1.0) };
     (T::hooks(entry).matter)(p, &mut matter);
     vec![matter.mass - 1.0, matter.size - 1.0]
 }
 
 fn view<T: Scalar>(entry: &EffectEntry, p: &[T], s: &State<T>) -> Vec<T> {
     let b = body(s);
-    let mut view = View { position: b.position, yaw: b.yaw };
+    let mut view = Observation { position: b.position, yaw: b.yaw };
     (T::hooks(entry).observe)(p, &mut view);
     vec![view.position.x - b.position.x, view.position.y - b.position.y, view.yaw - b.yaw]
 }
@@ -276,9 +296,14 @@ fn forces_have_the_symmetry_they_declare() {
                 (hooks.force)(&p, TIME, a, &mut w);
                 (
                     w.force + (hooks.pair)(&p, a, b),
-                    w.grip + w.foot + w.rolling + w.damping + w.spin_damping + w.excess,
+                    w.friction_limit
+                        + w.load_concentration
+                        + w.rolling_resistance
+                        + w.damping
+                        + w.spin_damping
+                        + w.friction_excess,
                     w.torque,
-                    w.lever + w.skew + w.rock,
+                    w.friction_arm + w.friction_skew + w.diagonal_load,
                 )
             };
             let (before, after) = (
@@ -316,7 +341,8 @@ fn what_knows_no_place_and_no_time_adds_no_energy() {
             (f64::hooks(entry).force)(&p, TIME, &b, &mut w);
             let power = w.force.dot(b.velocity) + w.torque * b.spin;
             assert!(power <= 1e-12, "{}: {power} W", entry.spec.name);
-            let bounds = [w.grip, w.rolling, w.pivot, w.damping, w.spin_damping];
+            let bounds =
+                [w.friction_limit, w.rolling_resistance, w.spin_friction_limit, w.damping, w.spin_damping];
             assert!(bounds.iter().all(|v| *v >= 0.0), "{}: {bounds:?}", entry.spec.name);
         }
     }

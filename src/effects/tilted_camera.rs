@@ -1,7 +1,7 @@
 //! A camera that does not look straight down: no physics, but it looks like some.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
-use crate::body::View;
+use crate::body::Observation;
 use crate::num::{Real, vec2};
 
 pub struct TiltedCamera;
@@ -36,7 +36,7 @@ impl Effect for TiltedCamera {
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::None;
 
-    fn observe<T: Real>(p: &[T], out: &mut View<T>) {
+    fn observe<T: Real>(p: &[T], out: &mut Observation<T>) {
         let depth = -vec2(p[0], p[1]).dot(out.position) + 1.0;
         out.position = out.position * (T::constant(1.0) / depth);
     }

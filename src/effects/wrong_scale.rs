@@ -1,7 +1,7 @@
 //! A camera that takes lengths for longer, or shorter: no physics, but it looks like some.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry, report::Quantity};
-use crate::body::View;
+use crate::body::Observation;
 use crate::num::Real;
 
 pub struct WrongScale;
@@ -28,7 +28,7 @@ impl Effect for WrongScale {
         vec![("scale", Quantity::Number(1.0 + p[0]))]
     }
 
-    fn observe<T: Real>(p: &[T], out: &mut View<T>) {
+    fn observe<T: Real>(p: &[T], out: &mut Observation<T>) {
         out.position = out.position * (p[0] + 1.0);
     }
 }

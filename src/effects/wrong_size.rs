@@ -1,7 +1,7 @@
 //! An object that is larger, or smaller, than believed: no physics, but it looks like some.
 
 use super::{Effect, EffectSpec, Hook, ParamSpec, Scope, report::Quantity};
-use crate::body::Matter;
+use crate::body::BodyCorrection;
 use crate::num::Real;
 
 pub struct WrongSize;
@@ -28,7 +28,7 @@ impl Effect for WrongSize {
         vec![("factor", Quantity::Number(1.0 + p[0]))]
     }
 
-    fn matter<T: Real>(p: &[T], out: &mut Matter<T>) {
+    fn matter<T: Real>(p: &[T], out: &mut BodyCorrection<T>) {
         out.size *= p[0] + 1.0;
     }
 }

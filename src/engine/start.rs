@@ -82,7 +82,7 @@ impl Violations {
                 self.add(format!("walls[{i}]"), "must be finite");
             }
         }
-        for (i, a) in model.anchors.iter().enumerate() {
+        for (i, a) in model.corrections.iter().enumerate() {
             let numbers = [a.time, a.position.x, a.position.y, a.velocity.x, a.velocity.y, a.yaw, a.spin];
             if !numbers.iter().all(|v| v.abs() <= MAX_NUMBER) {
                 self.add(format!("anchors[{i}]"), format!("must be finite, within {MAX_NUMBER:e}"));

@@ -264,7 +264,7 @@ fn findings(
 
 fn course(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<Pose>> {
     let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
-    let rows = crate::world::trace(model, &times).as_seen(model).states;
+    let rows = crate::world::trace(model, &times).as_observed(model).states;
     let pose = |s: &Option<crate::world::State>| s.map(|s| [s.position.x, s.position.y, s.yaw]);
     rows.iter().map(|row| row.iter().map(pose).collect()).collect()
 }

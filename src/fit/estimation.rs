@@ -31,7 +31,7 @@ pub(super) fn estimate_by(
     check_each(scenes, start)?;
     let noises: Vec<Noise> = scenes.iter().map(noise::estimate).collect();
     let mut models = start.to_vec();
-    models.iter_mut().for_each(|m| m.anchors.clear());
+    models.iter_mut().for_each(|m| m.corrections.clear());
     if options.start_point == StartPoint::Tracks {
         for ((scene, model), noise) in scenes.iter().zip(&mut models).zip(&noises) {
             set_initial_states(scene, model, noise);

@@ -111,7 +111,7 @@ fn consensus_models(
         .into_par_iter()
         .map(|(scene, model, found, single)| {
             let mut model = model.clone();
-            model.take_shared(found);
+            model.copy_shared_from(found);
             failed(single).then(|| estimate_one(scene, &model, options, stop)).transpose()
         })
         .collect();
@@ -234,7 +234,7 @@ fn with_penalties(
     penalties: &BTreeMap<String, Penalty>,
 ) -> Model {
     let mut model = model.clone();
-    model.believe_as(prior);
+    model.copy_priors_from(prior);
     each_shared(&mut model, |parameter, p, names| {
         let Some(penalty) = penalties.get(parameter) else { return };
         p.prior.sd = p.prior.sd.min(penalty.sd);
@@ -260,7 +260,7 @@ fn update(shared: &mut SharedValues, current: &mut [Model]) {
 fn with_means(models: &[Model], current: &[Model], shared: &SharedValues) -> Vec<Model> {
     let mut models = models.to_vec();
     for (model, own) in models.iter_mut().zip(current) {
-        model.stand_as(own);
+        model.copy_state_from(own);
         each_shared(model, |_, p, names| {
             let values = p.values.iter_mut().zip(names);
             values.for_each(|(value, name)| *value = shared.get(name).map_or(*value, |s| s.mean));

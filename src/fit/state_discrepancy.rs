@@ -14,7 +14,7 @@ use super::SceneFit;
 use super::noise::Noise;
 use crate::num::{Vec2, vec2, wrap_angle};
 use crate::scene::Scene;
-use crate::world::{Anchor, EventKind, State, Trace, Views};
+use crate::world::{StateCorrection, EventKind, State, Trace, ObservationModel};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -93,9 +93,9 @@ pub fn state_discrepancy(
     }
     let noise = Noise::of_fit(scene, fitted.noise_sigma);
     let centre = near.iter().map(|n| n.0).sum::<f64>() / near.len() as f64;
-    let views = Views::new(&fitted.model, &fitted.model.flatten());
+    let views = ObservationModel::new(&fitted.model, &fitted.model.flatten());
     let offsets = near.iter().map(|(t, s, state)| {
-        let measured = views.undone(body, s.position, state.yaw);
+        let measured = views.true_position(body, s.position, state.yaw);
         let (off, c) = (measured - state.position, noise.covariance(s.covariance));
         TimedResidual { time: t - centre, off: [off.x, off.y], variance: [c.xx, c.yy] }
     });
@@ -182,14 +182,14 @@ impl<const N: usize> ResidualLine<N> {
 
 impl StateDiscrepancy {
     /// The correction of the simulation that was measured.
-    pub fn correction(&self) -> Anchor {
+    pub fn correction(&self) -> StateCorrection {
         let position = self.position.shift([[0.0; 2]; 2], self.lead, || 0.0);
         self.correction_of(position, self.yaw.shift([[0.0]; 2], self.lead, || 0.0))
     }
 
     /// The correction of draw number `draw` from the posterior, with `state` in the draw and `best` in the simulation that was
     /// measured: as far as the discrepancy is significant, it replaces the posterior's own spread.
-    pub fn sample_correction(&self, draw: usize, state: &State, best: &State) -> Anchor {
+    pub fn sample_correction(&self, draw: usize, state: &State, best: &State) -> StateCorrection {
         let mut random = ChaCha8Rng::seed_from_u64((draw as u64) << 32 | u64::from(self.id));
         let mut noise = || -> f64 { StandardNormal.sample(&mut random) };
         let (p, v) = (state.position - best.position, state.velocity - best.velocity);
@@ -198,9 +198,9 @@ impl StateDiscrepancy {
         self.correction_of(position, self.yaw.shift(turn, self.lead, &mut noise))
     }
 
-    fn correction_of(&self, position: [[f64; 2]; 2], turn: [[f64; 1]; 2]) -> Anchor {
+    fn correction_of(&self, position: [[f64; 2]; 2], turn: [[f64; 1]; 2]) -> StateCorrection {
         let vector = |[x, y]: [f64; 2]| -> Vec2 { vec2(x, y) };
         let ([position, velocity], [[yaw], [spin]]) = (position.map(vector), turn);
-        Anchor { id: self.id, time: self.time, position, velocity, yaw, spin }
+        StateCorrection { id: self.id, time: self.time, position, velocity, yaw, spin }
     }
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::effects::effect;
 use crate::num::{Stopped, Vec2, never, vec2};
 use crate::scene::{Covariance, Object, Sample, Scene, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Model, Owner, Preset, trace};
+use crate::world::{ActiveEffect, Model, ValueOwner, Preset, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -543,7 +543,7 @@ fn videos_that_diverge_with_mean_parameters_reach_a_consensus() {
     let mean = |k: usize| flat.iter().map(|f| f[k]).sum::<f64>() / flat.len() as f64;
     let with_mean = |(model, flat): (&Model, &Vec<f64>)| {
         let owners = model.owners().into_iter().enumerate();
-        let value = |(k, owner)| if owner == Owner::Shared { mean(k) } else { flat[k] };
+        let value = |(k, owner)| if owner == ValueOwner::Shared { mean(k) } else { flat[k] };
         model.with_values(&owners.map(value).collect::<Vec<_>>())
     };
     let with_means: Vec<Model> = single.iter().zip(&flat).map(with_mean).collect();

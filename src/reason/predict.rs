@@ -15,7 +15,7 @@ use super::ReasonError;
 use crate::fit::{Fit, StateDiscrepancy, state_discrepancy};
 use crate::num::Stop;
 use crate::scene::{Camera, Scene};
-use crate::world::{Anchor, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
+use crate::world::{StateCorrection, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -101,7 +101,7 @@ pub fn predict(
             run.events.extend(seen);
             run.events.sort_by(|a, b| a.time.total_cmp(&b.time));
         }
-        run.as_seen(model)
+        run.as_observed(model)
     };
     let fitted = &fit.scenes[index];
     let mut model = edited(&fitted.model)?;
@@ -116,9 +116,9 @@ pub fn predict(
         let found = || state_discrepancy(scene, fitted, &factual, p.body, scene.time_of(p.last));
         if p.last + 1 < *frames { *known.entry((p.body, p.last)).or_insert_with(found) } else { None }
     };
-    model.anchors = reached.iter().filter_map(|p| Some(off(p)?.correction())).collect();
+    model.corrections = reached.iter().filter_map(|p| Some(off(p)?.correction())).collect();
     let best = filmed(trace(&model, &times), &model);
-    let anchored = !model.anchors.is_empty();
+    let anchored = !model.corrections.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
     for (number, drawn) in fit.draw(index, *rollouts, *seed).iter().enumerate() {
         stop(ensemble.len() as f64 / *rollouts as f64)?;
@@ -127,14 +127,14 @@ pub fn predict(
         if anchored {
             let own = trace(drawn, &scene.times);
             found = unguided(&model);
-            let anchor = |p: &Parting| -> Option<Anchor> {
+            let anchor = |p: &Parting| -> Option<StateCorrection> {
                 let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
                 Some(off(p)?.sample_correction(number, &at(&own)?, &at(&factual)?))
             };
             let parted = divergence_times(&own, found.as_ref().unwrap_or(&own));
-            model.anchors = parted.iter().filter_map(anchor).collect();
+            model.corrections = parted.iter().filter_map(anchor).collect();
         }
-        let known = found.filter(|run| model.anchors.is_empty() && run.times == times);
+        let known = found.filter(|run| model.corrections.is_empty() && run.times == times);
         ensemble.push(filmed(known.unwrap_or_else(|| trace(&model, &times)), &model));
     }
     let sd = spread(&best, &ensemble);

@@ -48,7 +48,7 @@ pub fn encode_change(change: &Change) -> Result<Vec<u8>, RecordingError> {
         (after, [&m::AFTER, &m::AFTER_POSES], &m::RESIDUALS_AFTER),
     ];
     for (model, topics, residual) in ways {
-        let simulated = trace(model, &scene.times).as_seen(model);
+        let simulated = trace(model, &scene.times).as_observed(model);
         run(&simulated, &[], model, topics, &mut draft)?;
         residuals(scene, &simulated, residual, &mut draft)?;
     }

@@ -102,7 +102,7 @@ fn stage(scenes: &[Scene], fit: &Fit) -> Stage {
     let models = fit.models();
     let run = |(scene, model): (&Scene, &Model)| {
         let times: Vec<f64> = (0..scene.times.len() + FUTURE).map(|f| scene.time_of(f)).collect();
-        trace(model, &times).as_seen(model)
+        trace(model, &times).as_observed(model)
     };
     let runs: Vec<Trace> = scenes.iter().zip(&models).map(run).collect();
     let residuals: Vec<Vec<Residual>> = scenes.iter().zip(&runs).map(|(s, r)| residuals(s, r)).collect();

@@ -327,7 +327,7 @@ pub fn strobes(report: &Report, views: &Views) -> Vec<Picture> {
 pub fn factual(answered: &Answered) -> Trace {
     let frames = answered.answer.simulations.iter().map(|s| s.best.states.len()).max().unwrap_or(0);
     let times: Vec<f64> = (0..frames).map(|f| answered.scene.time_of(f)).collect();
-    trace(answered.model, &times).as_seen(answered.model)
+    trace(answered.model, &times).as_observed(answered.model)
 }
 
 /// What is, and what would have been, for an answer.

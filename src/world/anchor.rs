@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// At `time` a body is moved by this much: an error that the model has made until then goes no further. A body that
 /// touches another is left alone, and one that rests keeps resting.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Anchor {
+pub struct StateCorrection {
     /// The object's id.
     pub id: u32,
     /// s.
@@ -29,7 +29,7 @@ impl Model {
     /// Times at which bodies come in or are put right (s), increasing.
     pub(super) fn cuts(&self) -> Vec<f64> {
         let starts = self.bodies.iter().map(|b| b.start.time);
-        let mut cuts: Vec<f64> = starts.chain(self.anchors.iter().map(|a| a.time)).collect();
+        let mut cuts: Vec<f64> = starts.chain(self.corrections.iter().map(|a| a.time)).collect();
         cuts.sort_by(f64::total_cmp);
         cuts.dedup();
         cuts
@@ -37,10 +37,10 @@ impl Model {
 }
 
 impl<T: Scalar> Run<'_, T> {
-    /// Applies the anchors of this time.
-    pub(super) fn put_right(&mut self, time: f64) {
+    /// Applies the corrections of this time.
+    pub(super) fn apply_corrections(&mut self, time: f64) {
         let model = self.model;
-        for anchor in model.anchors.iter().filter(|a| a.time == time) {
+        for anchor in model.corrections.iter().filter(|a| a.time == time) {
             let Some(i) = model.body_index(anchor.id) else { continue };
             let touches = self.touching.iter().any(|t| t.a == i || t.b == i) || self.cluster(i).is_some();
             let radius = self.laws.shapes[i].bounding_radius();
@@ -64,7 +64,7 @@ impl<T: Scalar> Run<'_, T> {
 
 #[cfg(test)]
 mod tests {
-    use super::Anchor;
+    use super::StateCorrection;
     use crate::num::vec2;
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
@@ -79,7 +79,7 @@ mod tests {
             body(2, disc, vec2(0.0, 2.0), vec2(0.0, 0.0)),
         ];
         let plain = model(bodies, &[("sliding_friction", &[mu])]);
-        let anchor = |id| Anchor {
+        let anchor = |id| StateCorrection {
             id,
             time: 1.0,
             position: vec2(0.1, 0.0),
@@ -88,7 +88,7 @@ mod tests {
             spin: 0.0,
         };
         let mut anchored = plain.clone();
-        anchored.anchors = vec![anchor(1), anchor(2), anchor(9)];
+        anchored.corrections = vec![anchor(1), anchor(2), anchor(9)];
         let (before, after) = (trace(&plain, &seconds(35)), trace(&anchored, &seconds(35)));
         for (a, b) in before.states[..=25].iter().flatten().zip(after.states[..=25].iter().flatten()) {
             let (a, b) = (a.expect("there"), b.expect("there"));

@@ -259,8 +259,8 @@ impl<T: Scalar> Run<'_, T> {
             return T::zero();
         }
         let mut e = law.restitution;
-        if law.fading.value() != 0.0 || !law.fading.is_constant() {
-            e *= (-(law.fading * approach)).exp();
+        if law.restitution_decay.value() != 0.0 || !law.restitution_decay.is_constant() {
+            e *= (-(law.restitution_decay * approach)).exp();
         }
         if law.softness.value() != 0.0 || !law.softness.is_constant() {
             e *= law.spring(self.effective_mass(a, b, near)).0;
@@ -275,7 +275,7 @@ impl<T: Scalar> Run<'_, T> {
         let law = self.bounce(time, a, b, &near);
         let (near, rate) = self.facing_now(a, b);
         if law.stick.value() >= 1.0 && b < self.bodies.len() {
-            self.bond(a, b, &near, law.weakness);
+            self.bond(a, b, &near, law.inverse_strength);
         } else if self.passes(a, b, rate) {
             self.passing.push((a, b));
         } else if rate.value() < REBOUND_SPEED * 0.1

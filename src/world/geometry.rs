@@ -84,15 +84,15 @@ pub(super) fn proximity<T: Real>(a: &Pose<T>, sa: &Shape, b: &Pose<T>, sb: &Shap
 }
 
 /// Where an outline lies.
-pub struct Outline<'s> {
+pub struct PlacedShape<'s> {
     pub position: Vec2,
     pub yaw: f64,
     pub shape: &'s Shape,
 }
 
 /// Distance between two outlines (m; negative where they overlap) and the unit normal from the first to the second.
-pub fn gap(a: &Outline, b: &Outline) -> (f64, Vec2) {
-    let pose = |o: &Outline| Pose::new(o.position, o.yaw, o.shape);
+pub fn gap(a: &PlacedShape, b: &PlacedShape) -> (f64, Vec2) {
+    let pose = |o: &PlacedShape| Pose::new(o.position, o.yaw, o.shape);
     let near = proximity(&pose(a), a.shape, &pose(b), b.shape);
     (near.gap, near.normal)
 }

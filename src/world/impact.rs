@@ -291,7 +291,7 @@ pub(super) fn resolve<T: Real>(
     if law.friction.value() > 0.0 || T::DIFFERENTIATES {
         let slip_t = t.dot(relative);
         let (mut slip_z, mut kzz) = (T::zero(), T::zero());
-        let rubs = T::constant(1.0) - law.planar;
+        let rubs = T::constant(1.0) - law.ignore_roll;
         for side in [&*a, &*b] {
             if let Some(radius) = side.ball {
                 let radius = rubs * radius;
@@ -310,7 +310,7 @@ pub(super) fn resolve<T: Real>(
             let (st, sz) = (slip_t / slip, slip_z / slip);
             let (along, coupling) = (st * st * ktt + sz * sz * kzz, st * knt);
             // Friction ends where the slip does, or what shear gives back, and never so large that the contact would add energy.
-            let taken = slip * (law.shear + 1.0);
+            let taken = slip * (law.tangential_restitution + 1.0);
             let stick = (taken * knn + coupling * kick) / (along * kick + taken * coupling);
             let mu = law.friction.min(stick.max(T::zero()));
             let mu = mu.min(passive(approach, slip, kick, knn, coupling, along));
@@ -326,7 +326,7 @@ pub(super) fn resolve<T: Real>(
         k.spin += r.cross(impulse) * (side.inverse_inertia * sign);
         if let Some(radius) = side.ball {
             // Torque r x J z^ of the vertical impulse: both sides turn the same way.
-            let radius = (T::constant(1.0) - law.planar) * radius;
+            let radius = (T::constant(1.0) - law.ignore_roll) * radius;
             k.roll += n.perp() * (vertical * side.inverse_inertia * radius);
         }
     }
@@ -346,9 +346,9 @@ pub(super) fn push_apart<T: Real>(a: &mut Side<T>, b: &mut Side<T>, near: &Proxi
 
 /// A ball against the edge of a wall, and the normal impulse (N s).
 ///
-/// The edge touches the ball `law.edge` radii above its centre, so the common normal leans by the arc sine of that and
+/// The edge touches the ball `law.contact_height` radii above its centre, so the common normal leans by the arc sine of that and
 /// friction turns the ball about all three axes (Han, 2005). The edge's rubber shears: where friction holds the touching
-/// point, the slip comes back reversed, `law.shear` of it (Cross, 2002). The ground takes the vertical part.
+/// point, the slip comes back reversed, `law.tangential_restitution` of it (Cross, 2002). The ground takes the vertical part.
 pub(super) fn against_edge<T: Real>(
     ball: &mut Side<T>,
     radius: f64,
@@ -357,7 +357,7 @@ pub(super) fn against_edge<T: Real>(
 ) -> T {
     let n = near.normal;
     let t = n.perp();
-    let sine = law.edge;
+    let sine = law.contact_height;
     let cosine = (-(sine * sine) + 1.0).sqrt();
     let k = &mut ball.kinematics;
     let approach = n.dot(k.velocity);
@@ -371,7 +371,7 @@ pub(super) fn against_edge<T: Real>(
     let (mut along_t, mut along_u) = (T::zero(), T::zero());
     let arm = ball.inverse_inertia * radius;
     if slip.value() > 1e-12 {
-        let held = slip * (law.shear + 1.0) / (ball.inverse_mass + arm * radius);
+        let held = slip * (law.tangential_restitution + 1.0) / (ball.inverse_mass + arm * radius);
         let share = (law.friction * normal).min(held) / slip;
         (along_t, along_u) = (-(slip_t * share), -(slip_u * share));
     }

@@ -137,7 +137,7 @@ mod tests {
     use crate::num::vec2;
     use crate::scene::Shape;
     use crate::world::tests::{body, model, seconds};
-    use crate::world::{Ending, Limits, Parameter, Prior, film, trace};
+    use crate::world::{Ending, Parameter, Prior, SimulationLimits, simulate_observed, trace};
 
     /// Three balls that glide towards each other.
     fn heap(laws: &[(&str, &[f64])]) -> crate::world::Model {
@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn bodies_that_pull_each_other_harder_than_the_ground_holds_come_to_rest_in_a_heap() {
         let m = heap(&[("pair_attraction", &[0.3, 0.3])]);
-        let run = film(&m, &m.flatten(), &seconds(150), &Limits::default());
+        let run = simulate_observed(&m, &m.flatten(), &seconds(150), &SimulationLimits::default());
         assert_eq!(run.ending, Ending::Completed);
         assert!(run.steps < 1500, "{} steps", run.steps);
         let last = trace(&m, &seconds(150)).states.remove(150);
@@ -183,7 +183,7 @@ mod tests {
         *sliding = Parameter::new("sliding", Scope::Material, Prior { mean: 0.02, sd: 0.0 }, &m.bodies);
         assert_eq!(sliding.labels, ["m", "rough"]);
         sliding.values[1] = 0.06;
-        let run = film(&m, &m.flatten(), &seconds(200), &Limits::default());
+        let run = simulate_observed(&m, &m.flatten(), &seconds(200), &SimulationLimits::default());
         assert_eq!(run.ending, Ending::Completed);
         assert!(run.steps < 1500, "{} steps", run.steps);
         let last = trace(&m, &seconds(200)).states.remove(200);

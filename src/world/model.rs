@@ -1,6 +1,6 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
-use super::anchor::Anchor;
+use super::anchor::StateCorrection;
 use super::trace::State;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EffectEntry, EffectSpec, Hook, ParamSpec, Scope, effect};
@@ -25,8 +25,8 @@ pub struct Model {
     #[serde(default)]
     pub spin_sd: f64,
     /// Where a prediction is put right by what was observed; a fit knows none.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub anchors: Vec<Anchor>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty", rename = "anchors")]
+    pub corrections: Vec<StateCorrection>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -113,7 +113,7 @@ pub struct Prior {
 
 /// Whose a number of the model is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Owner {
+pub enum ValueOwner {
     Shared,
     /// Index of the body.
     Body(usize),
@@ -186,14 +186,14 @@ impl Model {
     }
 
     /// For each number of [`flatten`](Self::flatten), whose it is.
-    pub fn owners(&self) -> Vec<Owner> {
-        let bodies = (0..self.bodies.len()).flat_map(|b| [Owner::Body(b); BODY_VALUES.len()]);
+    pub fn owners(&self) -> Vec<ValueOwner> {
+        let bodies = (0..self.bodies.len()).flat_map(|b| [ValueOwner::Body(b); BODY_VALUES.len()]);
         let of = |parameter: &Parameter, label: &str| {
             let mut ids = label.split('-').map(|id| id.parse().ok().and_then(|id| self.body_index(id)));
             match (parameter.scope, ids.next().flatten(), ids.next().flatten()) {
-                (Scope::Object, Some(a), _) => Owner::Body(a),
-                (Scope::Pair, Some(a), Some(b)) => Owner::Pair(a, b),
-                _ => Owner::Shared,
+                (Scope::Object, Some(a), _) => ValueOwner::Body(a),
+                (Scope::Pair, Some(a), Some(b)) => ValueOwner::Pair(a, b),
+                _ => ValueOwner::Shared,
             }
         };
         bodies.chain(self.parameters().flat_map(|p| p.labels.iter().map(move |l| of(p, l)))).collect()

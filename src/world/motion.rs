@@ -2,7 +2,7 @@
 
 use super::footprint::footprint;
 use super::model::{BODY_VALUES, MASS, Model};
-use crate::body::{Body, Matter, Wrench};
+use crate::body::{Body, BodyCorrection, Wrench};
 use crate::effects::program::Program;
 use crate::effects::{Hook, Hooks, Scalar};
 use crate::num::{Real, Vec2};
@@ -100,7 +100,7 @@ impl<T: Scalar> Laws<T> {
     pub fn new(model: &Model, flat: &[T]) -> Self {
         let (mut forces, mut pairs, mut pace) = (vec![], vec![], f64::INFINITY);
         let one = T::constant(1.0);
-        let mut matter = vec![Matter { mass: one, size: one }; model.bodies.len()];
+        let mut matter = vec![BodyCorrection { mass: one, size: one }; model.bodies.len()];
         for (active, entry, first) in model.active() {
             let hooks = T::hooks(entry);
             let values = |body| active.values_for(first, flat, body, body);
@@ -203,12 +203,12 @@ impl<T: Scalar> Laws<T> {
         for law in &self.forces {
             (law.hooks.force)(law.of(i), time, &body, &mut out);
         }
-        if out.excess.value() != 0.0 || !out.excess.is_constant() {
-            let factor = out.excess + 1.0;
-            out.grip *= factor;
-            out.rolling *= factor;
-            out.turning *= factor;
-            out.pivot *= factor;
+        if out.friction_excess.value() != 0.0 || !out.friction_excess.is_constant() {
+            let factor = out.friction_excess + 1.0;
+            out.friction_limit *= factor;
+            out.rolling_resistance *= factor;
+            out.rolling_torque *= factor;
+            out.spin_friction_limit *= factor;
         }
         out
     }
@@ -244,12 +244,12 @@ impl<T: Scalar> Laws<T> {
 
     /// Most force (N), and torque about z (N m), that dry friction takes of a body at rest.
     pub fn hold(&self, i: usize, w: &Wrench<T>) -> (f64, f64) {
-        let (grip, rolling) = (w.grip.value(), w.rolling.value());
+        let (grip, rolling) = (w.friction_limit.value(), w.rolling_resistance.value());
         if self.shapes[i].is_ball() {
             // Without grip it rests as a glider does.
             (if grip > 0.0 { rolling.min(3.5 * grip) } else { rolling }, f64::INFINITY)
         } else {
-            (grip, grip * self.shapes[i].bounding_radius() + w.pivot.value())
+            (grip, grip * self.shapes[i].bounding_radius() + w.spin_friction_limit.value())
         }
     }
 
@@ -286,20 +286,20 @@ impl<T: Scalar> Laws<T> {
         let mut force = w.force;
         let mut torque = w.torque;
         if k.spin.value() != 0.0 {
-            torque -= w.pivot * k.spin.value().signum();
+            torque -= w.spin_friction_limit * k.spin.value().signum();
         }
         let shape = &self.shapes[i];
         let Shape::Ball { radius } = *shape else {
-            if w.grip.value() > 0.0 {
+            if w.friction_limit.value() > 0.0 {
                 let growth = self.growth.get(i).copied();
                 let growth = match growth {
-                    None if w.foot.value() == 0.0 && !T::DIFFERENTIATES => None,
-                    None => Some(w.foot),
-                    Some(g) => Some(g + w.foot + g * w.foot),
+                    None if w.load_concentration.value() == 0.0 && !T::DIFFERENTIATES => None,
+                    None => Some(w.load_concentration),
+                    Some(g) => Some(g + w.load_concentration + g * w.load_concentration),
                 };
-                let (f, t) = footprint(shape, growth, w.rock, k);
-                force -= (f - f.perp() * w.skew) * w.grip;
-                torque -= (t - w.lever * f.norm()) * w.grip;
+                let (f, t) = footprint(shape, growth, w.diagonal_load, k);
+                force -= (f - f.perp() * w.friction_skew) * w.friction_limit;
+                torque -= (t - w.friction_arm * f.norm()) * w.friction_limit;
             }
             return Rates {
                 velocity: force * self.inverse_mass[i],
@@ -310,24 +310,24 @@ impl<T: Scalar> Laws<T> {
         let spin = torque * self.inverse_inertia[i];
         if mode == Mode::Roll {
             let velocity = force * (self.inverse_mass[i] * (5.0 / 7.0))
-                - k.velocity.unit() * (w.rolling * self.inverse_mass[i]);
+                - k.velocity.unit() * (w.rolling_resistance * self.inverse_mass[i]);
             return Rates { velocity, spin, roll: velocity.perp().scaled(1.0 / radius) };
         }
-        if w.grip.value() > 0.0 {
+        if w.friction_limit.value() > 0.0 {
             let slip = self.slip(i, k);
             // Where it is torn from rolling, its foot will slip along the force.
             let torn = slip.value().norm() <= REST_SPEED && tears(w);
-            let friction = -((if torn { force } else { slip }).unit() * w.grip);
+            let friction = -((if torn { force } else { slip }).unit() * w.friction_limit);
             let mut roll = friction.perp() * (-(self.inverse_inertia[i] * radius));
-            if w.turning.value() > 0.0 || T::DIFFERENTIATES {
+            if w.rolling_torque.value() > 0.0 || T::DIFFERENTIATES {
                 // A ball that does not turn yet is hindered from what its foot's friction begins.
                 let turn = k.roll + roll.unit() * T::constant(2.0 * SLOW_TURN);
                 let rate = (turn.norm_squared() + SLOW_TURN * SLOW_TURN).sqrt();
-                roll -= turn * (w.turning * self.inverse_inertia[i] / rate);
+                roll -= turn * (w.rolling_torque * self.inverse_inertia[i] / rate);
             }
             Rates { velocity: (force + friction) * self.inverse_mass[i], spin, roll }
         } else {
-            force -= k.velocity.unit() * w.rolling;
+            force -= k.velocity.unit() * w.rolling_resistance;
             Rates { velocity: force * self.inverse_mass[i], spin, roll: Vec2::zero() }
         }
     }
@@ -344,7 +344,7 @@ impl<T: Scalar> Laws<T> {
         let ball = self.shapes[i].is_ball();
         let until_zero =
             |size: T, slope: T| (size.value() > 0.0 && slope.value() < 0.0).then(|| -(size / slope));
-        let change = if ball && mode == Mode::Slide && w.grip.value() > 0.0 {
+        let change = if ball && mode == Mode::Slide && w.friction_limit.value() > 0.0 {
             let slip = self.slip(i, k);
             let slope = slip.unit().dot(r.velocity + r.roll.perp().scaled(self.shapes[i].bounding_radius()));
             if slip.value().norm() <= REST_SPEED {
@@ -352,7 +352,7 @@ impl<T: Scalar> Laws<T> {
             }
             until_zero(slip.norm(), slope).map(|t| (Change::StartRolling, t))
         } else {
-            if w.grip.value() <= 0.0 && w.rolling.value() <= 0.0 {
+            if w.friction_limit.value() <= 0.0 && w.rolling_resistance.value() <= 0.0 {
                 return None;
             }
             let lever = if ball { 0.0 } else { self.shapes[i].unit_inertia() };
@@ -367,7 +367,7 @@ impl<T: Scalar> Laws<T> {
             until_zero(size, slope).map(|t| (Change::Stop, t))
         };
         // What the footprint does to the spin fades with it; only a torque of its own ends it before the motion.
-        let pivots = (w.pivot * self.inverse_inertia[i]).value() > 0.5 * r.spin.value().abs();
+        let pivots = (w.spin_friction_limit * self.inverse_inertia[i]).value() > 0.5 * r.spin.value().abs();
         if pivots && k.spin.value() != 0.0 && k.velocity.value().norm() > REST_SPEED {
             let stop = until_zero(k.spin.abs(), r.spin * k.spin.value().signum());
             if let Some(t) = stop
@@ -461,7 +461,7 @@ impl<T: Real> Kinematics<T> {
 
 /// Whether a force is too strong for the grip of a ball's foot to keep the ball rolling.
 fn tears<T: Scalar>(w: &Wrench<T>) -> bool {
-    let grip = w.grip.value();
+    let grip = w.friction_limit.value();
     grip > 0.0 && 2.0 / 7.0 * w.force.value().norm() > grip
 }
 

@@ -2,7 +2,7 @@
 
 use super::model::Model;
 use super::motion::Kinematics;
-use crate::body::{Obstacle, Outline};
+use crate::body::{Obstacle, ObstacleShape};
 use crate::effects::{Hook, Scalar};
 use crate::num::{Real, Vec2, vec2};
 use crate::scene::Shape;
@@ -48,11 +48,11 @@ impl<T: Scalar> Static<T> {
 
     fn of(obstacle: Obstacle<T>, each: Vec<(T, T)>) -> Self {
         let (shape, place, growth) = match obstacle.outline {
-            Outline::HalfPlane { offset, angle } => {
+            ObstacleShape::HalfPlane { offset, angle } => {
                 let shape = Shape::Square { half_side: HALF_PLANE };
                 (shape, still(Vec2::from_angle(angle) * (offset - HALF_PLANE), angle), T::zero())
             }
-            Outline::Disc { center, radius } => {
+            ObstacleShape::Disc { center, radius } => {
                 let shape = Shape::Disc { radius: radius.value() };
                 (shape, still(center, T::zero()), (radius / radius.value()).infinitesimal())
             }

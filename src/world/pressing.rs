@@ -31,7 +31,7 @@ pub(super) struct Touching<T> {
 
 impl<T: Real> Touching<T> {
     pub fn new(a: usize, b: usize, law: &ContactLaw<T>) -> Self {
-        let &ContactLaw { friction, planar, .. } = law;
+        let &ContactLaw { friction, ignore_roll: planar, .. } = law;
         let forces = [(0.0, 0.0); 2];
         Touching { a, b, pressing: true, jams: false, friction, planar, forces, slides: [true; 2] }
     }

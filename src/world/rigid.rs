@@ -223,11 +223,11 @@ impl<T: Scalar> Run<'_, T> {
             torque += w[x].torque.value() + arm.cross(pull);
             // A ball that cannot roll is held as a box is.
             let (own, reach) = match shape.is_ball() {
-                true => (w[x].grip.value().max(w[x].rolling.value()), 0.0),
-                false => (w[x].grip.value(), shape.bounding_radius()),
+                true => (w[x].friction_limit.value().max(w[x].rolling_resistance.value()), 0.0),
+                false => (w[x].friction_limit.value(), shape.bounding_radius()),
             };
             grip += own;
-            most += own * (arm.norm() + reach) + w[x].pivot.value();
+            most += own * (arm.norm() + reach) + w[x].spin_friction_limit.value();
         }
         grip > 0.0 && force.norm() <= grip && torque.abs() <= most
     }
@@ -285,7 +285,7 @@ impl<T: Scalar> Run<'_, T> {
         w: &[Wrench<T>],
         r: &[Rates<T>],
     ) -> Option<(Change, T)> {
-        let dry = |w: &Wrench<T>| w.grip.value() > 0.0 || w.rolling.value() > 0.0;
+        let dry = |w: &Wrench<T>| w.friction_limit.value() > 0.0 || w.rolling_resistance.value() > 0.0;
         if self.cluster(j)?[0] != j || !w.iter().any(dry) {
             return None;
         }

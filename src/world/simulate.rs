@@ -25,14 +25,14 @@ const WAKING_STEP: f64 = 0.02;
 
 /// A limit on the work of one simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Limits {
+pub struct SimulationLimits {
     /// Events (impacts, stops) in one simulation.
     pub events: usize,
 }
 
-impl Default for Limits {
+impl Default for SimulationLimits {
     fn default() -> Self {
-        Limits { events: 20_000 }
+        SimulationLimits { events: 20_000 }
     }
 }
 
@@ -48,7 +48,12 @@ pub struct Rollout<T> {
 
 /// Simulates with the numbers `flat` (laid out as [`Model::flatten`]) and gives the states at `times` (s, increasing).
 /// Deterministic; a run in [`Jet`](crate::num::Jet) has the events of the run in `f64`.
-pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits) -> Rollout<T> {
+pub fn simulate<T: Scalar>(
+    model: &Model,
+    flat: &[T],
+    times: &[f64],
+    limits: &SimulationLimits,
+) -> Rollout<T> {
     let mut run = Run::new(model, flat, times, limits);
     let cuts = model.cuts();
     let end = times.last().copied().unwrap_or(0.0);
@@ -57,7 +62,7 @@ pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Li
         run.advance(now, cut);
         now = cut;
         run.enter(cut);
-        run.put_right(cut);
+        run.apply_corrections(cut);
     }
     run.advance(now, end);
     let steps = limits.events - run.budget;
@@ -66,7 +71,7 @@ pub fn simulate<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Li
 
 /// Simulates the model as it is. Deterministic: the same input gives the same bits.
 pub fn trace(model: &Model, times: &[f64]) -> Trace {
-    let rollout = simulate::<f64>(model, &model.flatten(), times, &Limits::default());
+    let rollout = simulate::<f64>(model, &model.flatten(), times, &SimulationLimits::default());
     let energy = |row: &Vec<Option<Kinematics<f64>>>| -> f64 {
         let each = row.iter().zip(&model.bodies);
         each.filter_map(|(k, b)| k.as_ref().map(|k| kinetic_energy(k, b))).sum()
@@ -169,7 +174,7 @@ pub(super) struct Run<'m, T: Scalar> {
 }
 
 impl<'m, T: Scalar> Run<'m, T> {
-    fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &Limits) -> Self {
+    fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &SimulationLimits) -> Self {
         let laws = Laws::new(model, flat);
         let contact_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Contact));
         let contact_effects = contact_effects.map(|(active, entry, first)| AtContact {

@@ -21,8 +21,8 @@ pub(super) fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model 
         }
         active
     });
-    let (effects, preset, walls, anchors) = (active.collect(), "test".into(), vec![], vec![]);
-    Model { preset, bodies, walls, effects, mass_sd: 0.5, spin_sd: 0.0, anchors }
+    let (effects, preset, walls, corrections) = (active.collect(), "test".into(), vec![], vec![]);
+    Model { preset, bodies, walls, effects, mass_sd: 0.5, spin_sd: 0.0, corrections }
 }
 
 pub(super) fn seconds(n: usize) -> Vec<f64> {
@@ -175,7 +175,7 @@ fn two_equal_elastic_balls_exchange_their_velocities_and_derivatives() {
     let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
     flat[3] = Jet::variable(1.0, 0);
     flat[12] = Jet::variable(0.0, 1);
-    let end = simulate(&m, &flat, &seconds(50), &Limits::default()).states.pop().expect("frames");
+    let end = simulate(&m, &flat, &seconds(50), &SimulationLimits::default()).states.pop().expect("frames");
     let v: Vec<Jet> = end.iter().map(|k| k.expect("present").velocity.x).collect();
     for (k, expected) in [(0, [0.0, 1.0]), (1, [1.0, 0.0])] {
         for (lane, expected) in expected.into_iter().enumerate() {
@@ -194,7 +194,7 @@ fn num_const(v: f64) -> Jet {
 pub(super) fn derivatives_agree(m: &Model, times: &[f64]) -> (usize, usize, String) {
     let base = m.flatten();
     let (mut good, mut all, mut worst) = (0, 0, String::new());
-    let limits = Limits::default();
+    let limits = SimulationLimits::default();
     for first in (0..base.len()).step_by(LANES) {
         let lanes = first..(first + LANES).min(base.len());
         let flat: Vec<Jet> = base
@@ -279,7 +279,7 @@ fn a_ball_that_begins_without_slip_rolls_on_and_knows_what_its_spin_does() {
     let (m, radius) = (shot(vec2(-1.0, 0.0), vec2(0.0, -1.0), 0.0, [0.0; 4]), 0.03);
     let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
     flat[7] = Jet::variable(-1.0 / radius, 0);
-    let end = simulate(&m, &flat, &seconds(5), &Limits::default()).states.pop().expect("frames");
+    let end = simulate(&m, &flat, &seconds(5), &SimulationLimits::default()).states.pop().expect("frames");
     let v = end[0].expect("present").velocity.x;
     // v = (5 v0 + 2 r roll) / 7 once it rolls.
     assert!((v.derivative(0) - 2.0 / 7.0 * radius).abs() < 1e-6, "{v:?}");
@@ -376,7 +376,7 @@ fn the_same_model_gives_the_same_bits_and_jets_see_the_same_events() {
     );
     assert_eq!(trace(&m, &seconds(80)), trace(&m, &seconds(80)));
     let flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
-    let jet = simulate(&m, &flat, &seconds(80), &Limits::default());
+    let jet = simulate(&m, &flat, &seconds(80), &SimulationLimits::default());
     assert_eq!(jet.events, trace(&m, &seconds(80)).events);
 }
 
@@ -432,7 +432,7 @@ fn placed(entry: &EffectEntry, amplitude: f64) -> Vec<f64> {
 
 /// Positions that the camera reports at the end, and the derivatives by the numbers from `first` on.
 fn ends(m: &Model, flat: &[Jet], n: usize) -> Vec<Jet> {
-    let rollout = film(m, flat, &seconds(n), &Limits::default());
+    let rollout = simulate_observed(m, flat, &seconds(n), &SimulationLimits::default());
     let last = rollout.states.last().expect("frames");
     last.iter().flatten().flat_map(|k| [k.position.x, k.position.y]).collect()
 }
@@ -451,7 +451,7 @@ fn an_effect_at_zero_changes_no_bit() {
     let steady = |e: &EffectEntry| (f64::hooks(e).pace)(&placed(e, 0.0)).is_infinite() && !e.uses(Hook::Pair);
     for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name) && steady(e)) {
         let (m, times) = (meeting(entry, &placed(entry, 0.0)), seconds(60));
-        let rolled = |m: &Model| film(m, &m.flatten(), &times, &Limits::default());
+        let rolled = |m: &Model| simulate_observed(m, &m.flatten(), &times, &SimulationLimits::default());
         let with = rolled(&m);
         let without = rolled(&Model { effects: m.effects[..m.effects.len() - 1].to_vec(), ..m });
         assert_eq!(format!("{:?}", with.states), format!("{:?}", without.states), "{}", entry.spec.name);

@@ -10,7 +10,7 @@ use super::scene_problem::{Horizon, LIMITS, ResidualId, SceneProblem, SimulatedS
 use super::search_parameter::SearchParameter;
 use crate::effects::Scalar;
 use crate::num::{Differential, Jet, JetF32, LANES, NormalEquations, Stop};
-use crate::world::{Event, Owner, Rollout, film};
+use crate::world::{Event, ValueOwner, Rollout, simulate_observed};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -85,7 +85,7 @@ impl SceneProblem<'_> {
             jets[slot] = jets[slot].with_derivative(lane.number - first, slope);
             count = count.max(lane.number - first + 1);
         }
-        let run = film(&self.model, &jets, self.times(horizon), &LIMITS);
+        let run = simulate_observed(&self.model, &jets, self.times(horizon), &LIMITS);
         // Derivatives count the same in either precision, so that a search ends at the same budget.
         self.count_steps(&run, PASS_COST * (J::LANES / LANES) as u64);
         let (mut rows, mut derivatives) = (vec![], vec![]);
@@ -175,9 +175,9 @@ impl SceneProblem<'_> {
         let met = |a, b| meetings.iter().any(|&m| m == (a, b) || m == (b, a));
         let component = |s: usize| match owners[self.slots[s].0] {
             _ if !wanted(self.slots[s].1) => None,
-            Owner::Body(a) => Some(Some(components[a])),
-            Owner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
-            Owner::Shared => Some(None),
+            ValueOwner::Body(a) => Some(Some(components[a])),
+            ValueOwner::Pair(a, b) => met(a, b).then(|| Some(components[a])),
+            ValueOwner::Shared => Some(None),
         };
         let mut lanes = vec![];
         let mut shared = 0;
@@ -189,9 +189,9 @@ impl SceneProblem<'_> {
         }
         // Body by body: a body without a lane in a pass is simulated without derivatives until it meets one that has some.
         let body = |slot: usize| match owners[slot] {
-            Owner::Body(a) => a,
-            Owner::Pair(a, b) => a.max(b),
-            Owner::Shared => 0,
+            ValueOwner::Body(a) => a,
+            ValueOwner::Pair(a, b) => a.max(b),
+            ValueOwner::Shared => 0,
         };
         let mut order: Vec<usize> = (0..self.slots.len()).collect();
         order.sort_by_key(|&s| body(self.slots[s].0));

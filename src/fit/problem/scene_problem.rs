@@ -4,11 +4,11 @@ use super::super::noise::{Noise, Whitener};
 use super::search_parameter::{SearchParameter, Slot};
 use crate::num::wrap_angle;
 use crate::scene::{Sample, Scene};
-use crate::world::{Ending, Limits, Model, Rollout, film};
+use crate::world::{Ending, SimulationLimits, Model, Rollout, simulate_observed};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A video needs far fewer events; a trial point that wants more is not worth its time.
-pub(super) const LIMITS: Limits = Limits { events: 3_000 };
+pub(super) const LIMITS: SimulationLimits = SimulationLimits { events: 3_000 };
 
 /// Simulation steps of one search, for each video: some twenty times what a video of ten colliding objects takes. A short video
 /// has its share by the frame.
@@ -99,7 +99,7 @@ impl<'a> SceneProblem<'a> {
 
     pub fn rollout(&self, parameters: &[SearchParameter], point: &[f64], horizon: Horizon) -> Rollout<f64> {
         let values = self.values(parameters, point);
-        let rollout = film(&self.model, &values, self.times(horizon), &LIMITS);
+        let rollout = simulate_observed(&self.model, &values, self.times(horizon), &LIMITS);
         self.count_steps(&rollout, 1);
         rollout
     }

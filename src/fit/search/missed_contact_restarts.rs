@@ -2,7 +2,7 @@
 //! the simulation. A missed contact has no gradient, so the search restarts from a point where the two touch.
 
 use super::divergence::Divergence;
-use crate::world::{BODY_VALUES, Event, Outline, gap};
+use crate::world::{BODY_VALUES, Event, PlacedShape, gap};
 
 /// Frames around the divergence in which the contact may have been missed.
 const AROUND: usize = 8;
@@ -34,7 +34,7 @@ fn touching_point(point: &[f64], divergence: &Divergence) -> Option<Vec<f64>> {
             let row = rollout.states.get(frame)?;
             let [a, b] = [body, other].map(|k| {
                 let (simulated, measured) = (row.get(k)?.as_ref()?, scene.scene.tracks[k].at(frame)?);
-                let outline = |position| Outline { position, yaw: simulated.yaw, shape: &bodies[k].shape };
+                let outline = |position| PlacedShape { position, yaw: simulated.yaw, shape: &bodies[k].shape };
                 Some([measured.position, simulated.position].map(outline))
             });
             let ([measured_a, a], [measured_b, b]) = (a?, b?);

@@ -1,8 +1,8 @@
 //! Accelerations that a model gives to bodies in free motion, without simulating: what a fit of forces compares.
 
-use super::film::Views;
 use super::model::Model;
 use super::motion::{Kinematics, Laws, Mode};
+use super::observation::ObservationModel;
 use super::simulate::Few;
 use crate::body::Wrench;
 use crate::effects::program::Push;
@@ -19,27 +19,27 @@ pub struct Snapshot {
 }
 
 /// A model at some numbers: what bodies do in free motion, nobody touching anybody, and where they are seen.
-pub struct Field<'m> {
+pub struct AccelerationField<'m> {
     model: &'m Model,
     laws: Laws<f64>,
-    views: Views,
+    views: ObservationModel,
 }
 
 /// What formulas do at the numbers of a field.
-pub struct Written<'f, 'm> {
-    of: &'f Field<'m>,
+pub struct FormulaForces<'f, 'm> {
+    of: &'f AccelerationField<'m>,
     /// By body, in the order of the instants in which it is.
     pushes: Vec<Vec<Push>>,
 }
 
-impl<'m> Field<'m> {
+impl<'m> AccelerationField<'m> {
     /// Under the numbers `flat` ([`Model::flatten`]).
     pub fn new(model: &'m Model, flat: &[f64]) -> Self {
-        Field { model, laws: Laws::new(model, flat), views: Views::new(model, flat) }
+        AccelerationField { model, laws: Laws::new(model, flat), views: ObservationModel::new(model, flat) }
     }
 
     /// By index, the bodies that may accelerate otherwise, or be seen elsewhere, than in `other`, which is of the same model.
-    pub fn differs(&self, other: &Field) -> Vec<bool> {
+    pub fn differs(&self, other: &AccelerationField) -> Vec<bool> {
         let same = |i: usize| self.laws.same(&other.laws, i) && self.views.same(&other.views, i);
         // What bodies do to each other moves all of them.
         let pulls = !self.laws.same_pairs(&other.laws);
@@ -47,9 +47,9 @@ impl<'m> Field<'m> {
     }
 
     /// What formulas do to each body of the instants, for other numbers of the rest.
-    pub fn written<'f>(&'f self, instants: &[Snapshot]) -> Written<'f, 'm> {
+    pub fn formula_forces<'f>(&'f self, instants: &[Snapshot]) -> FormulaForces<'f, 'm> {
         let all = (0..self.model.bodies.len()).map(|i| self.written_on(i, instants));
-        Written { of: self, pushes: all.collect() }
+        FormulaForces { of: self, pushes: all.collect() }
     }
 
     /// To body `i` in those of the instants in which it is; empty without formulas.
@@ -67,7 +67,7 @@ impl<'m> Field<'m> {
         &self,
         instants: &[Snapshot],
         which: Option<&[bool]>,
-        known: Option<&Written>,
+        known: Option<&FormulaForces>,
     ) -> Vec<Vec2> {
         let laws = &self.laws;
         let wanted = |i: usize| which.is_none_or(|which| which[i]);
@@ -109,8 +109,8 @@ impl<'m> Field<'m> {
     }
 
     /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
-    pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
-        self.views.undone(i, seen, yaw)
+    pub fn true_position(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
+        self.views.true_position(i, seen, yaw)
     }
 }
 
@@ -143,7 +143,7 @@ mod tests {
             p.labels.iter().zip(&mut p.values).filter(|(l, _)| *l == "rubber").for_each(|(_, v)| *v *= 2.0);
         }
         let to = rougher.flatten();
-        let [before, after] = [&flat, &to].map(|flat| Field::new(&model, flat));
+        let [before, after] = [&flat, &to].map(|flat| AccelerationField::new(&model, flat));
         assert_eq!(after.differs(&before), rubber);
         let before = before.accelerations(&instants, None, None);
         let (all, some) =
@@ -158,8 +158,8 @@ mod tests {
         model.effects.push(formula);
         let (flat, to) = (model.flatten(), [&to[..], &[0.3]].concat());
         let other = to.iter().map(|v| if *v == 0.3 { 0.4 } else { *v }).collect::<Vec<_>>();
-        let [before, after, other] = [&flat, &to, &other].map(|flat| Field::new(&model, flat));
-        let known = before.written(&instants);
+        let [before, after, other] = [&flat, &to, &other].map(|flat| AccelerationField::new(&model, flat));
+        let known = before.formula_forces(&instants);
         for field in [&after, &other] {
             let anew = field.accelerations(&instants, None, None);
             assert_eq!(field.accelerations(&instants, None, Some(&known)), anew);
@@ -171,6 +171,11 @@ mod tests {
         model.effects.push(ActiveEffect::new(&pulls.spec, &model.bodies));
         let (flat, mut to) = (model.flatten(), model.flatten());
         *to.last_mut().expect("numbers") += 0.1;
-        assert!(Field::new(&model, &to).differs(&Field::new(&model, &flat)).iter().all(|a| *a));
+        assert!(
+            AccelerationField::new(&model, &to)
+                .differs(&AccelerationField::new(&model, &flat))
+                .iter()
+                .all(|a| *a)
+        );
     }
 }

@@ -2,13 +2,13 @@
 
 use super::model::{BODY_VALUES, Model};
 use super::motion::Kinematics;
-use super::simulate::{Limits, Rollout, simulate};
+use super::simulate::{Rollout, SimulationLimits, simulate};
 use super::trace::Trace;
-use crate::body::View;
+use crate::body::Observation;
 use crate::effects::{Hook, Hooks, ObserveFn, Scalar};
 use crate::num::{Real, Vec2, vec2};
 
-/// Newton's steps by which a view is undone, and the step of their differences (m).
+/// Newton's steps by which a view is true_position, and the step of their differences (m).
 const UNDOING: usize = 16;
 const STEP: f64 = 1e-5;
 /// A place that is seen so near to where it should be is found (m).
@@ -16,7 +16,12 @@ const NEAR: f64 = 1e-9;
 
 /// Simulates as [`simulate`] does and gives what the camera reports at the film's `times` (s): positions and yaws are
 /// the seen ones. Without effects of the camera it is the simulation.
-pub fn film<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits) -> Rollout<T> {
+pub fn simulate_observed<T: Scalar>(
+    model: &Model,
+    flat: &[T],
+    times: &[f64],
+    limits: &SimulationLimits,
+) -> Rollout<T> {
     let of = |hook| model.active().filter(move |(_, entry, _)| entry.uses(hook));
     let Some(any) = model.bodies.first() else { return simulate(model, flat, times, limits) };
     let clocks: Vec<_> = of(Hook::Clock)
@@ -26,7 +31,7 @@ pub fn film<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits
         [] => simulate(model, flat, times, limits),
         _ => with_clock(model, flat, times, limits, &clocks),
     };
-    let views = Views::new(model, flat);
+    let views = ObservationModel::new(model, flat);
     if !views.are_true() {
         for (i, k) in rollout.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
             let Some(k) = k else { continue };
@@ -38,12 +43,12 @@ pub fn film<T: Scalar>(model: &Model, flat: &[T], times: &[f64], limits: &Limits
 }
 
 /// How the camera of a model sees each body.
-pub struct Views<T = f64> {
+pub struct ObservationModel<T = f64> {
     /// By body; most have none.
     of: Vec<Vec<(ObserveFn<T>, Vec<T>)>>,
 }
 
-impl<T: Scalar> Views<T> {
+impl<T: Scalar> ObservationModel<T> {
     /// Under the numbers `flat` ([`Model::flatten`]).
     pub fn new(model: &Model, flat: &[T]) -> Self {
         let mut of = vec![vec![]; model.bodies.len()];
@@ -52,7 +57,7 @@ impl<T: Scalar> Views<T> {
                 views.push((T::hooks(entry).observe, active.values_for(first, flat, body, body)));
             }
         }
-        Views { of }
+        ObservationModel { of }
     }
 
     /// Whether bodies are seen where they are.
@@ -61,16 +66,16 @@ impl<T: Scalar> Views<T> {
     }
 
     /// What the camera reports of body `i` at this place (m) with this yaw (rad).
-    fn seen(&self, i: usize, position: Vec2<T>, yaw: T) -> View<T> {
-        let mut view = View { position, yaw };
+    fn seen(&self, i: usize, position: Vec2<T>, yaw: T) -> Observation<T> {
+        let mut view = Observation { position, yaw };
         self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
         view
     }
 }
 
-impl Views {
+impl ObservationModel {
     /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
-    pub fn undone(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
+    pub fn true_position(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
         let mut place = seen;
         if self.of[i].is_empty() {
             return place;
@@ -97,8 +102,8 @@ impl Views {
 
 impl Trace {
     /// With places and yaws as the camera of the model reports them, to be compared with what it did.
-    pub fn as_seen(mut self, model: &Model) -> Self {
-        let views = Views::new(model, &model.flatten());
+    pub fn as_observed(mut self, model: &Model) -> Self {
+        let views = ObservationModel::new(model, &model.flatten());
         if views.are_true() {
             return self;
         }
@@ -117,7 +122,7 @@ fn with_clock<T: Scalar>(
     model: &Model,
     flat: &[T],
     times: &[f64],
-    limits: &Limits,
+    limits: &SimulationLimits,
     clocks: &[(&Hooks<T>, Vec<T>)],
 ) -> Rollout<T> {
     let shift = |t: f64| clocks.iter().fold(T::zero(), |sum, (hooks, p)| sum + (hooks.clock)(p, t));
@@ -163,8 +168,10 @@ mod tests {
     fn a_trace_as_seen_is_the_film() {
         let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(1.0, 0.4), vec2(0.5, -0.1))];
         let model = model(bodies, &[("wrong_scale", &[0.06]), ("off_centre_marker", &[0.03, 0.01])]);
-        let seen = trace(&model, &seconds(2)).as_seen(&model).states;
-        let filmed = film::<f64>(&model, &model.flatten(), &seconds(2), &Limits::default()).states;
+        let seen = trace(&model, &seconds(2)).as_observed(&model).states;
+        let filmed =
+            simulate_observed::<f64>(&model, &model.flatten(), &seconds(2), &SimulationLimits::default())
+                .states;
         for (a, b) in seen.iter().flatten().zip(filmed.iter().flatten()) {
             let places = [a.map(|a| (a.position, a.yaw)), b.map(|b| (b.position, b.yaw))];
             assert!(places[0].is_some() && places[0] == places[1], "{places:?}");
@@ -179,11 +186,11 @@ mod tests {
             let laws: &[(&str, &[f64])] =
                 &[("off_centre_marker", &[arm, 0.05]), ("tilted_camera", &[tilt, 0.02]), ("wrong_scale", &[scale])];
             let model = model(vec![body(0, Shape::Square { half_side: 0.2 }, vec2(0.0, 0.0), vec2(0.0, 0.0))], laws);
-            let views = Views::new(&model, &model.flatten());
+            let views = ObservationModel::new(&model, &model.flatten());
             let place = vec2(x, y);
             let seen = views.seen(0, place, yaw).position;
             prop_assert!((seen - place).norm() > 1e-3);
-            prop_assert!((views.undone(0, seen, yaw) - place).norm() < 1e-6);
+            prop_assert!((views.true_position(0, seen, yaw) - place).norm() < 1e-6);
         }
     }
 }
