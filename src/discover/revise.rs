@@ -6,7 +6,7 @@ use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::fit::{self, Fit, FitError, FitOptions, Posterior, SceneFit, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{SimulationLimits, Model, simulate_observed};
+use crate::world::{Model, SimulationLimits, simulate_observed};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -503,7 +503,8 @@ fn follows<'f>(shown: &Scene, fitted: &'f SceneFit) -> Option<&'f Model> {
 fn errors(scenes: &[Scene], shown: &[Scene], fitted: &Fit) -> Vec<HeldOut> {
     let one = |((scene, part), fitted): ((&Scene, &Scene), &SceneFit)| {
         let model = &fitted.model;
-        let rollout = simulate_observed::<f64>(model, &model.flatten(), &scene.times, &SimulationLimits::default());
+        let rollout =
+            simulate_observed::<f64>(model, &model.flatten(), &scene.times, &SimulationLimits::default());
         let mut sum = HeldOut::default();
         for (body, (track, seen)) in scene.tracks.iter().zip(&part.tracks).enumerate() {
             if seen.samples.len() < FEWEST {

@@ -7,7 +7,7 @@ use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, levenberg_marquardt};
 use crate::scene::Scene;
-use crate::world::{AccelerationField, Kinematics, Model, Snapshot, FormulaForces};
+use crate::world::{AccelerationField, FormulaForces, Kinematics, Model, Snapshot};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -271,7 +271,8 @@ impl<'a> WeakFormRegression<'a> {
     ) -> DMatrix<f64> {
         let mut jacobian = DMatrix::zeros(residual.len(), free.len());
         let flats = flats(models, free, values);
-        let fields: Vec<AccelerationField> = models.iter().zip(&flats).map(|(m, flat)| AccelerationField::new(m, flat)).collect();
+        let fields: Vec<AccelerationField> =
+            models.iter().zip(&flats).map(|(m, flat)| AccelerationField::new(m, flat)).collect();
         let seen = fields.iter().zip(&self.instants).enumerate();
         let written = seen.map(|(k, (field, at))| counted.contains(&k).then(|| field.formula_forces(at)));
         let written: Vec<Option<FormulaForces>> = written.collect();
@@ -494,7 +495,11 @@ impl LeastSquares for WeakFormProblem<'_, '_> {
         let mut residual = self.residual.clone();
         let at = flats(self.models, self.free, point);
         for &scene in &self.counted {
-            self.lens.write_scene(scene, &AccelerationField::new(&self.models[scene], &at[scene]), &mut residual);
+            self.lens.write_scene(
+                scene,
+                &AccelerationField::new(&self.models[scene], &at[scene]),
+                &mut residual,
+            );
         }
         Some((self.lens.cost(&residual, self.free, point, self.without), residual))
     }

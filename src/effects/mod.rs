@@ -49,7 +49,7 @@ pub use contact_distance::MOST_MARGIN;
 pub use report::{Quantity, joined};
 pub use seed::{Region, Seed, Seeds};
 
-use crate::body::{Body, Contact, ContactLaw, BodyCorrection, Obstacle, Observation, Wrench};
+use crate::body::{Body, BodyCorrection, Contact, ContactLaw, Observation, Obstacle, Wrench};
 use crate::num::{Jet, JetF32, Real, Vec2};
 
 /// Every effect there is. A new one is its file and a line here.

@@ -14,7 +14,7 @@ use super::SceneFit;
 use super::noise::Noise;
 use crate::num::{Vec2, vec2, wrap_angle};
 use crate::scene::Scene;
-use crate::world::{StateCorrection, EventKind, State, Trace, ObservationModel};
+use crate::world::{EventKind, ObservationModel, State, StateCorrection, Trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};

@@ -6,7 +6,7 @@ use super::*;
 use crate::effects::effect;
 use crate::num::{Stopped, Vec2, never, vec2};
 use crate::scene::{Covariance, Object, Sample, Scene, Shape, Track, WorldKind};
-use crate::world::{ActiveEffect, Model, ValueOwner, Preset, trace};
+use crate::world::{ActiveEffect, Model, Preset, ValueOwner, trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};

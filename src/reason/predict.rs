@@ -15,7 +15,7 @@ use super::ReasonError;
 use crate::fit::{Fit, StateDiscrepancy, state_discrepancy};
 use crate::num::Stop;
 use crate::scene::{Camera, Scene};
-use crate::world::{StateCorrection, Ending, Event, EventKind, Intervention, Model, State, Trace, trace};
+use crate::world::{Ending, Event, EventKind, Intervention, Model, State, StateCorrection, Trace, trace};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

@@ -1,15 +1,16 @@
-//! Accelerations that a model gives to bodies in free motion, without simulating: what a fit of forces compares.
+//! Accelerations that a model predicts for bodies in free motion, without simulation. Fits of force laws compare them.
 
-use super::model::Model;
-use super::motion::{Kinematics, Laws, Mode};
-use super::observation::ObservationModel;
-use super::simulate::Few;
 use crate::body::Wrench;
 use crate::effects::program::Push;
 use crate::num::Vec2;
+use crate::world::model::Model;
+use crate::world::motion::dynamics::Dynamics;
+use crate::world::motion::ground_friction::Mode;
+use crate::world::motion::kinematics::{IslandVec, Kinematics};
+use crate::world::observation::ObservationModel;
 use std::borrow::Cow;
 
-/// Where some bodies were at one instant.
+/// The motion of some bodies at one instant.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
     /// s.
@@ -18,69 +19,75 @@ pub struct Snapshot {
     pub bodies: Vec<(usize, Kinematics<f64>)>,
 }
 
-/// A model at some numbers: what bodies do in free motion, nobody touching anybody, and where they are seen.
+/// A model at given values: accelerations of bodies without contacts, and the observation of their positions.
 pub struct AccelerationField<'m> {
     model: &'m Model,
-    laws: Laws<f64>,
-    views: ObservationModel,
+    dynamics: Dynamics<f64>,
+    observation: ObservationModel,
 }
 
-/// What formulas do at the numbers of a field.
+/// Forces of the formulas at the values of a field.
 pub struct FormulaForces<'f, 'm> {
     of: &'f AccelerationField<'m>,
-    /// By body, in the order of the instants in which it is.
+    /// By body, in the order of the instants that contain it.
     pushes: Vec<Vec<Push>>,
 }
 
 impl<'m> AccelerationField<'m> {
     /// Under the numbers `flat` ([`Model::flatten`]).
     pub fn new(model: &'m Model, flat: &[f64]) -> Self {
-        AccelerationField { model, laws: Laws::new(model, flat), views: ObservationModel::new(model, flat) }
+        AccelerationField {
+            model,
+            dynamics: Dynamics::new(model, flat),
+            observation: ObservationModel::new(model, flat),
+        }
     }
 
-    /// By index, the bodies that may accelerate otherwise, or be seen elsewhere, than in `other`, which is of the same model.
+    /// For each body, whether its acceleration or observation may differ from that in `other`, which is of the same model.
     pub fn differs(&self, other: &AccelerationField) -> Vec<bool> {
-        let same = |i: usize| self.laws.same(&other.laws, i) && self.views.same(&other.views, i);
-        // What bodies do to each other moves all of them.
-        let pulls = !self.laws.same_pairs(&other.laws);
+        let same = |i: usize| {
+            self.dynamics.same_forces(&other.dynamics, i) && self.observation.same(&other.observation, i)
+        };
+        // A pair force moves all bodies.
+        let pulls = !self.dynamics.same_pairs(&other.dynamics);
         (0..self.model.bodies.len()).map(|i| pulls || !same(i)).collect()
     }
 
-    /// What formulas do to each body of the instants, for other numbers of the rest.
+    /// Forces of the formulas on each body of the instants, for other values of the remaining parameters.
     pub fn formula_forces<'f>(&'f self, instants: &[Snapshot]) -> FormulaForces<'f, 'm> {
-        let all = (0..self.model.bodies.len()).map(|i| self.written_on(i, instants));
+        let all = (0..self.model.bodies.len()).map(|i| self.formula_forces_on(i, instants));
         FormulaForces { of: self, pushes: all.collect() }
     }
 
-    /// To body `i` in those of the instants in which it is; empty without formulas.
-    fn written_on(&self, i: usize, instants: &[Snapshot]) -> Vec<Push> {
-        if !self.laws.has_formulas() {
+    /// On body `i`, at the instants that contain it; empty without formulas.
+    fn formula_forces_on(&self, i: usize, instants: &[Snapshot]) -> Vec<Push> {
+        if !self.dynamics.has_formulas() {
             return vec![];
         }
         let here = |s: &Snapshot| s.bodies.iter().find(|b| b.0 == i).map(|b| (s.time, b.1));
-        self.laws.written(i, &instants.iter().filter_map(here).collect::<Vec<_>>())
+        self.dynamics.formula_forces(i, &instants.iter().filter_map(here).collect::<Vec<_>>())
     }
 
-    /// Acceleration (m/s^2) of each body of each instant, one after the other. Balls that begin to roll are taken to roll. Those of
-    /// bodies that are not in `which` are zero. What formulas do there at the same numbers may be `known`.
+    /// Acceleration (m/s^2) of each body of each instant, in order; zero for bodies that are not in `which`. Balls whose start rolls are
+    /// taken to roll. `known` may hold the forces of the formulas at the same instants.
     pub fn accelerations(
         &self,
         instants: &[Snapshot],
         which: Option<&[bool]>,
         known: Option<&FormulaForces>,
     ) -> Vec<Vec2> {
-        let laws = &self.laws;
+        let dynamics = &self.dynamics;
         let wanted = |i: usize| which.is_none_or(|which| which[i]);
-        let written = |i: usize| match known {
+        let forces = |i: usize| match known {
             _ if !wanted(i) => Cow::default(),
-            Some(known) if laws.same_written(&known.of.laws, i) => Cow::from(&known.pushes[i]),
-            _ => Cow::from(self.written_on(i, instants)),
+            Some(known) if dynamics.same_formulas(&known.of.dynamics, i) => Cow::from(&known.pushes[i]),
+            _ => Cow::from(self.formula_forces_on(i, instants)),
         };
-        let written: Vec<Cow<[Push]>> = (0..self.model.bodies.len()).map(written).collect();
-        let mut written: Vec<_> = written.iter().map(|pushes| pushes.iter()).collect();
+        let forces: Vec<Cow<[Push]>> = (0..self.model.bodies.len()).map(forces).collect();
+        let mut forces: Vec<_> = forces.iter().map(|pushes| pushes.iter()).collect();
         let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
             let rolls = self.model.bodies[i].start.rolling;
-            laws.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
+            dynamics.rates(i, k, if rolls { Mode::Roll } else { Mode::Slide }, w).velocity
         };
         let mut all = Vec::with_capacity(instants.iter().map(|s| s.bodies.len()).sum());
         for Snapshot { time, bodies } in instants {
@@ -88,17 +95,17 @@ impl<'m> AccelerationField<'m> {
                 if !wanted(i) {
                     return Wrench::zero();
                 }
-                let mut out = laws.of_library(i, k, *time);
-                if let Some((force, torque)) = written[i].next() {
+                let mut out = dynamics.library_wrench(i, k, *time);
+                if let Some((force, torque)) = forces[i].next() {
                     out.force += *force;
                     out.torque += *torque;
                 }
                 out
             };
-            let mut wrenches: Few<Wrench<f64>> = bodies.iter().map(wrench).collect();
-            if laws.has_pair_forces() {
+            let mut wrenches: IslandVec<Wrench<f64>> = bodies.iter().map(wrench).collect();
+            if dynamics.has_pair_forces() {
                 let (members, motions): (Vec<usize>, Vec<Kinematics<f64>>) = bodies.iter().copied().unzip();
-                laws.add_pair_forces(&members, &motions, &mut wrenches);
+                dynamics.add_pair_forces(&members, &motions, &mut wrenches);
             }
             all.extend(bodies.iter().zip(&wrenches).map(|((i, k), w)| match wanted(*i) {
                 true => rate(*i, k, w),
@@ -108,9 +115,9 @@ impl<'m> AccelerationField<'m> {
         all
     }
 
-    /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
-    pub fn true_position(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
-        self.views.true_position(i, seen, yaw)
+    /// Position of body `i` (m) that the camera reports as `observed` (m), at this yaw (rad).
+    pub fn true_position(&self, i: usize, observed: Vec2, yaw: f64) -> Vec2 {
+        self.observation.true_position(i, observed, yaw)
     }
 }
 
@@ -122,7 +129,7 @@ mod tests {
     use crate::world::{ActiveEffect, Preset};
 
     #[test]
-    fn a_number_moves_the_bodies_that_it_reaches() {
+    fn a_parameter_changes_only_the_bodies_to_which_it_applies() {
         let text = include_str!("../../tests/data/effects/bullet_coriolis_medium/scene_00/observed.json");
         let scene = crate::scene::parse("coriolis", text).expect("a scene");
         let mut model = Preset::named("table_glide").expect("a preset").model(&scene);
@@ -152,21 +159,21 @@ mod tests {
             assert_eq!(all[i] != before[i], *rubber);
             assert_eq!(some[i], if *rubber { all[i] } else { Vec2::zero() });
         }
-        // What formulas do need not be found anew where their numbers are as they were.
-        let formula = Formula::new("let k = 0.3; fx = -k*x*vx; torque = k*t", vec![]).expect("it is one");
-        let formula = ActiveEffect::of_formula("drag", formula, &model.bodies).expect("it is one");
+        // Known forces of formulas are used only where their values have not changed.
+        let formula = Formula::new("let k = 0.3; fx = -k*x*vx; torque = k*t", vec![]).expect("a formula");
+        let formula = ActiveEffect::of_formula("drag", formula, &model.bodies).expect("a formula");
         model.effects.push(formula);
         let (flat, to) = (model.flatten(), [&to[..], &[0.3]].concat());
         let other = to.iter().map(|v| if *v == 0.3 { 0.4 } else { *v }).collect::<Vec<_>>();
         let [before, after, other] = [&flat, &to, &other].map(|flat| AccelerationField::new(&model, flat));
         let known = before.formula_forces(&instants);
         for field in [&after, &other] {
-            let anew = field.accelerations(&instants, None, None);
-            assert_eq!(field.accelerations(&instants, None, Some(&known)), anew);
-            assert_ne!(before.accelerations(&instants, None, None), anew);
+            let fresh = field.accelerations(&instants, None, None);
+            assert_eq!(field.accelerations(&instants, None, Some(&known)), fresh);
+            assert_ne!(before.accelerations(&instants, None, None), fresh);
         }
         assert!(after.accelerations(&instants, None, None) != other.accelerations(&instants, None, None));
-        // Bodies that pull at each other feel what befalls any of them.
+        // With pair forces every body depends on all values.
         let pulls = crate::effects::effect("pair_attraction").expect("an effect");
         model.effects.push(ActiveEffect::new(&pulls.spec, &model.bodies));
         let (flat, mut to) = (model.flatten(), model.flatten());

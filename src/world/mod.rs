@@ -1,41 +1,28 @@
-//! The model and its simulation: bodies under effects, exact contacts, a trace of what happened.
+//! The model and its simulation: bodies under effects, exact contacts, a trace of states and events.
+//!
+//! The folders build on each other in this order: [`model`] and [`trace`] (data), `motion` (single bodies), `contact` (pairs of
+//! bodies), `simulation` (the state of a run and its events). [`simulate`] drives a run; [`observation`] adds the camera.
 
 mod acceleration_field;
-mod agenda;
-mod anchor;
-mod blow;
-mod encounter;
-mod flight;
-mod footprint;
-mod geometry;
-mod grid;
-mod group;
-mod impact;
-mod intervene;
-mod jam;
+mod contact;
+mod intervention;
 mod model;
 mod motion;
 mod observation;
-mod obstacle;
-mod pairs;
 mod preset;
-mod pressing;
-mod pressure;
-mod rigid;
 mod shared_values;
 mod simulate;
+mod simulation;
 mod trace;
-mod written;
 
 pub use acceleration_field::{AccelerationField, FormulaForces, Snapshot};
-pub use anchor::StateCorrection;
-pub use geometry::{PlacedShape, gap};
-pub use intervene::{Intervention, InterventionError};
+pub use contact::geometry::{PlacedShape, gap};
+pub use intervention::{Intervention, InterventionError};
 pub use model::{
     ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Parameter, Prior, SPINS, Start,
-    ValueOwner, Wall,
+    StateCorrection, ValueOwner, Wall,
 };
-pub use motion::Kinematics;
+pub use motion::kinematics::Kinematics;
 pub use observation::{ObservationModel, simulate_observed};
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Rollout, SimulationLimits, simulate, trace};

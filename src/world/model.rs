@@ -1,11 +1,10 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
-use super::anchor::StateCorrection;
-use super::trace::State;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EffectEntry, EffectSpec, Hook, ParamSpec, Scope, effect};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
+use crate::world::trace::State;
 use serde::{Deserialize, Serialize};
 use smallvec::SmallVec;
 use std::fmt;
@@ -13,18 +12,18 @@ use std::fmt;
 /// A physical model of one scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// Name of the preset it began as.
+    /// Name of the preset from which it was made.
     pub preset: String,
     pub bodies: Vec<BodySpec>,
     pub walls: Vec<Wall>,
     pub effects: Vec<ActiveEffect>,
-    /// Prior standard deviation of the logarithm of a mass that is not given.
+    /// Prior standard deviation of the logarithm of a mass that the scene does not give.
     pub mass_sd: f64,
-    /// Prior standard deviation of the spin with which a moving ball begins, about each axis and as the speed of its
-    /// surface (m/s); 0: balls begin as their `Start` says.
+    /// Prior standard deviation of a moving ball's initial spin about each axis, as the speed of its surface (m/s); 0: balls start
+    /// as their [`Start`] says.
     #[serde(default)]
     pub spin_sd: f64,
-    /// Where a prediction is put right by what was observed; a fit knows none.
+    /// Corrections of a prediction by observations; a fit has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty", rename = "anchors")]
     pub corrections: Vec<StateCorrection>,
 }
@@ -40,13 +39,13 @@ pub struct BodySpec {
     pub start: Start,
 }
 
-/// Where and how a body begins; before `time` it is not there.
+/// The state of a body at the time when it enters.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Start {
     /// s.
     pub time: f64,
     pub state: State,
-    /// A ball that begins to roll: its spin follows from its velocity, and `state.roll` is not read.
+    /// Whether a ball rolls without slip: its roll follows from its velocity, and `state.roll` is not read.
     pub rolling: bool,
 }
 
@@ -58,21 +57,39 @@ pub struct Wall {
     pub to: Vec2,
 }
 
+/// At `time` a body is moved by these amounts, which removes the error that the model has made until then.
+/// A body that touches another is not moved, and a body at rest stays at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StateCorrection {
+    /// The object's id.
+    pub id: u32,
+    /// s.
+    pub time: f64,
+    /// m.
+    pub position: Vec2,
+    /// m/s; a ball's roll changes with it.
+    pub velocity: Vec2,
+    /// rad.
+    pub yaw: f64,
+    /// rad/s about z.
+    pub spin: f64,
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(from = "WrittenEffect")]
+#[serde(from = "StoredEffect")]
 pub struct ActiveEffect {
     pub name: String,
     pub on: bool,
     /// In the order of the effect's spec, or of its formula.
     pub parameters: Vec<Parameter>,
-    /// The law itself, where the user wrote it; the name is then the user's too.
+    /// The law itself if the user wrote it; then the name is the user's too.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formula: Option<Formula>,
 }
 
-/// An active effect as a store or a trace has it: one of an earlier build lacks the parameters that the law has got since.
+/// An active effect as stored. One of an earlier version lacks the parameters that its law has gained since.
 #[derive(Deserialize)]
-struct WrittenEffect {
+struct StoredEffect {
     name: String,
     on: bool,
     parameters: Vec<Parameter>,
@@ -80,13 +97,13 @@ struct WrittenEffect {
     formula: Option<Formula>,
 }
 
-impl From<WrittenEffect> for ActiveEffect {
-    fn from(written: WrittenEffect) -> Self {
-        let WrittenEffect { name, on, mut parameters, formula } = written;
+impl From<StoredEffect> for ActiveEffect {
+    fn from(stored: StoredEffect) -> Self {
+        let StoredEffect { name, on, mut parameters, formula } = stored;
         let entry = effect(&name).filter(|_| formula.is_none());
-        let got_since = entry.into_iter().flat_map(|e| e.spec.params).skip(parameters.len());
+        let missing = entry.into_iter().flat_map(|e| e.spec.params).skip(parameters.len());
         let default = |p: &ParamSpec| Prior { mean: p.default, sd: 0.0 };
-        parameters.extend(got_since.map(|p| Parameter::new(p.name, p.scope, default(p), &[])));
+        parameters.extend(missing.map(|p| Parameter::new(p.name, p.scope, default(p), &[])));
         ActiveEffect { name, on, parameters, formula }
     }
 }
@@ -99,9 +116,9 @@ pub struct Parameter {
     /// Sorted; one empty label in scope `Setup`.
     pub labels: Vec<String>,
     pub values: Vec<f64>,
-    /// What is believed of each value before the data.
+    /// Prior mean of each value.
     pub means: Vec<f64>,
-    /// What is believed of a value that has no label yet, and how firmly: deviation 0 keeps values fixed.
+    /// Prior of a value without a label yet; standard deviation 0 keeps values fixed.
     pub prior: Prior,
 }
 
@@ -111,7 +128,7 @@ pub struct Prior {
     pub sd: f64,
 }
 
-/// Whose a number of the model is.
+/// What a number of the model belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ValueOwner {
     Shared,
@@ -130,7 +147,7 @@ pub const SPINS: std::ops::RangeInclusive<usize> = 5..=7;
 /// Index of the mass among [`BODY_VALUES`].
 pub const MASS: usize = 8;
 
-/// Of a mass that nobody gave (kg).
+/// Bounds of a mass that the scene does not give (kg).
 pub const MASS_BOUNDS: [f64; 2] = [1e-3, 1e3];
 
 impl Model {
@@ -142,7 +159,7 @@ impl Model {
         self.effects.iter().find(|e| e.name == name)
     }
 
-    /// All numbers of the model: [`BODY_VALUES`] a body, then the values of each effect's parameters in order.
+    /// All numbers of the model: [`BODY_VALUES`] of each body, then the values of each effect's parameters in order.
     pub fn flatten(&self) -> Vec<f64> {
         let mut flat = Vec::with_capacity(self.flat_len());
         for body in &self.bodies {
@@ -185,7 +202,7 @@ impl Model {
         BODY_VALUES.len() * self.bodies.len() + self.parameters().map(|p| p.values.len()).sum::<usize>()
     }
 
-    /// For each number of [`flatten`](Self::flatten), whose it is.
+    /// For each number of [`flatten`](Self::flatten), what it belongs to.
     pub fn owners(&self) -> Vec<ValueOwner> {
         let bodies = (0..self.bodies.len()).flat_map(|b| [ValueOwner::Body(b); BODY_VALUES.len()]);
         let of = |parameter: &Parameter, label: &str| {
@@ -205,8 +222,10 @@ impl Model {
         self.effects.iter().any(|e| pairs(&e))
     }
 
-    /// The effects that are on, with their entries and where their values begin in [`flatten`](Self::flatten).
-    pub(super) fn active(&self) -> impl Iterator<Item = (&ActiveEffect, &'static EffectEntry, usize)> {
+    /// The effects that are on, with their entries and the index of their first value in [`flatten`](Self::flatten).
+    pub(in crate::world) fn active(
+        &self,
+    ) -> impl Iterator<Item = (&ActiveEffect, &'static EffectEntry, usize)> {
         let mut next = BODY_VALUES.len() * self.bodies.len();
         self.effects.iter().filter_map(move |active| {
             let first = next;
@@ -217,7 +236,7 @@ impl Model {
     }
 
     /// The formulas that are on, likewise.
-    pub(super) fn formulas(&self) -> impl Iterator<Item = (&ActiveEffect, &Formula, usize)> {
+    pub(in crate::world) fn formulas(&self) -> impl Iterator<Item = (&ActiveEffect, &Formula, usize)> {
         let mut next = BODY_VALUES.len() * self.bodies.len();
         self.effects.iter().filter_map(move |active| {
             let first = next;
@@ -240,7 +259,7 @@ impl Model {
         }
     }
 
-    /// Takes a body out; parameters keep their values.
+    /// Removes a body; parameters keep their values.
     pub fn remove_body(&mut self, index: usize) {
         self.bodies.remove(index);
     }
@@ -257,9 +276,15 @@ impl BodySpec {
 }
 
 impl ActiveEffect {
-    /// The numbers as they apply to body `a` (touching `b`, or the same body where there is none); the effect's values
-    /// begin at `first` in `flat`.
-    pub(super) fn values_for<T: Real>(&self, first: usize, flat: &[T], a: &BodySpec, b: &BodySpec) -> Vec<T> {
+    /// The parameters as they apply to body `a` (in contact with `b`, or the same body without contact). The effect's values start
+    /// at `first` in `flat`.
+    pub(in crate::world) fn values_for<T: Real>(
+        &self,
+        first: usize,
+        flat: &[T],
+        a: &BodySpec,
+        b: &BodySpec,
+    ) -> Vec<T> {
         let mut first = first;
         let value = |p: &Parameter| {
             let at = first;
@@ -269,8 +294,8 @@ impl ActiveEffect {
         self.parameters.iter().map(value).collect()
     }
 
-    /// Whether the videos of a set-up share the values of this parameter of the effect. What an object is stays with its
-    /// id from video to video; what it does, or meets, does not.
+    /// Whether the videos of a set-up share the values of this parameter. Properties of an object stay with its id from
+    /// video to video; parameters of its motion and contacts do not.
     pub fn shares(&self, parameter: &Parameter) -> bool {
         let own = matches!(parameter.scope, Scope::Object | Scope::Pair);
         !own || effect(&self.name).is_some_and(|e| e.uses(Hook::Matter) || e.uses(Hook::Observe))
@@ -286,7 +311,7 @@ impl ActiveEffect {
         ActiveEffect { name: spec.name.to_string(), on: true, parameters, formula: None }
     }
 
-    /// The user's own law under the user's name; all bodies share its parameters.
+    /// A formula of the user under the user's name; all bodies share its parameters.
     pub fn of_formula(name: &str, formula: Formula, bodies: &[BodySpec]) -> Result<Self, FormulaError> {
         formula.read()?;
         let own = |p: &FormulaParameter| {
@@ -314,7 +339,7 @@ impl Parameter {
         parameter
     }
 
-    /// Gives a value to every label that the bodies need and that has none.
+    /// Adds a value for every label that the bodies need and that has none.
     fn cover(&mut self, bodies: &[BodySpec]) {
         for (i, a) in bodies.iter().enumerate() {
             let partners = match self.scope {
@@ -332,15 +357,15 @@ impl Parameter {
         }
     }
 
-    /// How one value is called in a report: `sliding_friction.mu[rubber]`.
+    /// Name of one value in reports: `sliding_friction.mu[rubber]`.
     pub fn full_name(&self, of: &ActiveEffect, label: &str) -> String {
         let place = if label.is_empty() { String::new() } else { format!("[{label}]") };
         format!("{}.{}{place}", of.name, self.name)
     }
 
-    /// Index of the value that applies to body `a` (touching `b`, or the same body where there is none).
+    /// Index of the value that applies to body `a` (in contact with `b`, or the same body without contact).
     pub fn index(&self, a: &BodySpec, b: &BodySpec) -> Option<usize> {
-        // Contacts ask for this often: no label is put together on the heap.
+        // Called for every contact: the label is built on the stack.
         let mut label = Label(SmallVec::new());
         self.write_label(a, b, &mut label).ok()?;
         self.labels.binary_search_by(|l| l.as_bytes().cmp(&label.0)).ok()
@@ -385,7 +410,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_an_earlier_build_wrote_has_the_parameters_that_its_laws_got_since() {
+    fn what_an_earlier_build_wrote_has_the_parameters_that_its_laws_missing() {
         let now = effect("contact_friction").map(|e| ActiveEffect::new(&e.spec, &[]));
         let now = now.expect("it is in the library");
         let mut before = now.clone();

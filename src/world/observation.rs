@@ -1,21 +1,21 @@
-//! What the camera reports of a simulation: its view and its clock.
+//! What the camera reports of a simulation: observed positions and yaws, at the times of its clock.
 
-use super::model::{BODY_VALUES, Model};
-use super::motion::Kinematics;
-use super::simulate::{Rollout, SimulationLimits, simulate};
-use super::trace::Trace;
 use crate::body::Observation;
 use crate::effects::{Hook, Hooks, ObserveFn, Scalar};
-use crate::num::{Real, Vec2, vec2};
+use crate::num::{Vec2, vec2};
+use crate::world::model::{BODY_VALUES, Model};
+use crate::world::motion::kinematics::Kinematics;
+use crate::world::simulate::{Rollout, SimulationLimits, simulate};
+use crate::world::trace::Trace;
 
-/// Newton's steps by which a view is true_position, and the step of their differences (m).
-const UNDOING: usize = 16;
+/// Largest number of Newton steps that invert an observation, and the step of their differences (m).
+const MAX_NEWTON: usize = 16;
 const STEP: f64 = 1e-5;
-/// A place that is seen so near to where it should be is found (m).
-const NEAR: f64 = 1e-9;
+/// An observation is inverted up to this error (m).
+const TOLERANCE: f64 = 1e-9;
 
-/// Simulates as [`simulate`] does and gives what the camera reports at the film's `times` (s): positions and yaws are
-/// the seen ones. Without effects of the camera it is the simulation.
+/// Simulates as [`simulate`] does, and returns what the camera reports at the video's `times` (s): observed positions and yaws.
+/// Without camera effects it equals the simulation.
 pub fn simulate_observed<T: Scalar>(
     model: &Model,
     flat: &[T],
@@ -31,93 +31,92 @@ pub fn simulate_observed<T: Scalar>(
         [] => simulate(model, flat, times, limits),
         _ => with_clock(model, flat, times, limits, &clocks),
     };
-    let views = ObservationModel::new(model, flat);
-    if !views.are_true() {
+    let observation = ObservationModel::new(model, flat);
+    if !observation.is_identity() {
         for (i, k) in rollout.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
             let Some(k) = k else { continue };
-            let seen = views.seen(i, k.position, k.yaw);
-            (k.position, k.yaw) = (seen.position, seen.yaw);
+            let observed = observation.observe(i, k.position, k.yaw);
+            (k.position, k.yaw) = (observed.position, observed.yaw);
         }
     }
     rollout
 }
 
-/// How the camera of a model sees each body.
+/// How the camera of a model observes each body.
 pub struct ObservationModel<T = f64> {
     /// By body; most have none.
-    of: Vec<Vec<(ObserveFn<T>, Vec<T>)>>,
+    hooks: Vec<Vec<(ObserveFn<T>, Vec<T>)>>,
 }
 
 impl<T: Scalar> ObservationModel<T> {
     /// Under the numbers `flat` ([`Model::flatten`]).
     pub fn new(model: &Model, flat: &[T]) -> Self {
-        let mut of = vec![vec![]; model.bodies.len()];
+        let mut hooks = vec![vec![]; model.bodies.len()];
         for (active, entry, first) in model.active().filter(|(_, entry, _)| entry.uses(Hook::Observe)) {
-            for (body, views) in model.bodies.iter().zip(&mut of) {
-                views.push((T::hooks(entry).observe, active.values_for(first, flat, body, body)));
+            for (body, hooks) in model.bodies.iter().zip(&mut hooks) {
+                hooks.push((T::hooks(entry).observe, active.values_for(first, flat, body, body)));
             }
         }
-        ObservationModel { of }
+        ObservationModel { hooks }
     }
 
-    /// Whether bodies are seen where they are.
-    fn are_true(&self) -> bool {
-        self.of.iter().all(|of| of.is_empty())
+    /// Whether bodies are observed as they are.
+    fn is_identity(&self) -> bool {
+        self.hooks.iter().all(|hooks| hooks.is_empty())
     }
 
-    /// What the camera reports of body `i` at this place (m) with this yaw (rad).
-    fn seen(&self, i: usize, position: Vec2<T>, yaw: T) -> Observation<T> {
-        let mut view = Observation { position, yaw };
-        self.of[i].iter().for_each(|(observe, p)| observe(p, &mut view));
-        view
+    /// What the camera reports of body `i` at this position (m) with this yaw (rad).
+    fn observe(&self, i: usize, position: Vec2<T>, yaw: T) -> Observation<T> {
+        let mut observation = Observation { position, yaw };
+        self.hooks[i].iter().for_each(|(observe, p)| observe(p, &mut observation));
+        observation
     }
 }
 
 impl ObservationModel {
-    /// Where body `i` is when the camera reports it at `seen` (m) with this yaw (rad).
-    pub fn true_position(&self, i: usize, seen: Vec2, yaw: f64) -> Vec2 {
-        let mut place = seen;
-        if self.of[i].is_empty() {
-            return place;
+    /// Position of body `i` (m) that the camera reports as `observed` (m), at this yaw (rad), by Newton's method.
+    pub fn true_position(&self, i: usize, observed: Vec2, yaw: f64) -> Vec2 {
+        let mut position = observed;
+        if self.hooks[i].is_empty() {
+            return position;
         }
-        for _ in 0..UNDOING {
-            let at = |d: Vec2| self.seen(i, place + d, yaw).position;
+        for _ in 0..MAX_NEWTON {
+            let at = |d: Vec2| self.observe(i, position + d, yaw).position;
             let here = at(Vec2::zero());
-            let [along, across] =
-                [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
-            let (off, turned) = (seen - here, along.cross(across));
-            if turned == 0.0 || off.norm() < NEAR {
+            let [by_x, by_y] = [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
+            let (error, determinant) = (observed - here, by_x.cross(by_y));
+            if determinant == 0.0 || error.norm() < TOLERANCE {
                 break;
             }
-            place += vec2(off.cross(across), along.cross(off)).scaled(1.0 / turned);
+            position += vec2(error.cross(by_y), by_x.cross(error)).scaled(1.0 / determinant);
         }
-        place
+        position
     }
 
-    /// Whether body `i` is seen in `other` as here; both are of one model.
-    pub(super) fn same(&self, other: &Self, i: usize) -> bool {
-        self.of[i].iter().zip(&other.of[i]).all(|(a, b)| a.1 == b.1)
+    /// Whether body `i` is observed in the same way in `other`, which is of the same model.
+    pub(in crate::world) fn same(&self, other: &Self, i: usize) -> bool {
+        self.hooks[i].iter().zip(&other.hooks[i]).all(|(a, b)| a.1 == b.1)
     }
 }
 
 impl Trace {
-    /// With places and yaws as the camera of the model reports them, to be compared with what it did.
+    /// With positions and yaws as the camera of the model reports them, for comparison with observations.
     pub fn as_observed(mut self, model: &Model) -> Self {
-        let views = ObservationModel::new(model, &model.flatten());
-        if views.are_true() {
+        let observation = ObservationModel::new(model, &model.flatten());
+        if observation.is_identity() {
             return self;
         }
         for (i, state) in self.states.iter_mut().flat_map(|row| row.iter_mut().enumerate()) {
             let Some(state) = state else { continue };
-            let seen = views.seen(i, state.position, state.yaw);
-            (state.position, state.yaw) = (seen.position, seen.yaw);
+            let observed = observation.observe(i, state.position, state.yaw);
+            (state.position, state.yaw) = (observed.position, observed.yaw);
         }
         self
     }
 }
 
-/// States at the true times of the frames. A body is in the film from its start on by the film's clock; what the true
-/// clock has before that is its straight way there.
+/// States at the true times of the frames. A body is present from its start on by the video's clock. If its true start is later,
+/// its states before are extrapolated at constant velocity.
 fn with_clock<T: Scalar>(
     model: &Model,
     flat: &[T],
@@ -148,14 +147,6 @@ fn with_clock<T: Scalar>(
     rollout
 }
 
-impl<T: Real> Kinematics<T> {
-    /// From the body's part of [`Model::flatten`].
-    pub(super) fn starting(p: &[T]) -> Self {
-        let vector = |k: usize| Vec2 { x: p[k], y: p[k + 1] };
-        Kinematics { position: vector(0), yaw: p[2], velocity: vector(3), spin: p[5], roll: vector(6) }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,14 +156,14 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_trace_as_seen_is_the_film() {
+    fn an_observed_trace_equals_the_observed_simulation() {
         let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(1.0, 0.4), vec2(0.5, -0.1))];
         let model = model(bodies, &[("wrong_scale", &[0.06]), ("off_centre_marker", &[0.03, 0.01])]);
         let seen = trace(&model, &seconds(2)).as_observed(&model).states;
-        let filmed =
+        let observed =
             simulate_observed::<f64>(&model, &model.flatten(), &seconds(2), &SimulationLimits::default())
                 .states;
-        for (a, b) in seen.iter().flatten().zip(filmed.iter().flatten()) {
+        for (a, b) in seen.iter().flatten().zip(observed.iter().flatten()) {
             let places = [a.map(|a| (a.position, a.yaw)), b.map(|b| (b.position, b.yaw))];
             assert!(places[0].is_some() && places[0] == places[1], "{places:?}");
         }
@@ -180,17 +171,17 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_view_is_undone(
+        fn an_observation_is_inverted(
             x in -3.0..3.0f64, y in -3.0..3.0f64, yaw in -3.0..3.0f64, scale in -0.4..0.9f64, tilt in -0.08..0.08f64, arm in -0.1..0.1f64,
         ) {
             let laws: &[(&str, &[f64])] =
                 &[("off_centre_marker", &[arm, 0.05]), ("tilted_camera", &[tilt, 0.02]), ("wrong_scale", &[scale])];
             let model = model(vec![body(0, Shape::Square { half_side: 0.2 }, vec2(0.0, 0.0), vec2(0.0, 0.0))], laws);
-            let views = ObservationModel::new(&model, &model.flatten());
+            let observation = ObservationModel::new(&model, &model.flatten());
             let place = vec2(x, y);
-            let seen = views.seen(0, place, yaw).position;
-            prop_assert!((seen - place).norm() > 1e-3);
-            prop_assert!((views.true_position(0, seen, yaw) - place).norm() < 1e-6);
+            let observed = observation.observe(0, place, yaw).position;
+            prop_assert!((observed - place).norm() > 1e-3);
+            prop_assert!((observation.true_position(0, observed, yaw) - place).norm() < 1e-6);
         }
     }
 }

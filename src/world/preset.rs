@@ -1,19 +1,19 @@
-//! Presets: which effects a kind of scene starts with, as data.
+//! Presets: the effects and priors with which a kind of scene starts, as data.
 
-use super::model::{ActiveEffect, BodySpec, Model, Parameter, Prior, Start, Wall};
-use super::trace::State;
 use crate::effects::{Scope, effect};
 use crate::num::vec2;
 use crate::scene::{Scene, Table, WorldKind};
+use crate::world::model::{ActiveEffect, BodySpec, Model, Parameter, Prior, Start, Wall};
+use crate::world::trace::State;
 
-/// A named choice of effects with the beliefs that the fit starts from.
+/// A named choice of effects with their priors.
 #[derive(Debug, Clone, Copy)]
 pub struct Preset {
     pub name: &'static str,
     pub doc: &'static str,
-    /// Balls begin to roll (otherwise they glide until something turns them).
+    /// Whether balls start rolling. Otherwise they glide until a torque makes them roll.
     pub balls_roll: bool,
-    /// The preset that reads the same kind of scene the other way, where the data must decide between them.
+    /// The alternative preset for the same kind of scene, if the data must decide between two.
     pub rival: Option<&'static str>,
     /// Prior standard deviation of a log mass that the scene does not give.
     pub mass_sd: f64,
@@ -27,7 +27,7 @@ pub struct PresetEffect {
     pub name: &'static str,
     /// Parameters that differ from the effect's spec.
     pub params: &'static [PresetParam],
-    /// Whether it is left out where there are no walls.
+    /// Whether it is omitted in scenes without walls.
     pub at_walls: bool,
 }
 
@@ -52,20 +52,20 @@ const fn at_walls(name: &'static str, params: &'static [PresetParam]) -> PresetE
     PresetEffect { name, params, at_walls: true }
 }
 
-/// Friction a little beside the centre and askew: tight, so that it takes no more than what feet do.
-/// What stands on rim and corners in one engine is a point in another and an even load in a third.
-const UNEVEN_FOOT: &[PresetParam] = &[
+/// Friction slightly off the centre and askew. The priors are tight, so that it absorbs no more than uneven contact patches cause.
+/// The load is on rim and corners in one physics engine, on a point in another, and uniform in a third.
+const UNEVEN_PATCH: &[PresetParam] = &[
     set("lever", 0.0, 0.003, Scope::Object),
     set("skew", 0.0, 0.02, Scope::Object),
     set("foot", 0.0, 0.5, Scope::Shape),
 ];
 
-/// Every preset there is.
+/// All presets.
 pub static PRESETS: &[Preset] = &[
-    // Friction and damping: means of sixty videos fitted each alone (damping 0.040, 0.041 and 0.039), which two ways of
-    // contact agree on to 15 %; they are held to 5 and 10 %, as another floor may differ. Restitution: one value for the
-    // set-up, as kinds of pairs order differently in the two, and a wide deviation of each pair. A box on four corners: as
-    // likely any load between its diagonals.
+    // Friction and damping: means over sixty videos, each fitted alone (damping 0.040, 0.041 and 0.039). Two contact models
+    // agree on them to 15 %. The standard deviations are 5 and 10 %, as another floor may differ. Restitution: one value for the
+    // set-up and a wide deviation of each pair, as the two models rank pairs of shapes differently. A box on four corners: any
+    // load of its diagonals is equally likely.
     Preset {
         name: "clevrer",
         doc: "Objects thrown over a floor: friction, damping, restitution by pair, balls that roll.",
@@ -130,7 +130,7 @@ pub static PRESETS: &[Preset] = &[
         spin_sd: 0.0,
         effects: &[
             with("gliding_friction", &[set("sliding", 0.03, 0.05, Scope::Material)]),
-            with("friction_offset", UNEVEN_FOOT),
+            with("friction_offset", UNEVEN_PATCH),
             with(
                 "ball_spin",
                 &[set("mu_slide", 0.1, 0.1, Scope::Setup), set("mu_roll", 0.02, 0.03, Scope::Material)],
@@ -154,7 +154,7 @@ pub static PRESETS: &[Preset] = &[
                 "gliding_friction",
                 &[set("sliding", 0.03, 0.05, Scope::Material), set("rolling", 0.03, 0.05, Scope::Material)],
             ),
-            with("friction_offset", UNEVEN_FOOT),
+            with("friction_offset", UNEVEN_PATCH),
             with(
                 "restitution",
                 &[set("coefficient", 0.7, 0.3, Scope::Setup), set("deviation", 1.0, 0.6, Scope::ShapePair)],
@@ -162,10 +162,10 @@ pub static PRESETS: &[Preset] = &[
             at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]),
         ],
     },
-    // An air film brakes at 0.01 to 0.1 1/s, the spin as much as the speed (a disc under uniform shear), each puck by its
-    // own weight and gap; a table levelled with a spirit level is off by 1 mm/m, 0.01 m/s^2; plastics rebound with 0.3
-    // to 0.9 and rub with 0.1 to 0.3 (Bowden and Tabor, The Friction and Lubrication of Solids, part II), and give back up to
-    // half of a slip that they hold (Foerster et al., 1994).
+    // An air cushion damps speed and spin alike at 0.01 to 0.1 1/s (a disc under uniform shear), each puck by its own weight and
+    // gap. A table levelled with a spirit level is off by 1 mm/m, 0.01 m/s^2. Plastics have a restitution of 0.3 to 0.9 and
+    // friction of 0.1 to 0.3 (Bowden and Tabor, The Friction and Lubrication of Solids, part II), and a tangential restitution of
+    // up to 0.5 (Foerster et al., 1994).
     Preset {
         name: "air_table",
         doc: "Pucks on an air cushion: weak drag, a table not quite level, restitution by pair, friction at contacts.",
@@ -181,7 +181,7 @@ pub static PRESETS: &[Preset] = &[
                 "contact_friction",
                 &[set("mu", 0.2, 0.1, Scope::Setup), set("tangential_restitution", 0.2, 0.3, Scope::Setup)],
             ),
-            // A marker is put on the middle by hand.
+            // Markers are centred by hand.
             with(
                 "off_centre_marker",
                 &[set("arm_x", 0.0, 0.001, Scope::Object), set("arm_y", 0.0, 0.001, Scope::Object)],
@@ -190,13 +190,13 @@ pub static PRESETS: &[Preset] = &[
     },
     // Published values: cloth 0.15 to 0.4 sliding and 0.005 to 0.015 rolling, spin that falls by 5 to 15 rad/s^2, balls
     // 0.92 to 0.98 restitution and 0.03 to 0.08 friction, rails 0.6 to 0.9 (Alciatore, Illustrated Principles of Pool,
-    // and his table of physical properties; Marlow, 1995); an edge's own restitution up to 0.98 and friction 0.14
-    // (Mathavan et al., 2010); its height 0.27 radii over the centre by the rules of pool, 0.4 in snooker; rubber gives
-    // back 0.2 to 0.8 of a slip that it holds (Cross, 2002). A cue gives a surface speed of at most 5/4 of the ball's
+    // and his table of physical properties; Marlow, 1995). An edge's own restitution is up to 0.98 and its friction 0.14
+    // (Mathavan et al., 2010). Its height is 0.27 radii above the centre by the rules of pool, 0.4 in snooker. Rubber has a
+    // tangential restitution of 0.2 to 0.8 (Cross, 2002). A cue gives a surface speed of at most 5/4 of the ball's
     // (contact half a radius off the centre).
     Preset {
         name: "billiards",
-        doc: "Balls on cloth between cushions, struck with any spin.",
+        doc: "Balls on cloth between cushions, played with any spin.",
         balls_roll: true,
         rival: None,
         mass_sd: 0.1,
@@ -225,7 +225,7 @@ impl Preset {
         PRESETS.iter().find(|p| p.name == name)
     }
 
-    /// The preset that suits a kind of scene.
+    /// The preset for a kind of scene.
     pub fn for_world(world: WorldKind) -> &'static Preset {
         let name = match world {
             WorldKind::Clevrer => "clevrer",

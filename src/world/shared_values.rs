@@ -1,9 +1,9 @@
-//! What models of one set-up take over from each other; they have the same effects in the same order.
+//! Values that models of one set-up copy from each other. They have the same effects in the same order.
 
-use super::model::Model;
+use crate::world::model::Model;
 
 impl Model {
-    /// Takes the beliefs of another model; where it stands is left as it is.
+    /// Copies the priors of another model; values stay.
     pub fn copy_priors_from(&mut self, other: &Model) {
         for (active, own) in self.effects.iter_mut().zip(&other.effects) {
             for (p, q) in active.parameters.iter_mut().zip(&own.parameters) {
@@ -12,7 +12,7 @@ impl Model {
         }
     }
 
-    /// Puts the bodies, and what each scene has for itself, where another model of the scene has them; beliefs stay.
+    /// Copies the bodies and the values that videos do not share from another model of the scene; priors stay.
     pub fn copy_state_from(&mut self, other: &Model) {
         self.bodies.clone_from(&other.bodies);
         for (active, own) in self.effects.iter_mut().zip(&other.effects) {
@@ -22,7 +22,7 @@ impl Model {
         }
     }
 
-    /// Takes the shared numbers that a model of another scene has too.
+    /// Copies the shared values that a model of another scene also has.
     pub fn copy_shared_from(&mut self, other: &Model) {
         for (active, own) in self.effects.iter_mut().zip(&other.effects) {
             for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| own.shares(q)) {

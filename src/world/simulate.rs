@@ -1,26 +1,16 @@
-//! Simulation: steps between known times, cut at every impact, stop and start of rolling.
+//! Simulation of a model: steps between known times, each cut at every impact, stop and start of rolling.
 
-use super::agenda::{Agenda, Next};
-use super::encounter::{CUT_IN_SPEED, SAME_CONTACT};
-use super::flight::{Flight, INSTANT};
-use super::grid::Grid;
-use super::impact::Path;
-use super::model::{ActiveEffect, BODY_VALUES, BodySpec, Model};
-use super::motion::{Change, Kinematics, Laws, Mode, REST_SPEED, Rates};
-use super::obstacle::Static;
-use super::pressing::Touching;
-use super::rigid::Bond;
-use super::trace::{Ending, Event, EventKind, State, Trace};
-use crate::effects::{ContactFn, Hook, MarginFn, Scalar};
+use crate::effects::Scalar;
 use crate::num::Vec2;
-use crate::scene::Shape;
-use smallvec::SmallVec;
-use std::cell::RefCell;
-use std::collections::BTreeMap;
+use crate::world::model::{BodySpec, Model, StateCorrection};
+use crate::world::motion::ground_friction::{Mode, ModeChange, REST_SPEED};
+use crate::world::motion::kinematics::{IslandVec, Kinematics};
+use crate::world::simulation::event_queue::NextEvent;
+use crate::world::simulation::impact_propagation::CONTACT_SPEED;
+use crate::world::simulation::state::{MAX_STEP, Simulation};
+use crate::world::trace::{Ending, Event, State, Trace};
 
-/// Longest step (s): the integrator is of fourth order, and uneven stretches are halved.
-pub(super) const MAX_STEP: f64 = 0.16;
-/// The same under forces that change with time where a body is at rest: they may wake it.
+/// Longest step where a force that changes with time may wake a body at rest (s).
 const WAKING_STEP: f64 = 0.02;
 
 /// A limit on the work of one simulation.
@@ -42,11 +32,11 @@ pub struct Rollout<T> {
     pub states: Vec<Vec<Option<Kinematics<T>>>>,
     pub events: Vec<Event>,
     pub ending: Ending,
-    /// Of the limit's events, how many it took; what bodies that press do counts too.
+    /// Number of events processed, those inside lasting contacts included.
     pub steps: usize,
 }
 
-/// Simulates with the numbers `flat` (laid out as [`Model::flatten`]) and gives the states at `times` (s, increasing).
+/// Simulates with the numbers `flat` (laid out as [`Model::flatten`]) and returns the states at `times` (s, increasing).
 /// Deterministic; a run in [`Jet`](crate::num::Jet) has the events of the run in `f64`.
 pub fn simulate<T: Scalar>(
     model: &Model,
@@ -54,19 +44,20 @@ pub fn simulate<T: Scalar>(
     times: &[f64],
     limits: &SimulationLimits,
 ) -> Rollout<T> {
-    let mut run = Run::new(model, flat, times, limits);
-    let cuts = model.cuts();
+    let sim = Simulation::new(model, flat, times);
+    let mut run = Run { sim, budget: limits.events, ending: Ending::Completed };
+    let cuts = cuts(model);
     let end = times.last().copied().unwrap_or(0.0);
     let mut now = cuts.first().copied().unwrap_or(0.0);
     for cut in cuts.into_iter().filter(|&c| c <= end) {
         run.advance(now, cut);
         now = cut;
         run.enter(cut);
-        run.apply_corrections(cut);
+        model.corrections.iter().filter(|c| c.time == cut).for_each(|c| run.correct(c));
     }
     run.advance(now, end);
-    let steps = limits.events - run.budget;
-    Rollout { states: run.states, events: run.events, ending: run.ending, steps }
+    let (states, events) = run.sim.recorder.finish();
+    Rollout { states, events, ending: run.ending, steps: limits.events - run.budget }
 }
 
 /// Simulates the model as it is. Deterministic: the same input gives the same bits.
@@ -99,343 +90,212 @@ fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
     0.5 * body.mass * (k.velocity.norm_squared() + turn)
 }
 
-/// Even steps, none longer than `longest`, as beginning and end (s).
+/// Times at which bodies enter or are corrected (s), increasing.
+fn cuts(model: &Model) -> Vec<f64> {
+    let starts = model.bodies.iter().map(|b| b.start.time);
+    let mut cuts: Vec<f64> = starts.chain(model.corrections.iter().map(|a| a.time)).collect();
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup();
+    cuts
+}
+
+/// Equal steps, none longer than `longest`, each as start and end (s).
 fn steps(from: f64, to: f64, longest: f64) -> impl Iterator<Item = (f64, f64)> {
     let count = ((to - from) / longest - 1e-9).ceil().max(1.0) as usize;
     let at = move |k: usize| if k == count { to } else { from + (to - from) * k as f64 / count as f64 };
     (0..count).map(move |k| (at(k), at(k + 1)))
 }
 
-/// A list that is mostly short: groups are.
-pub(super) type Few<T> = SmallVec<[T; 4]>;
-
-/// One body during a step: its state at `since`, and where its undisturbed motion leads.
-#[derive(Clone)]
-pub(super) struct Moving<T> {
-    pub mode: Mode,
-    pub since: T,
-    pub from: Kinematics<T>,
-    pub until: T,
-    pub to: Kinematics<T>,
-    pub change: Option<Change>,
-    pub path: Path,
-    /// Bodies that move together because forces join them; includes this one.
-    pub group: Vec<usize>,
-    /// Index of the next time at which the state is asked for.
-    pub next: usize,
+/// A simulation with its remaining budget of events.
+struct Run<'m, T: Scalar> {
+    sim: Simulation<'m, T>,
+    budget: usize,
+    ending: Ending,
 }
 
-/// What an effect does at a contact, and where its parameters begin.
-pub(super) struct AtContact<'m, F> {
-    pub hook: F,
-    pub active: &'m ActiveEffect,
-    pub first: usize,
-}
-
-/// A soft contact's blow that is due.
-#[derive(Clone, Copy)]
-pub(super) struct Blow<T> {
-    pub time: T,
-    pub a: usize,
-    pub b: usize,
-}
-
-pub(super) struct Run<'m, T: Scalar> {
-    pub model: &'m Model,
-    pub flat: &'m [T],
-    pub laws: Laws<T>,
-    pub contact_effects: Vec<AtContact<'m, ContactFn<T>>>,
-    /// Of bodies that have met, what the contact effects' parameters are: one entry an effect, either way round.
-    pub met: BTreeMap<(usize, usize), Vec<[Vec<T>; 2]>>,
-    pub margin_effects: Vec<AtContact<'m, MarginFn<T>>>,
-    /// What they give for pairs that came near each other.
-    pub margins: RefCell<BTreeMap<(usize, usize), T>>,
-    pub bodies: Vec<Moving<T>>,
-    pub walls: Vec<Static<T>>,
-    pub touching: Vec<Touching<T>>,
-    pub bonds: Vec<Bond<T>>,
-    /// Bodies that bonds make one.
-    pub clusters: Vec<Vec<usize>>,
-    /// Bodies inside an obstacle that lets them through.
-    pub passing: Vec<(usize, usize)>,
-    pub blows: Vec<Blow<T>>,
-    pub agenda: Agenda,
-    pub grid: Grid,
-    /// The laws without derivatives, for bodies that carry none.
-    pub plain: Option<Laws<f64>>,
-    pub times: &'m [f64],
-    pub states: Vec<Vec<Option<Kinematics<T>>>>,
-    pub step_end: f64,
-    /// How long a stretch of bodies that pull at each other may be, by the last one (s).
-    pub stretch: f64,
-    pub events: Vec<Event>,
-    pub budget: usize,
-    pub ending: Ending,
-}
-
-impl<'m, T: Scalar> Run<'m, T> {
-    fn new(model: &'m Model, flat: &'m [T], times: &'m [f64], limits: &SimulationLimits) -> Self {
-        let laws = Laws::new(model, flat);
-        let contact_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Contact));
-        let contact_effects = contact_effects.map(|(active, entry, first)| AtContact {
-            hook: T::hooks(entry).contact,
-            active,
-            first,
-        });
-        let margin_effects = model.active().filter(|(_, entry, _)| entry.uses(Hook::Margin));
-        let margin_effects = margin_effects.map(|(active, entry, first)| AtContact {
-            hook: T::hooks(entry).margin,
-            active,
-            first,
-        });
-        let bodies = model.bodies.iter().enumerate().map(|(i, b)| {
-            let mut from = Kinematics::starting(&flat[i * BODY_VALUES.len()..]);
-            if b.start.rolling {
-                from.roll = from.velocity.perp().scaled(1.0 / laws.shapes[i].bounding_radius());
-            }
-            let still = from.value();
-            Moving {
-                mode: Mode::Absent,
-                since: T::constant(b.start.time),
-                from,
-                until: T::constant(b.start.time),
-                to: from,
-                change: None,
-                path: Path::new(laws.shapes[i], b.start.time, b.start.time, still, still),
-                group: vec![i],
-                next: 0,
-            }
-        });
-        let bodies = bodies.collect();
-        let real = || flat.iter().map(|v| v.value()).collect::<Vec<f64>>();
-        Run {
-            plain: T::DIFFERENTIATES.then(|| Laws::new(model, &real())),
-            times,
-            states: times.iter().map(|_| model.bodies.iter().map(|_| None).collect()).collect(),
-            laws,
-            contact_effects: contact_effects.collect(),
-            met: BTreeMap::new(),
-            margin_effects: margin_effects.collect(),
-            margins: RefCell::default(),
-            bodies,
-            walls: Static::all(model, flat),
-            touching: vec![],
-            bonds: vec![],
-            clusters: vec![],
-            passing: vec![],
-            blows: vec![],
-            agenda: Agenda::default(),
-            grid: Grid::default(),
-            step_end: 0.0,
-            stretch: MAX_STEP,
-            events: vec![],
-            budget: limits.events,
-            ending: Ending::Completed,
-            model,
-            flat,
-        }
-    }
-
-    /// Bodies that start at `time` come in; one that friction holds has no velocity, nor a derivative by it.
+impl<T: Scalar> Run<'_, T> {
+    /// Bodies that start at `time` (s) enter. One that friction holds has no velocity, and no derivative by it.
     fn enter(&mut self, time: f64) {
-        for (i, spec) in self.model.bodies.iter().enumerate() {
-            if self.bodies[i].mode != Mode::Absent || spec.start.time > time {
+        let sim = &mut self.sim;
+        for (i, spec) in sim.model.bodies.iter().enumerate() {
+            if !sim.bodies[i].is_absent() || spec.start.time > time {
                 continue;
             }
-            let k = self.bodies[i].from;
-            let still =
-                k.velocity.value() == Vec2::zero() && k.spin.value() == 0.0 && k.roll.value() == Vec2::zero();
-            if still && self.laws.holds(i, &self.laws.wrench(i, &k, T::constant(time))) {
-                self.rest(i);
+            let (k, at) = (*sim.bodies[i].state(), T::constant(time));
+            if k.is_still() && sim.dynamics.friction_holds(i, &sim.dynamics.wrench(i, &k, at)) {
+                sim.bodies[i].come_to_rest();
             } else {
-                self.bodies[i].mode = if spec.start.rolling { Mode::Roll } else { Mode::Slide };
+                sim.bodies[i].set_mode(if spec.start.rolling { Mode::Roll } else { Mode::Slide });
             }
-            self.bodies[i].next = self.times.partition_point(|&t| t < time);
-            self.note(i, &k, T::constant(time), &k, T::constant(time));
+            sim.bodies[i].set_time(at);
+            sim.recorder.enter(i, time);
+            let start = sim.bodies[i].segment_start(i);
+            sim.recorder.record(&start, &k, at);
         }
     }
 
-    /// Notes the asked states of body `i` between `from` at `since` and `to` at `until`.
-    pub(super) fn note(&mut self, i: usize, from: &Kinematics<T>, since: T, to: &Kinematics<T>, until: T) {
-        let body = &mut self.bodies[i];
-        while let Some(&time) = self.times.get(body.next).filter(|&&t| t <= until.value()) {
-            let moves = matches!(body.mode, Mode::Slide | Mode::Roll);
-            self.states[body.next][i] = Some(match moves {
-                true if (until - since).value() > INSTANT => from.between(since, to, until, time),
-                true => to.stepped(to, &Rates::zero(), -until + time),
-                false => *to,
-            });
-            body.next += 1;
+    /// Applies a correction. A body in contact with another is not moved, and a body at rest stays at rest.
+    fn correct(&mut self, correction: &StateCorrection) {
+        let sim = &mut self.sim;
+        let Some(i) = sim.model.body_index(correction.id) else { return };
+        let touches = sim.contacts.any_of(i) || sim.bonds.cluster(i).is_some();
+        if touches || sim.bodies[i].is_absent() {
+            return;
         }
-    }
-
-    /// Body `i` goes to the end of its stretch.
-    fn arrive(&mut self, i: usize) {
-        let Moving { from, since, to, until, .. } = self.bodies[i];
-        if self.bodies[i].mode != Mode::Absent {
-            self.note(i, &from, since, &to, until);
+        let mut state = *sim.bodies[i].state();
+        state.position += Vec2::constant(correction.position);
+        state.yaw += T::constant(correction.yaw);
+        if sim.bodies[i].mode() != Mode::Rest {
+            let velocity = Vec2::constant(correction.velocity);
+            state.velocity += velocity;
+            state.spin += T::constant(correction.spin);
+            if sim.model.bodies[i].shape.is_ball() {
+                state.roll += velocity.perp().scaled(1.0 / sim.dynamics.shapes[i].bounding_radius());
+            }
         }
-        (self.bodies[i].from, self.bodies[i].since) = (to, until);
+        sim.bodies[i].set_state(state);
     }
 
-    pub(super) fn rest(&mut self, i: usize) {
-        let body = &mut self.bodies[i];
-        body.mode = Mode::Rest;
-        body.from.velocity = Vec2::zero();
-        body.from.spin = T::zero();
-        body.from.roll = Vec2::zero();
-    }
-
-    /// A body that is nudged again at once stops later, not twice.
-    pub(super) fn note_stop(&mut self, i: usize, time: f64) {
-        let objects = vec![self.model.bodies[i].id];
-        let position = self.bodies[i].from.position.value();
-        let recent = self.events.iter().rev().take_while(|e| time - e.time < SAME_CONTACT);
-        let same = |e: &Event| e.kind == EventKind::Stop && e.objects == objects;
-        if let Some(back) = recent.map(same).position(|same| same) {
-            self.events.remove(self.events.len() - 1 - back);
-        }
-        let kind = EventKind::Stop;
-        self.events.push(Event { kind, time, objects, position, normal: None, impulse: None, wall: None });
-    }
-
-    /// Moves everything from `now` to `end`.
+    /// Moves everything from `now` to `end` (s).
     fn advance(&mut self, now: f64, end: f64) {
         if end <= now {
             return;
         }
         for (now, end) in steps(now, end, MAX_STEP) {
-            let rests = self.bodies.iter().any(|b| b.mode == Mode::Rest);
-            let pace = self.laws.pace;
-            let longest = if rests && pace.is_finite() { pace.min(WAKING_STEP) } else { pace };
+            let rests = self.sim.bodies.iter().any(|b| b.mode() == Mode::Rest);
+            let time_scale = self.sim.dynamics.time_scale;
+            let longest =
+                if rests && time_scale.is_finite() { time_scale.min(WAKING_STEP) } else { time_scale };
             steps(now, end, longest).for_each(|(now, end)| self.step(now, end));
         }
     }
 
     fn step(&mut self, start: f64, end: f64) {
-        self.step_end = end;
+        self.sim.begin_step(start, end);
         if self.ending != Ending::Completed {
             return;
         }
-        for body in &mut self.bodies {
-            body.since = T::constant(start);
-        }
-        self.regroup();
-        let all: Few<usize> = (0..self.bodies.len()).collect();
-        self.predict_all(&all);
-        self.plan();
-        while let Some((time, next)) = self.next_event() {
+        self.sim.find_islands();
+        let all: IslandVec<usize> = (0..self.sim.bodies.len()).collect();
+        self.sim.predict_all(&all);
+        self.sim.schedule_all();
+        while let Some((time, next)) = self.sim.queue.next(self.sim.step_end) {
             if self.budget == 0 {
                 self.ending = Ending::EventLimit;
                 return;
             }
             self.budget -= 1;
-            if self.is_undefined() {
+            if self.sim.is_undefined() {
                 break;
             }
             match next {
-                Next::Change(i) => self.change(i),
-                Next::Impact(a, b) => self.impact(time, a, b),
-                Next::Blow(which) => self.blow(which),
+                NextEvent::ModeChange(i) => self.change_mode(i),
+                NextEvent::Impact(a, b) => self.sim.collide(time, a, b),
+                NextEvent::DelayedImpulse(which) => self.sim.apply_delayed_impulse(which),
             }
         }
-        if self.is_undefined() {
+        if self.sim.is_undefined() {
             self.ending = Ending::FormulaUndefined;
             return;
         }
-        for i in 0..self.bodies.len() {
+        for i in 0..self.sim.bodies.len() {
             self.arrive(i);
         }
     }
 
-    /// Whether a formula had no finite value.
-    fn is_undefined(&self) -> bool {
-        self.laws.undefined.get() || self.plain.as_ref().is_some_and(|plain| plain.undefined.get())
-    }
-
-    /// Whether nothing else enters the motion of body `i`.
-    pub(super) fn is_alone(&self, i: usize) -> bool {
-        self.bodies[i].group.len() == 1
-            && !self.laws.has_pair_forces()
-            && !self.touching.iter().any(|t| t.a == i || t.b == i)
-    }
-
-    /// Whether a body's motion carries no derivatives, so that it can be computed without.
-    pub(super) fn plainly(&self, i: usize) -> Option<&Laws<f64>> {
-        let body = &self.bodies[i];
-        let plain = self.plain.as_ref().filter(|_| self.laws.constant[i]);
-        plain.filter(|_| body.since.is_constant() && body.from.is_constant())
-    }
-
-    pub(super) fn fly(&mut self, i: usize) {
-        let Moving { from, since, mode, .. } = self.bodies[i];
-        let flight = match self.plainly(i) {
-            Some(laws) => {
-                let f = laws.flight(i, &from.value(), mode, since.value(), self.step_end);
-                let (to, until) = (Kinematics::constant(&f.to), T::constant(f.until));
-                Flight { mode: f.mode, to, until, change: f.change }
-            }
-            None => self.laws.flight(i, &from, mode, since, self.step_end),
-        };
-        let body = &mut self.bodies[i];
-        (body.mode, body.to, body.until, body.change) = (flight.mode, flight.to, flight.until, flight.change);
-        let (start, end) = (since.value(), body.until.value());
-        body.path = Path::new(self.laws.shapes[i], start, end, from.value(), body.to.value());
-    }
-
-    /// State of a body, or of wall `i - bodies`.
-    pub(super) fn kinematics(&self, i: usize) -> &Kinematics<T> {
-        match self.bodies.get(i) {
-            Some(body) => &body.from,
-            None => &self.walls[i - self.bodies.len()].place,
+    /// Moves body `i` to the end of its segment.
+    fn arrive(&mut self, i: usize) {
+        let body = &mut self.sim.bodies[i];
+        if !body.is_absent() {
+            self.sim.recorder.record(&body.segment_start(i), body.end(), body.end_time());
         }
-    }
-
-    pub(super) fn shape(&self, b: usize) -> &Shape {
-        match self.laws.shapes.get(b) {
-            Some(shape) => shape,
-            None => &self.walls[b - self.bodies.len()].shape,
-        }
+        body.arrive();
     }
 
     /// Friction stops a body, lets a ball roll, or ends its spin.
-    fn change(&mut self, i: usize) {
-        let group = self.bodies[i].group.clone();
-        for &j in &group {
+    fn change_mode(&mut self, i: usize) {
+        let island: IslandVec<usize> = self.sim.islands.of(i).into();
+        for &j in &island {
             self.arrive(j);
         }
-        let time = self.bodies[i].since;
-        let change = self.bodies[i].change.take();
-        let k = self.bodies[i].from;
-        let ball = self.laws.shapes[i].is_ball() && self.cluster(i).is_none();
-        let radius = self.laws.shapes[i].bounding_radius();
-        match change {
-            Some(Change::Stop) => {
+        let sim = &mut self.sim;
+        let time = sim.bodies[i].since();
+        let k = *sim.bodies[i].state();
+        let ball = sim.dynamics.shapes[i].is_ball() && sim.bonds.cluster(i).is_none();
+        let radius = sim.dynamics.shapes[i].bounding_radius();
+        match sim.bodies[i].take_change() {
+            Some(ModeChange::Stop) => {
                 let speed =
                     k.velocity.value().norm() + if ball { 0.0 } else { k.spin.value().abs() * radius };
-                let states: Few<Kinematics<T>> = group.iter().map(|&j| self.bodies[j].from).collect();
-                let wrenches = self.wrenches(&group, &states, time);
-                if speed <= 10.0 * REST_SPEED && self.held(i, &group, &states, &wrenches) {
-                    self.stop(i, time.value());
+                let states: IslandVec<Kinematics<T>> =
+                    island.iter().map(|&j| *sim.bodies[j].state()).collect();
+                let w = sim.wrenches(&island, &states, time);
+                if speed <= 10.0 * REST_SPEED && sim.is_held(i, &island, &states, &w) {
+                    sim.stop(i, time.value());
                 }
             }
-            Some(Change::StartRolling) if self.laws.slip(i, &k).value().norm() <= 10.0 * REST_SPEED => {
-                // What is left of the slip (its derivatives, where a ball begins so) ends as friction would end it.
-                let velocity = k.velocity - self.laws.slip(i, &k).scaled(2.0 / 7.0);
-                self.bodies[i].mode = Mode::Roll;
-                self.bodies[i].from.velocity = velocity;
-                self.bodies[i].from.roll = velocity.perp().scaled(1.0 / radius);
+            Some(ModeChange::StartRolling)
+                if sim.dynamics.slip(i, &k).value().norm() <= 10.0 * REST_SPEED =>
+            {
+                // The slip that remains (its derivatives, where a ball starts without slip) ends as friction would end it.
+                let velocity = k.velocity - sim.dynamics.slip(i, &k).scaled(2.0 / 7.0);
+                sim.bodies[i].set_mode(Mode::Roll);
+                let roll = velocity.perp().scaled(1.0 / radius);
+                sim.bodies[i].set_state(Kinematics { velocity, roll, ..k });
             }
-            Some(Change::StartRolling) | None => {}
-            Some(Change::StopSpinning) => self.bodies[i].from.spin = T::zero(),
-            // Another corner may have come to press meanwhile.
-            Some(Change::Continue) => {
-                self.pass_on(time.value(), &group, CUT_IN_SPEED);
+            Some(ModeChange::StartRolling) | None => {}
+            Some(ModeChange::StopSpinning) => {
+                sim.bodies[i].set_state(Kinematics { spin: T::zero(), ..k });
             }
+            // Another corner may have come into contact meanwhile.
+            Some(ModeChange::Continue) => sim.propagate_impulses(time.value(), &island, CONTACT_SPEED),
         }
-        self.release(&group);
-        self.part(&group);
-        self.predict_all(&group);
-        self.refresh(&group);
+        sim.release(&island);
+        sim.break_bonds(&island);
+        sim.predict_all(&island);
+        sim.reschedule(&island);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::num::vec2;
+    use crate::scene::Shape;
+    use crate::world::StateCorrection;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::trace;
+
+    /// Coulomb friction slows a disc that does not spin by mu g.
+    #[test]
+    fn a_body_continues_from_its_correction_and_one_at_rest_stays_at_rest() {
+        let (disc, mu) = (Shape::Disc { radius: 0.1 }, 0.01);
+        let bodies = vec![
+            body(1, disc, vec2(0.0, 0.0), vec2(1.0, 0.0)),
+            body(2, disc, vec2(0.0, 2.0), vec2(0.0, 0.0)),
+        ];
+        let plain = model(bodies, &[("sliding_friction", &[mu])]);
+        let correction = |id| StateCorrection {
+            id,
+            time: 1.0,
+            position: vec2(0.1, 0.0),
+            velocity: vec2(-0.5, 0.0),
+            yaw: 0.2,
+            spin: 0.0,
+        };
+        let mut corrected = plain.clone();
+        corrected.corrections = vec![correction(1), correction(2), correction(9)];
+        let (before, after) = (trace(&plain, &seconds(35)), trace(&corrected, &seconds(35)));
+        for (a, b) in before.states[..=25].iter().flatten().zip(after.states[..=25].iter().flatten()) {
+            let (a, b) = (a.expect("present"), b.expect("present"));
+            assert!(
+                (a.position - b.position).norm() + (a.velocity - b.velocity).norm() < 1e-12,
+                "{a:?} {b:?}"
+            );
+        }
+        let (state, rest) = (after.states[35][0].expect("present"), after.states[35][1].expect("present"));
+        let (brake, later) = (9.81 * mu, 0.4);
+        let x = 1.0 - 0.5 * brake + 0.1 + (1.0 - brake - 0.5) * later - 0.5 * brake * later * later;
+        assert!((state.position.x - x).abs() < 1e-9 && (state.yaw - 0.2).abs() < 1e-9, "{state:?} {x}");
+        assert_eq!((rest.position, rest.velocity), (vec2(0.1, 2.0), vec2(0.0, 0.0)));
     }
 }

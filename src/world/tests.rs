@@ -5,6 +5,7 @@ use crate::effects::formula::{Formula, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, Hook, Scalar, Scope, effect};
 use crate::num::{Differential, Jet, LANES, Vec2, vec2};
 use crate::scene::Shape;
+use crate::world::contact::geometry::{OutlinePose, proximity};
 use proptest::prelude::*;
 
 pub(super) fn body(id: u32, shape: Shape, position: Vec2, velocity: Vec2) -> BodySpec {
@@ -137,9 +138,9 @@ proptest! {
                 for j in 0..i {
                     let pose = |k: usize| {
                         let s = row[k].expect("present");
-                        geometry::Pose::new(s.position, s.yaw, &m.bodies[k].shape)
+                        OutlinePose::new(s.position, s.yaw, &m.bodies[k].shape)
                     };
-                    let near = geometry::proximity(&pose(i), &m.bodies[i].shape, &pose(j), &m.bodies[j].shape);
+                    let near = proximity(&pose(i), &m.bodies[i].shape, &pose(j), &m.bodies[j].shape);
                     // A kept contact is looked at anew every 4 ms; until then another corner may cut in.
                     prop_assert!(near.gap > -1e-2, "{i} {j} {}", near.gap);
                 }

@@ -3,10 +3,10 @@
 use crate::num::Vec2;
 use serde::{Deserialize, Serialize};
 
-/// States of all bodies at the asked times, and the events between.
+/// States of all bodies at the requested times, and the events between.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trace {
-    /// Object ids, one a body.
+    /// Object ids, one per body.
     pub ids: Vec<u32>,
     /// s.
     pub times: Vec<f64>,
@@ -38,15 +38,15 @@ pub struct Event {
     pub kind: EventKind,
     /// Exact time (s).
     pub time: f64,
-    /// Object ids taking part: two at a collision, one otherwise (also at a wall).
+    /// Ids of the objects involved: two in a collision of objects, one otherwise.
     pub objects: Vec<u32>,
-    /// Where (m): the contact point, or the object.
+    /// The contact point, or the position of the object (m).
     pub position: Vec2,
     /// Unit normal of a collision, from the first object.
     pub normal: Option<Vec2>,
     /// Normal impulse of a collision (N s).
     pub impulse: Option<f64>,
-    /// Name of the wall, at a collision with one.
+    /// Name of the wall, in a collision with one.
     pub wall: Option<String>,
 }
 
@@ -69,19 +69,19 @@ pub enum Ending {
     Completed,
     /// More events than a simulation may have; there are no states after.
     EventLimit,
-    /// A formula has no finite value where a body went; there are no states after.
+    /// A formula has no finite value at the state of a body; there are no states after.
     FormulaUndefined,
 }
 
 impl std::fmt::Display for Ending {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {
-            Ending::Completed => "it was complete",
+            Ending::Completed => "it was completed",
             Ending::EventLimit => {
-                "more impacts and stops than a simulation may have: ask for fewer frames or slower objects"
+                "more impacts and stops than a simulation may have: request fewer frames or slower objects"
             }
             Ending::FormulaUndefined => {
-                "a formula has no finite value there: change it, or ask for fewer frames"
+                "a formula has no finite value there: change it, or request fewer frames"
             }
         })
     }

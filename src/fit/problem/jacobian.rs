@@ -10,7 +10,7 @@ use super::scene_problem::{Horizon, LIMITS, ResidualId, SceneProblem, SimulatedS
 use super::search_parameter::SearchParameter;
 use crate::effects::Scalar;
 use crate::num::{Differential, Jet, JetF32, LANES, NormalEquations, Stop};
-use crate::world::{Event, ValueOwner, Rollout, simulate_observed};
+use crate::world::{Event, Rollout, ValueOwner, simulate_observed};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::borrow::Cow;

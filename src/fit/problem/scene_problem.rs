@@ -4,7 +4,7 @@ use super::super::noise::{Noise, Whitener};
 use super::search_parameter::{SearchParameter, Slot};
 use crate::num::wrap_angle;
 use crate::scene::{Sample, Scene};
-use crate::world::{Ending, SimulationLimits, Model, Rollout, simulate_observed};
+use crate::world::{Ending, Model, Rollout, SimulationLimits, simulate_observed};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A video needs far fewer events; a trial point that wants more is not worth its time.

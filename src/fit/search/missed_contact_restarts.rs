@@ -34,7 +34,8 @@ fn touching_point(point: &[f64], divergence: &Divergence) -> Option<Vec<f64>> {
             let row = rollout.states.get(frame)?;
             let [a, b] = [body, other].map(|k| {
                 let (simulated, measured) = (row.get(k)?.as_ref()?, scene.scene.tracks[k].at(frame)?);
-                let outline = |position| PlacedShape { position, yaw: simulated.yaw, shape: &bodies[k].shape };
+                let outline =
+                    |position| PlacedShape { position, yaw: simulated.yaw, shape: &bodies[k].shape };
                 Some([measured.position, simulated.position].map(outline))
             });
             let ([measured_a, a], [measured_b, b]) = (a?, b?);

@@ -1,46 +1,52 @@
-//! Coulomb friction shared between sliding and turning over the foot of a body.
+//! Coulomb friction over the contact patch, shared between sliding and turning.
+//!
+//! Each point of the patch at `r` (m, from the centre) slips with `s = v + w perp(r)` (m/s). Friction of unit limit has the
+//! force `f = <s/|s|>` and the torque arm `t = <r x s/|s|>` (m), means over the points that carry the weight. Both are the
+//! gradient of the mean slip speed `M(v, w) = <|s|>`: `f = dM/dv`, `t = dM/dw`. A box stands on its corners, a disc on its rim.
+//! Source: Goyal, Ruina and Papadopoulos, Wear 143 (1991) 307.
 
-use super::motion::Kinematics;
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
+use crate::world::motion::kinematics::Kinematics;
 
-/// Friction over the foot for unit grip: mean of the unit slip velocities over the points that carry the
-/// weight, and the mean of their torque (m). Boxes stand on their corners, `rock` more on one diagonal than on the other
-/// (four supports leave it open); discs stand on their rim. `growth` carries the derivatives by the shape's size.
-pub(super) fn footprint<T: Real>(
+/// Force `f` and torque arm `t` (m) of friction of unit limit over the contact patch. `diagonal_load` is the share by which a
+/// box loads one diagonal more: four supports leave it open. `growth` scales the lengths of the patch by `1 + growth`.
+pub(in crate::world) fn contact_patch<T: Real>(
     shape: &Shape,
     growth: Option<T>,
-    rock: T,
+    diagonal_load: T,
     k: &Kinematics<T>,
 ) -> (Vec2<T>, T) {
-    let Some(growth) = growth else { return of_size(shape, rock, k, k.spin) };
-    // Lengths times a factor do what the spin times the factor does, but for the arm of the torque.
+    let Some(growth) = growth else { return unscaled(shape, diagonal_load, k, k.spin) };
+    // Scaling the lengths acts as scaling the spin, except for the arm of the torque.
     let factor = growth + 1.0;
-    let (force, torque) = of_size(shape, rock, k, k.spin * factor);
+    let (force, torque) = unscaled(shape, diagonal_load, k, k.spin * factor);
     (force, torque * factor)
 }
 
 /// The same where `spin` takes the place of the body's.
-fn of_size<T: Real>(shape: &Shape, rock: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
+fn unscaled<T: Real>(shape: &Shape, diagonal_load: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
     if spin.value() == 0.0 && !T::DIFFERENTIATES {
         return (k.velocity.unit(), T::zero());
     }
     match *shape {
         Shape::Disc { radius } | Shape::Ball { radius } => rim(radius, k.velocity, spin),
-        Shape::Square { half_side } => corners([half_side; 2], rock, k, spin),
-        Shape::Rectangle { half_length, half_width } => corners([half_length, half_width], rock, k, spin),
+        Shape::Square { half_side } => corners([half_side; 2], diagonal_load, k, spin),
+        Shape::Rectangle { half_length, half_width } => {
+            corners([half_length, half_width], diagonal_load, k, spin)
+        }
     }
 }
 
-/// Radius of the patch on which a corner stands, as a share of the foot's. It turns with the body, so that its points
-/// slip by `patch x spin` where the corner does not: friction has no jump where a box comes to pivot about a corner, as most
-/// do before they stop (Goyal, Ruina and Papadopoulos, 1991).
-const PATCH: f64 = 0.05;
+/// Radius of the small patch that supports a corner, as a share of the box's half diagonal. Its points slip by
+/// `patch x spin` where the corner does not, so that friction is continuous when a box pivots about a corner. Most boxes do
+/// so before they stop (Goyal, Ruina and Papadopoulos, 1991).
+const CORNER_PATCH: f64 = 0.05;
 
-/// Slopes of the mean slip speed over the corners, each `sqrt(slip^2 + (patch x spin)^2)`.
-fn corners<T: Real>([a, b]: [f64; 2], rock: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
+/// Gradient of the mean slip speed over the corners, each `sqrt(slip^2 + (patch x spin)^2)`.
+fn corners<T: Real>([a, b]: [f64; 2], diagonal_load: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
     let turn = Vec2::from_angle(k.yaw);
-    let patch = PATCH * a.hypot(b);
+    let patch = CORNER_PATCH * a.hypot(b);
     let own = spin * patch;
     let of_patch = own * own;
     // Of both diagonals, one corner and the one across.
@@ -58,12 +64,11 @@ fn corners<T: Real>([a, b]: [f64; 2], rock: T, k: &Kinematics<T>, spin: T) -> (V
         ((near + far).scaled(0.25), (arm.cross(near - far) + own * (s + t) * patch) * 0.25)
     };
     let ((f, t), (g, u)) = (diagonal(a, b), diagonal(-a, b));
-    (f + g + (f - g) * rock, t + u + (t - u) * rock)
+    (f + g + (f - g) * diagonal_load, t + u + (t - u) * diagonal_load)
 }
 
-/// The mean slip speed M(v, w) over a rim that slides with v and turns with w = spin x radius is the
-/// perimeter of an ellipse with half axes v + w and |v - w| over 2 pi; force and torque are its slopes.
-/// Perimeter by Ramanujan (1914), off by less than 5e-4.
+/// Gradient of the mean slip speed over a rim that slides with v and turns with w = spin x radius. `2 pi M(v, w)` is the
+/// perimeter of an ellipse with half axes v + w and |v - w|, by Ramanujan's approximation (1914), relative error below 5e-4.
 fn rim<T: Real>(radius: f64, velocity: Vec2<T>, spin: T) -> (Vec2<T>, T) {
     let (v, w) = (velocity.norm(), spin * radius);
     let speed = w.abs();
@@ -115,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_on_one_diagonal_turns_without_friction_while_it_slides_across_it() {
+    fn a_box_on_one_diagonal_spins_without_friction_while_it_slides_across_it() {
         let along = |yaw: f64| {
             let k = Kinematics { yaw, velocity: vec2(1.0, 0.0), ..kinematics(1.0, 0.1) };
             corners([0.2; 2], 1.0, &k, k.spin).1
@@ -126,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_that_does_not_turn_feels_all_of_it_along_the_velocity() {
+    fn without_spin_all_friction_acts_along_the_velocity() {
         let (f, t) = corners([0.2; 2], 0.4, &kinematics(1.0, 0.0), 0.0);
         assert!((f - vec2(1.0, 0.2).unit()).norm() < 1e-15 && t.abs() < 1e-15);
     }

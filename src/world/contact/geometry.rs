@@ -1,30 +1,30 @@
 //! Gap between two outlines: distance, normal, and the points that touch first.
 
-use super::motion::Kinematics;
 use crate::num::{Real, Vec2, vec2};
 use crate::scene::Shape;
+use crate::world::motion::kinematics::Kinematics;
 
-/// Place and orientation of an outline; `turn` is the unit vector at its yaw.
+/// Position (m) and orientation of an outline; `turn` is the unit vector at its yaw.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Pose<T> {
+pub(in crate::world) struct OutlinePose<T> {
     pub position: Vec2<T>,
     pub turn: Vec2<T>,
 }
 
-impl<T: Real> Pose<T> {
+impl<T: Real> OutlinePose<T> {
     pub fn of(k: &Kinematics<T>, shape: &Shape) -> Self {
-        Pose::new(k.position, k.yaw, shape)
+        OutlinePose::new(k.position, k.yaw, shape)
     }
 
     pub fn new(position: Vec2<T>, yaw: T, shape: &Shape) -> Self {
         let turn = if shape.is_round() { vec2(T::constant(1.0), T::zero()) } else { Vec2::from_angle(yaw) };
-        Pose { position, turn }
+        OutlinePose { position, turn }
     }
 }
 
-/// How two outlines face each other.
+/// The closest points of two outlines.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Proximity<T> {
+pub(in crate::world) struct Proximity<T> {
     /// Distance (m); negative where they overlap. For two boxes that face corner to corner it is the
     /// separation along the best face normal, a lower bound that vanishes at touch.
     pub gap: T,
@@ -33,13 +33,13 @@ pub(super) struct Proximity<T> {
     /// The points that touch first, on a and on b.
     pub on_a: Vec2<T>,
     pub on_b: Vec2<T>,
-    /// The point whose distance from the face the gap is; of two boxes the lower corner, wherever they touch.
+    /// The point whose distance from the face is the gap; for two boxes the corner nearest to the face.
     pub lowest: Vec2<T>,
     pub feature: Feature,
 }
 
 impl<T: Real> Proximity<T> {
-    /// Seen with outlines that have grown a little about their centres; where two corners meet, their normal stays.
+    /// For outlines scaled by `1 + growth` about their centres, to first order. Where two corners meet, the normal stays.
     pub fn grown(self, (a, sa, growth_a): Grown<T>, (b, sb, growth_b): Grown<T>) -> Self {
         let shift = |on: Vec2<T>, centre: Vec2<T>, growth: T, face: bool| {
             let arm = (on - centre) * growth;
@@ -57,24 +57,29 @@ impl<T: Real> Proximity<T> {
     }
 }
 
-/// Where an outline's centre is, its shape and its relative growth.
-pub(super) type Grown<'s, T> = (Vec2<T>, &'s Shape, T);
+/// Centre of an outline (m), its shape and its relative growth.
+pub(in crate::world) type Grown<'s, T> = (Vec2<T>, &'s Shape, T);
 
-/// What carries the normal.
+/// Which features touch, and so how the normal rotates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Feature {
-    /// It points from a centre or corner to another.
+pub(in crate::world) enum Feature {
+    /// Two centres or corners: it points from one to the other.
     Points,
-    /// It turns with a face of a.
+    /// It rotates with a face of a.
     FaceOfA,
-    /// It turns with a face of b.
+    /// It rotates with a face of b.
     FaceOfB,
 }
 
-/// Two corners whose depths differ by less than this share a contact (m): bodies are not perfectly rigid.
+/// Two corners whose gaps differ by less than this share a contact (m): bodies are not perfectly rigid.
 const COMPLIANCE: f64 = 1e-3;
 
-pub(super) fn proximity<T: Real>(a: &Pose<T>, sa: &Shape, b: &Pose<T>, sb: &Shape) -> Proximity<T> {
+pub(in crate::world) fn proximity<T: Real>(
+    a: &OutlinePose<T>,
+    sa: &Shape,
+    b: &OutlinePose<T>,
+    sb: &Shape,
+) -> Proximity<T> {
     match (sa.half_extents(), sb.half_extents()) {
         (None, None) => circles(a.position, sa.bounding_radius(), b.position, sb.bounding_radius()),
         (None, Some(half)) => swapped(box_circle(b, half, a.position, sa.bounding_radius())),
@@ -83,7 +88,7 @@ pub(super) fn proximity<T: Real>(a: &Pose<T>, sa: &Shape, b: &Pose<T>, sb: &Shap
     }
 }
 
-/// Where an outline lies.
+/// An outline at a position (m) and yaw (rad).
 pub struct PlacedShape<'s> {
     pub position: Vec2,
     pub yaw: f64,
@@ -92,7 +97,7 @@ pub struct PlacedShape<'s> {
 
 /// Distance between two outlines (m; negative where they overlap) and the unit normal from the first to the second.
 pub fn gap(a: &PlacedShape, b: &PlacedShape) -> (f64, Vec2) {
-    let pose = |o: &PlacedShape| Pose::new(o.position, o.yaw, o.shape);
+    let pose = |o: &PlacedShape| OutlinePose::new(o.position, o.yaw, o.shape);
     let near = proximity(&pose(a), a.shape, &pose(b), b.shape);
     (near.gap, near.normal)
 }
@@ -116,8 +121,8 @@ fn circles<T: Real>(a: Vec2<T>, ra: f64, b: Vec2<T>, rb: f64) -> Proximity<T> {
     Proximity { gap, normal, on_a, on_b, lowest: on_b, feature: Feature::Points }
 }
 
-/// Box a and circle b: over a side or over a corner (VRDP supplement, fig. 1).
-fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64) -> Proximity<T> {
+/// Box a and circle b: the circle is nearest to a side or to a corner (VRDP supplement, fig. 1).
+fn box_circle<T: Real>(a: &OutlinePose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64) -> Proximity<T> {
     let local = (centre - a.position).unrotated(a.turn);
     let (x, y) = (local.x.value(), local.y.value());
     let over = [x.abs() - half[0], y.abs() - half[1]];
@@ -126,7 +131,7 @@ fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64
         let corner = a.position + corner.rotated(a.turn);
         return circles(corner, 0.0, centre, radius);
     }
-    let (axis, distance, foot) = if over[0] >= over[1] {
+    let (axis, distance, nearest) = if over[0] >= over[1] {
         let sign = 1f64.copysign(x);
         (a.turn.scaled(sign), local.x * sign - half[0], vec2(T::constant(half[0] * sign), local.y))
     } else {
@@ -137,18 +142,18 @@ fn box_circle<T: Real>(a: &Pose<T>, half: [f64; 2], centre: Vec2<T>, radius: f64
     Proximity {
         gap: distance - radius,
         normal: axis,
-        on_a: a.position + foot.rotated(a.turn),
+        on_a: a.position + nearest.rotated(a.turn),
         on_b,
         lowest: on_b,
         feature: Feature::FaceOfA,
     }
 }
 
-/// The points at which two outlines can press on each other: both ends of the edge where box meets box.
-pub(super) fn manifold<T: Real>(
-    a: &Pose<T>,
+/// The points at which two outlines can touch: both ends of the edge where two boxes meet.
+pub(in crate::world) fn manifold<T: Real>(
+    a: &OutlinePose<T>,
     sa: &Shape,
-    b: &Pose<T>,
+    b: &OutlinePose<T>,
     sb: &Shape,
 ) -> [Option<Proximity<T>>; 2] {
     let (Some(ha), Some(hb)) = (sa.half_extents(), sb.half_extents()) else {
@@ -165,7 +170,7 @@ pub(super) fn manifold<T: Real>(
 }
 
 /// Two boxes, by the separating-axis theorem.
-fn boxes<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> Proximity<T> {
+fn boxes<T: Real>(a: &OutlinePose<T>, ha: [f64; 2], b: &OutlinePose<T>, hb: [f64; 2]) -> Proximity<T> {
     let (fa, fb) = (best_face(a, ha, b, hb), best_face(b, hb, a, ha));
     if fa.0 >= fb.0 {
         facing_edge(a, ha, fa.1, b, hb).blended()
@@ -175,7 +180,12 @@ fn boxes<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> Proxi
 }
 
 /// The face of `a` (axis, sign) that separates `b` most, by real parts.
-fn best_face<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> (f64, (usize, f64)) {
+fn best_face<T: Real>(
+    a: &OutlinePose<T>,
+    ha: [f64; 2],
+    b: &OutlinePose<T>,
+    hb: [f64; 2],
+) -> (f64, (usize, f64)) {
     let (ta, tb) = (a.turn.value(), b.turn.value());
     let delta = b.position.value() - a.position.value();
     let mut best = (f64::NEG_INFINITY, (0, 1.0));
@@ -190,32 +200,32 @@ fn best_face<T: Real>(a: &Pose<T>, ha: [f64; 2], b: &Pose<T>, hb: [f64; 2]) -> (
     best
 }
 
-/// An edge of one box before a face of another: its two ends, clipped to the face.
+/// An edge of one box opposite a face of another: its two ends, clipped to the face.
 struct FacingEdge<T> {
     normal: Vec2<T>,
     tangent: Vec2<T>,
     /// Middle of the face.
     middle: Vec2<T>,
-    /// Place along the face and height over it of either end (m).
+    /// Position along the face, and height above it, of each end (m).
     sides: [T; 2],
     heights: [T; 2],
-    /// The lower end before clipping, and its height.
+    /// The end nearest to the face before clipping, and its height.
     lowest: Vec2<T>,
     gap: T,
 }
 
 fn facing_edge<T: Real>(
-    a: &Pose<T>,
+    a: &OutlinePose<T>,
     ha: [f64; 2],
     (axis, sign): (usize, f64),
-    b: &Pose<T>,
+    b: &OutlinePose<T>,
     hb: [f64; 2],
 ) -> FacingEdge<T> {
     let direction = if axis == 0 { a.turn } else { a.turn.perp() };
     let normal = direction.scaled(sign);
     let tangent = normal.perp();
     let (width, nv) = (ha[1 - axis], normal.value());
-    // The edge of b whose outward normal looks most against the face.
+    // The edge of b whose outward normal is most opposed to the face.
     let tb = b.turn.value();
     let (dx, dy) = (nv.dot(tb), nv.dot(tb.perp()));
     let corners = if dx.abs() >= dy.abs() {
@@ -286,24 +296,24 @@ mod tests {
         ) {
             let (sa, sb) = (shape(ka), shape(kb));
             prop_assume!(x.hypot(y) > 0.3);
-            let a = Pose::new(vec2(0.0, 0.0), qa, &sa);
-            let b = Pose::new(vec2(x, y), qb, &sb);
+            let a = OutlinePose::new(vec2(0.0, 0.0), qa, &sa);
+            let b = OutlinePose::new(vec2(x, y), qb, &sb);
             let (p, q) = (proximity(&a, &sa, &b, &sb), proximity(&b, &sb, &a, &sa));
             prop_assert!((p.gap - q.gap).abs() < 1e-12);
             prop_assert!((p.normal + q.normal).norm() < 1e-9);
             prop_assert!((p.normal.norm() - 1.0).abs() < 1e-12);
             // Moving b along the normal opens the gap by as much, unless another face takes over.
-            let moved = Pose::new(b.position + p.normal.scaled(1e-7), qb, &sb);
+            let moved = OutlinePose::new(b.position + p.normal.scaled(1e-7), qb, &sb);
             let wider = proximity(&a, &sa, &moved, &sb).gap - p.gap;
             prop_assert!((wider - 1e-7).abs() < 1e-11, "{wider}");
         }
     }
 
     #[test]
-    fn faces_and_corners_are_told_apart() {
+    fn faces_and_corners_are_distinguished() {
         let square = Shape::Square { half_side: 0.2 };
         let ball = Shape::Ball { radius: 0.1 };
-        let at = |x: f64, y: f64, yaw: f64, s: &Shape| Pose::new(vec2(x, y), yaw, s);
+        let at = |x: f64, y: f64, yaw: f64, s: &Shape| OutlinePose::new(vec2(x, y), yaw, s);
         let face = proximity(&at(0., 0., 0., &square), &square, &at(0.5, 0.1, 0., &ball), &ball);
         assert!((face.gap - 0.2).abs() < 1e-12 && face.feature == Feature::FaceOfA);
         let corner = proximity(&at(0., 0., 0., &square), &square, &at(0.5, 0.6, 0., &ball), &ball);

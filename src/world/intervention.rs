@@ -1,11 +1,11 @@
-//! Interventions: edits of a model that a counterfactual asks about.
+//! Interventions: changes of a model for a counterfactual simulation.
 
-use super::model::{BodySpec, Model};
 use crate::effects::Scope;
 use crate::num::Vec2;
+use crate::world::model::{BodySpec, Model};
 use serde::{Deserialize, Serialize};
 
-/// What is done to the model before it is simulated.
+/// A change of the model before it is simulated.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Intervention {
@@ -17,7 +17,7 @@ pub enum Intervention {
         id: u32,
         factor: f64,
     },
-    /// Multiplies the factor of the object's own in the restitution of its contacts, where the model has one.
+    /// Multiplies the object's own factor in the restitution of its contacts, if the model has one.
     ScaleRestitution {
         id: u32,
         factor: f64,
@@ -32,13 +32,13 @@ pub enum Intervention {
         id: u32,
         factor: f64,
     },
-    /// Sets the place at the body's start (m, rad).
+    /// Sets the position and yaw at the body's start (m, rad).
     Place {
         id: u32,
         position: Vec2,
         yaw: Option<f64>,
     },
-    /// Moves the place at the body's start (m).
+    /// Moves the position at the body's start (m).
     Shift {
         id: u32,
         by: Vec2,
@@ -66,7 +66,10 @@ pub enum InterventionError {
 }
 
 impl Intervention {
-    /// The edited model.
+    /// The changed model.
+    ///
+    /// # Errors
+    /// The object or effect is not in the model, an added id is in use, or a value is not finite or out of range.
     pub fn apply(&self, model: &Model) -> Result<Model, InterventionError> {
         let mut edited = model.clone();
         let find = |id: u32| {
@@ -153,7 +156,7 @@ impl Intervention {
         Ok(edited)
     }
 
-    /// The object it is done to, if it is done to one.
+    /// The object that it changes, if it changes one.
     pub fn object(&self) -> Option<u32> {
         match self {
             Intervention::Remove { id }

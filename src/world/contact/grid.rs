@@ -1,29 +1,29 @@
-//! Which bodies can come near each other in a step: a grid over the boxes of their ways.
+//! Which bodies can come near each other in a step: a grid over the boxes of their paths.
 
 use crate::num::{Vec2, vec2};
 
-/// Up to so many bodies, looking at every pair costs less than the grid.
-const FEW: usize = 24;
+/// Up to this number of bodies, testing every pair costs less than the grid.
+const MAX_WITHOUT_GRID: usize = 24;
 
-/// Bodies by the cells that their boxes cover; what lies outside counts to the cells at the edge.
+/// Bodies by the cells that their boxes cover. Boxes outside the grid count to its outermost cells.
 #[derive(Default)]
-pub(super) struct Grid {
+pub(in crate::world) struct Grid {
     low: Vec2,
     /// Side of a cell (m).
     side: f64,
     columns: usize,
     rows: usize,
     cells: Vec<Vec<usize>>,
-    /// First and last column and row of each body; empty where all are near each other.
+    /// First and last column and row of each body; empty without a grid.
     spans: Vec<[usize; 4]>,
 }
 
 impl Grid {
-    /// Sorts in these boxes, a body each.
+    /// Builds the grid over these boxes (lower and upper corner, m), one per body.
     pub fn fill(&mut self, boxes: impl Iterator<Item = (Vec2, Vec2)> + Clone) {
         let count = boxes.clone().count();
         self.spans.clear();
-        if count <= FEW {
+        if count <= MAX_WITHOUT_GRID {
             return;
         }
         let (mut low, mut high) = boxes.clone().next().unwrap_or_default();
@@ -34,7 +34,7 @@ impl Grid {
             extent += (b.x - a.x).max(b.y - a.y) / count as f64;
         }
         let (width, height) = (high.x - low.x, high.y - low.y);
-        // A body covers a few cells, and there are not many more cells than bodies.
+        // A body covers a few cells, and the number of cells is of the order of the number of bodies.
         self.side = extent.max((width * height / count as f64).sqrt()).max(width.max(height) / count as f64);
         self.low = low;
         let cells = |length: f64| (length / self.side) as usize + 1;
@@ -49,7 +49,7 @@ impl Grid {
         }
     }
 
-    /// The body's box is another one.
+    /// Replaces the box of a body.
     pub fn update(&mut self, body: usize, low: Vec2, high: Vec2) {
         let span = self.span(low, high);
         if self.spans.get(body).is_none_or(|old| *old == span) {
@@ -64,7 +64,7 @@ impl Grid {
         }
     }
 
-    /// The bodies that share a cell with this one, in order; `None`: all may be near.
+    /// The bodies that share a cell with this one, in order; `None` without a grid: all may be near.
     pub fn near(&self, body: usize) -> Option<Vec<usize>> {
         self.spans.get(body)?;
         let mut near: Vec<usize> =
