@@ -3,8 +3,8 @@
 //! A program is a list of tokens in postfix order on a stack of typed values. A word or a number pushes itself; each other
 //! operation pops its operands and pushes one result, as [`signature`] states. The check runs the types alone over the
 //! stack: if no operation meets a wrong type, none can at run time. A question leaves one value; one that asks about choices ends
-//! in `belong_to` and finds the value of a choice below it. Source: Yi et al., CLEVRER, ICLR 2020, appendix on programs; the
-//! operations for billiards and for further changes are ours.
+//! in `belong_to` and finds the value of a choice below it. Source of the tokens: the programs of the CLEVRER data set
+//! (Yi et al., ICLR 2020); the operations for billiards and for further changes are ours.
 
 use super::ReasonError;
 

@@ -4,7 +4,7 @@ use crate::scene::violations::SceneViolations;
 use serde_json::{Map, Value};
 
 /// Reads fields, and collects what is wrong with them. A missing or null field is `None` without a violation, unless the
-/// method's doc says otherwise.
+/// method requires it.
 #[derive(Default)]
 pub(super) struct JsonFields {
     pub violations: SceneViolations,
@@ -28,7 +28,7 @@ impl JsonFields {
         value.as_object()
     }
 
-    /// A list; an empty one where it is wrong.
+    /// A required list; an empty one where it is missing or wrong.
     pub(super) fn list<'a>(&mut self, from: &'a Map<String, Value>, key: &str, path: &str) -> &'a [Value] {
         match from.get(key) {
             Some(Value::Array(list)) => list,
@@ -40,7 +40,7 @@ impl JsonFields {
         }
     }
 
-    /// The object's id under `object_id`.
+    /// The required id under `object_id`.
     pub(super) fn required_id(&mut self, from: &Map<String, Value>, path: &str) -> Option<u32> {
         let value = from.get("object_id");
         let id = value.and_then(Value::as_u64).and_then(|id| u32::try_from(id).ok());
@@ -70,7 +70,7 @@ impl JsonFields {
         value.as_str().map(str::to_string)
     }
 
-    /// A list of numbers with one of these lengths.
+    /// A required list of numbers with one of these lengths.
     pub(super) fn numbers(
         &mut self,
         value: Option<&Value>,

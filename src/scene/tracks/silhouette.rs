@@ -21,9 +21,9 @@ use nalgebra::{Matrix3x4, Matrix4, Vector4};
 
 /// An edge this near to the image's border may be cut by it (px).
 const BORDER: f64 = 1.5;
-/// A box is too short (a part is hidden) if it lacks this many standard deviations of its length
+/// Least missing length of a box with a hidden part, in standard deviations of its length.
 const MIN_MISSING_DEVIATIONS: f64 = 4.0;
-/// and this share of its length.
+/// Least missing length of a box with a hidden part, as a share of its length.
 const MIN_MISSING_SHARE: f64 = 0.12;
 /// A hiding body reaches to within this distance of the edge that it causes (px).
 const TOUCHING_DISTANCE: f64 = 3.0;

@@ -6,13 +6,13 @@
 //!   `e = x - x_last - v g` (m), g the gap (frames), L the object's size (m), v (m/frame) the regression slope of the last
 //!   positions, and `S = (2 + g^2 / sum (t - mean t)^2) C + (w L g / fps)^2 I`. The terms are the noise of both positions, that of v,
 //!   and a velocity changed by an impulse of standard deviation w sizes/s. Distances beyond [`GATE`] are refused;
-//! - hypotheses: v from the last [`VELOCITY_SAMPLES`] samples; from the last 3, as the velocity has just changed
-//!   ([`CHANGED_COST`]); from the last one only, or without the last one, as the others or the last one are false ([`FALSE_COST`]);
+//! - hypotheses: v from the last [`VELOCITY_SAMPLES`] samples; from the last 3, if the velocity has just changed
+//!   ([`CHANGED_COST`]); from the last one only, if the others are false; without the last one, if that is false ([`FALSE_COST`]);
 //! - look: `M = -2 sum ln(q + (1 - q) p)` over colour, material and shape, with q the share of wrong attributes and p the
 //!   probability that votes and detection name the same word.
 //!
 //! Source: nearest-neighbour data association with gating, Bar-Shalom and Fortmann, Tracking and Data Association (1988); the
-//! hypotheses and numbers are ours, set on CLEVRER's proposals.
+//! hypotheses and their costs are ours.
 
 use crate::num::Vec2;
 use crate::scene::covariance::Covariance;
