@@ -21,41 +21,41 @@ use std::collections::BTreeMap;
 
 /// Most frames of one simulation.
 pub const MAX_SIMULATED_FRAMES: usize = 20_000;
-/// Events of the ensemble that the best rollout lacks are told from this probability on.
-const WORTH_TELLING: f64 = 0.05;
-/// Simulations that are farther apart than this (m, rad) have parted: beyond round-off, far below any noise.
-const PARTED: f64 = 1e-6;
+/// Least probability of a listed event that the best rollout lacks.
+const MIN_PROBABILITY: f64 = 0.05;
+/// Least difference of diverged rollouts (m, rad): beyond round-off, far below any noise.
+const DIVERGED: f64 = 1e-6;
 
-/// One simulation request, answered: the best rollout and how sure it is.
+/// The best rollout of a scene under interventions, and its uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Prediction {
     pub interventions: Vec<Intervention>,
-    /// Frames of the video itself.
+    /// Frames of the video.
     pub observed_frames: usize,
     /// The model that the best rollout simulated.
     pub model: Model,
-    /// The rollout at the best parameters, one row a frame from frame 0.
+    /// The rollout with the best parameters, one row a frame from frame 0.
     pub best: Trace,
-    /// Rollouts of models drawn from the posterior.
+    /// Rollouts with parameters drawn from the posterior.
     pub ensemble: Vec<Trace>,
-    /// `sd[frame][body]`: spread of the position around the best rollout, per coordinate (m); `None` where absent.
+    /// `sd[frame][body]`: standard deviation of the position around the best rollout (m, a coordinate); `None` where absent.
     pub sd: Vec<Vec<Option<f64>>>,
-    /// Events of the best rollout and others that the ensemble finds likely, by time.
+    /// Events of the best rollout, and others that the ensemble finds likely, by time.
     pub events: Vec<LikelyEvent>,
-    /// Objects that the interventions do not reach within the video: they move as observed.
+    /// Objects that the interventions do not affect within the video: they move as observed.
     pub unreached: Vec<u32>,
-    /// Rollouts that ended before they were through, if there are any.
+    /// Rollouts that ended early, if there are any.
     pub cut_short: Option<CutShort>,
 }
 
 /// Rollouts that have no states from some frame on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CutShort {
-    /// How many: the best one and those of the ensemble.
+    /// Number of such rollouts, the best one included.
     pub rollouts: usize,
     /// Why the first of them ended.
     pub why: Ending,
-    /// The first frame that the best rollout lacks; `None` where it is whole.
+    /// The first frame that the best rollout lacks; `None` where it is complete.
     pub frame: Option<usize>,
 }
 
@@ -68,20 +68,20 @@ pub struct LikelyEvent {
     pub probability: f64,
 }
 
-/// What is to be simulated.
+/// A simulation of a fitted scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PredictionRequest {
-    /// None: the prediction.
+    /// Without any: the prediction.
     pub interventions: Vec<Intervention>,
     /// Frames from frame 0.
     pub frames: usize,
-    /// Models drawn from the posterior.
+    /// Number of rollouts in the ensemble.
     pub rollouts: usize,
     pub seed: u64,
 }
 
-/// Simulates scene `index` of the fit under the interventions, at the best parameters and over draws from the
-/// posterior. Deterministic.
+/// Simulates scene `index` of the fit under the interventions, with the best parameters and with draws from the posterior.
+/// Deterministic.
 pub fn predict(
     scene: &Scene,
     fit: &Fit,
@@ -95,7 +95,7 @@ pub fn predict(
     }
     let times: Vec<f64> = (0..*frames).map(|f| scene.time_of(f)).collect();
     let edited = |model: &Model| interventions.iter().try_fold(model.clone(), |m, i| i.apply(&m));
-    let filmed = |mut run: Trace, model: &Model| {
+    let observed = |mut run: Trace, model: &Model| {
         if let Some(camera) = &scene.camera {
             let seen = enter_exit_events(model, &run, camera);
             run.events.extend(seen);
@@ -105,67 +105,68 @@ pub fn predict(
     };
     let fitted = &fit.scenes[index];
     let mut model = edited(&fitted.model)?;
-    // What was observed against the simulation that was fitted to it.
     let factual = trace(&fitted.model, &scene.times);
-    let changed = !interventions.is_empty();
-    let unguided = |model: &Model| changed.then(|| trace(model, &scene.times));
-    let reached = divergence_times(&factual, unguided(&model).as_ref().unwrap_or(&factual));
-    // An anchor at the last frame that is asked for, or after it, changes nothing.
-    let mut known: BTreeMap<(usize, usize), Option<StateDiscrepancy>> = BTreeMap::new();
-    let mut off = |p: &Parting| -> Option<StateDiscrepancy> {
-        let found = || state_discrepancy(scene, fitted, &factual, p.body, scene.time_of(p.last));
-        if p.last + 1 < *frames { *known.entry((p.body, p.last)).or_insert_with(found) } else { None }
+    let is_changed = !interventions.is_empty();
+    let uncorrected = |model: &Model| is_changed.then(|| trace(model, &scene.times));
+    let divergences = divergence_times(&factual, uncorrected(&model).as_ref().unwrap_or(&factual));
+    // A correction at the last requested frame, or after it, has no effect.
+    let mut discrepancies: BTreeMap<(usize, usize), Option<StateDiscrepancy>> = BTreeMap::new();
+    let mut discrepancy = |d: &DivergenceTime| -> Option<StateDiscrepancy> {
+        let found = || state_discrepancy(scene, fitted, &factual, d.body, scene.time_of(d.last));
+        if d.last + 1 < *frames { *discrepancies.entry((d.body, d.last)).or_insert_with(found) } else { None }
     };
-    model.corrections = reached.iter().filter_map(|p| Some(off(p)?.correction())).collect();
-    let best = filmed(trace(&model, &times), &model);
-    let anchored = !model.corrections.is_empty();
+    model.corrections = divergences.iter().filter_map(|d| Some(discrepancy(d)?.correction())).collect();
+    let best = observed(trace(&model, &times), &model);
+    let is_corrected = !model.corrections.is_empty();
     let mut ensemble = Vec::with_capacity(*rollouts);
     for (number, drawn) in fit.draw(index, *rollouts, *seed).iter().enumerate() {
         stop(ensemble.len() as f64 / *rollouts as f64)?;
         let mut model = edited(drawn)?;
-        let mut found = None;
-        if anchored {
+        let mut free = None;
+        if is_corrected {
             let own = trace(drawn, &scene.times);
-            found = unguided(&model);
-            let anchor = |p: &Parting| -> Option<StateCorrection> {
-                let at = |t: &Trace| -> Option<State> { *t.states.get(p.last)?.get(p.body)? };
-                Some(off(p)?.sample_correction(number, &at(&own)?, &at(&factual)?))
+            free = uncorrected(&model);
+            let correction = |d: &DivergenceTime| -> Option<StateCorrection> {
+                let at = |t: &Trace| -> Option<State> { *t.states.get(d.last)?.get(d.body)? };
+                Some(discrepancy(d)?.sample_correction(number, &at(&own)?, &at(&factual)?))
             };
-            let parted = divergence_times(&own, found.as_ref().unwrap_or(&own));
-            model.corrections = parted.iter().filter_map(anchor).collect();
+            let divergences = divergence_times(&own, free.as_ref().unwrap_or(&own));
+            model.corrections = divergences.iter().filter_map(correction).collect();
         }
-        let known = found.filter(|run| model.corrections.is_empty() && run.times == times);
-        ensemble.push(filmed(known.unwrap_or_else(|| trace(&model, &times)), &model));
+        // Without corrections the rollout is known already.
+        let known = free.filter(|run| model.corrections.is_empty() && run.times == times);
+        ensemble.push(observed(known.unwrap_or_else(|| trace(&model, &times)), &model));
     }
     let sd = spread(&best, &ensemble);
     let events = likely_events(scene, &best, &ensemble);
     let observed_frames = scene.times.len();
-    let whole = reached.iter().filter(|p| changed && p.last + 1 == observed_frames);
-    let unreached = whole.map(|p| factual.ids[p.body]).collect();
+    let unaffected = divergences.iter().filter(|d| is_changed && d.last + 1 == observed_frames);
+    let unreached = unaffected.map(|d| factual.ids[d.body]).collect();
     let interventions = interventions.clone();
     let cut_short = cut_short(&best, &ensemble);
     Ok(Prediction { interventions, observed_frames, model, best, ensemble, sd, events, unreached, cut_short })
 }
 
-/// Until when a body of the video moves in two simulations alike.
-struct Parting {
-    /// Index of the body in the first one.
+/// Until when a body moves alike in two rollouts.
+struct DivergenceTime {
+    /// Index of the body in the first rollout.
     body: usize,
-    /// The last frame in which it does.
+    /// The last frame before they diverge.
     last: usize,
 }
 
-/// Bodies that begin alike, and how long: the interventions can have reached one only when the simulations part.
-fn divergence_times(factual: &Trace, prediction: &Trace) -> Vec<Parting> {
+/// When each body of the factual rollout diverges: only then can the interventions have affected it. Bodies that differ from the
+/// first frame on are left out.
+fn divergence_times(factual: &Trace, prediction: &Trace) -> Vec<DivergenceTime> {
     let of = |(body, id): (usize, &u32)| {
         let other = prediction.ids.iter().position(|i| i == id)?;
         let alike = |frame: &usize| match (factual.states[*frame][body], prediction.states[*frame][other]) {
-            (Some(a), Some(b)) => (a.position - b.position).norm().max((a.yaw - b.yaw).abs()) <= PARTED,
+            (Some(a), Some(b)) => (a.position - b.position).norm().max((a.yaw - b.yaw).abs()) <= DIVERGED,
             (None, None) => true,
             _ => false,
         };
         let last = (0..factual.states.len()).take_while(alike).last()?;
-        Some(Parting { body, last })
+        Some(DivergenceTime { body, last })
     };
     factual.ids.iter().enumerate().filter_map(of).collect()
 }
@@ -179,7 +180,7 @@ fn cut_short(best: &Trace, ensemble: &[Trace]) -> Option<CutShort> {
     Some(CutShort { rollouts: 1 + early.count(), why, frame })
 }
 
-/// Root mean square deviation of the ensemble from the best rollout, per coordinate.
+/// Root mean square deviation of the ensemble from the best rollout (m, a coordinate).
 fn spread(best: &Trace, ensemble: &[Trace]) -> Vec<Vec<Option<f64>>> {
     let of = |frame: usize, body: usize| {
         let centre = best.states[frame][body]?.position;
@@ -191,8 +192,9 @@ fn spread(best: &Trace, ensemble: &[Trace]) -> Vec<Vec<Option<f64>>> {
     (0..best.states.len()).map(|f| (0..best.ids.len()).map(|b| of(f, b)).collect()).collect()
 }
 
-/// Events by what happens to whom for the how-manieth time, with the share of the ensemble that has them.
+/// The events of the best rollout and the likely ones of the ensemble, with their probabilities.
 fn likely_events(scene: &Scene, best: &Trace, ensemble: &[Trace]) -> Vec<LikelyEvent> {
+    /// Kind, objects, wall, and how many such events are earlier.
     type Key = (EventKind, Vec<u32>, Option<String>, usize);
     let keyed = |t: &Trace| -> Vec<(Key, Event)> {
         let mut seen: Vec<(Key, Event)> = vec![];
@@ -219,7 +221,7 @@ fn likely_events(scene: &Scene, best: &Trace, ensemble: &[Trace]) -> Vec<LikelyE
         .into_iter()
         .enumerate()
         .map(|(i, (key, event))| (i, probability(&key), event))
-        .filter(|(i, p, _)| *i < sure || *p >= WORTH_TELLING)
+        .filter(|(i, p, _)| *i < sure || *p >= MIN_PROBABILITY)
         .map(|(_, probability, event)| LikelyEvent {
             frame: nearest_frame(scene, event.time),
             event,
@@ -236,7 +238,7 @@ fn nearest_frame(scene: &Scene, time: f64) -> usize {
     if nearer { before + 1 } else { before }
 }
 
-/// When bodies come into the camera's view and leave it.
+/// The events of bodies that enter or leave the camera's view.
 fn enter_exit_events(model: &Model, run: &Trace, camera: &Camera) -> Vec<Event> {
     let mut events = vec![];
     for (b, body) in model.bodies.iter().enumerate() {
