@@ -65,95 +65,113 @@ pub enum InterventionError {
     UnknownEffect { name: String, known: Vec<String> },
 }
 
+/// A value out of range is an error that names it.
+fn check(
+    is_valid: bool,
+    what: &'static str,
+    value: f64,
+    more: &'static str,
+) -> Result<(), InterventionError> {
+    if is_valid { Ok(()) } else { Err(InterventionError::BadValue { what, value, more }) }
+}
+
+fn check_finite(what: &'static str, value: f64) -> Result<(), InterventionError> {
+    check(value.is_finite(), what, value, "")
+}
+
+fn check_vector(what: &'static str, value: Vec2) -> Result<(), InterventionError> {
+    check_finite(what, value.x)?;
+    check_finite(what, value.y)
+}
+
+fn find_body(model: &mut Model, id: u32) -> Result<&mut BodySpec, InterventionError> {
+    let index = find_index(model, id)?;
+    Ok(&mut model.bodies[index])
+}
+
+fn find_index(model: &Model, id: u32) -> Result<usize, InterventionError> {
+    model.body_index(id).ok_or_else(|| InterventionError::UnknownObject {
+        id,
+        known: model.bodies.iter().map(|b| b.id).collect(),
+    })
+}
+
+fn unknown_effect(model: &Model, name: &str) -> InterventionError {
+    let known = model.effects.iter().map(|e| e.name.clone()).collect();
+    InterventionError::UnknownEffect { name: name.to_string(), known }
+}
+
+fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), InterventionError> {
+    find_index(model, id)?;
+    check(factor.is_finite() && factor >= 0.0, "restitution factor", factor, " and at least 0")?;
+    let own = model.effects.iter_mut().filter(|e| e.on && e.name == "restitution");
+    let own = own.flat_map(|e| &mut e.parameters).find(|p| p.scope == Scope::Object);
+    let value = own.and_then(|p| {
+        let at = p.labels.binary_search(&id.to_string()).ok()?;
+        p.values.get_mut(at)
+    });
+    match value {
+        Some(value) => *value *= factor,
+        None => return Err(unknown_effect(model, "restitution")),
+    }
+    Ok(())
+}
+
 impl Intervention {
     /// The changed model.
     ///
     /// # Errors
     /// The object or effect is not in the model, an added id is in use, or a value is not finite or out of range.
     pub fn apply(&self, model: &Model) -> Result<Model, InterventionError> {
-        let mut edited = model.clone();
-        let find = |id: u32| {
-            model.bodies.iter().position(|b| b.id == id).ok_or_else(|| InterventionError::UnknownObject {
-                id,
-                known: model.bodies.iter().map(|b| b.id).collect(),
-            })
-        };
-        let known = || model.effects.iter().map(|e| e.name.clone()).collect();
+        let mut changed = model.clone();
         match self {
-            Intervention::Remove { id } => edited.remove_body(find(*id)?),
+            Intervention::Remove { id } => {
+                let index = find_index(model, *id)?;
+                changed.remove_body(index);
+            }
             Intervention::ScaleMass { id, factor } => {
-                if !(factor.is_finite() && *factor > 0.0) {
-                    return Err(InterventionError::BadValue {
-                        what: "mass factor",
-                        value: *factor,
-                        more: " and positive",
-                    });
-                }
-                edited.bodies[find(*id)?].mass *= factor;
+                check(factor.is_finite() && *factor > 0.0, "mass factor", *factor, " and positive")?;
+                find_body(&mut changed, *id)?.mass *= factor;
             }
-            Intervention::ScaleRestitution { id, factor } => {
-                find(*id)?;
-                if !(factor.is_finite() && *factor >= 0.0) {
-                    return Err(InterventionError::BadValue {
-                        what: "restitution factor",
-                        value: *factor,
-                        more: " and at least 0",
-                    });
-                }
-                let own = edited.effects.iter_mut().filter(|e| e.on && e.name == "restitution");
-                let own = own.flat_map(|e| &mut e.parameters).find(|p| p.scope == Scope::Object);
-                let value = own.and_then(|p| {
-                    let at = p.labels.binary_search(&id.to_string()).ok()?;
-                    p.values.get_mut(at)
-                });
-                *value.ok_or_else(|| InterventionError::UnknownEffect {
-                    name: "restitution".to_string(),
-                    known: known(),
-                })? *= factor;
-            }
+            Intervention::ScaleRestitution { id, factor } => scale_restitution(&mut changed, *id, *factor)?,
             Intervention::SetVelocity { id, velocity } => {
-                finite("velocity", velocity.x)?;
-                finite("velocity", velocity.y)?;
-                edited.bodies[find(*id)?].set_velocity(*velocity);
+                check_vector("velocity", *velocity)?;
+                find_body(&mut changed, *id)?.set_velocity(*velocity);
             }
             Intervention::ScaleVelocity { id, factor } => {
-                finite("velocity factor", *factor)?;
-                let start = &mut edited.bodies[find(*id)?].start.state;
+                check_finite("velocity factor", *factor)?;
+                let start = &mut find_body(&mut changed, *id)?.start.state;
                 start.velocity = start.velocity * *factor;
                 start.roll = start.roll * *factor;
                 start.spin *= factor;
             }
             Intervention::Place { id, position, yaw } => {
-                let start = &mut edited.bodies[find(*id)?].start;
-                finite("position", position.x)?;
-                finite("position", position.y)?;
-                start.state.position = *position;
+                let start = &mut find_body(&mut changed, *id)?.start.state;
+                check_vector("position", *position)?;
+                start.position = *position;
                 if let Some(yaw) = yaw {
-                    finite("yaw", *yaw)?;
-                    start.state.yaw = *yaw;
+                    check_finite("yaw", *yaw)?;
+                    start.yaw = *yaw;
                 }
             }
             Intervention::Shift { id, by } => {
-                finite("shift", by.x)?;
-                finite("shift", by.y)?;
-                edited.bodies[find(*id)?].start.state.position += *by;
+                check_vector("shift", *by)?;
+                find_body(&mut changed, *id)?.start.state.position += *by;
             }
             Intervention::Add { body } => {
-                if find(body.id).is_ok() {
+                if model.body_index(body.id).is_some() {
                     return Err(InterventionError::DuplicateObject { id: body.id });
                 }
-                edited.add_body(body.clone());
+                changed.add_body(body.clone());
             }
             Intervention::SwitchEffect { name, on } => {
-                match edited.effects.iter_mut().find(|e| e.name == *name) {
+                match changed.effects.iter_mut().find(|e| e.name == *name) {
                     Some(effect) => effect.on = *on,
-                    None => {
-                        return Err(InterventionError::UnknownEffect { name: name.clone(), known: known() });
-                    }
+                    None => return Err(unknown_effect(model, name)),
                 }
             }
         }
-        Ok(edited)
+        Ok(changed)
     }
 
     /// The object that it changes, if it changes one.
@@ -170,8 +188,4 @@ impl Intervention {
             Intervention::SwitchEffect { .. } => None,
         }
     }
-}
-
-fn finite(what: &'static str, value: f64) -> Result<(), InterventionError> {
-    if value.is_finite() { Ok(()) } else { Err(InterventionError::BadValue { what, value, more: "" }) }
 }

@@ -56,7 +56,7 @@ pub(super) fn shape(kind: u8) -> Shape {
     }
 }
 
-/// Bodies on a grid, thrown about at random.
+/// Bodies on a grid with random velocities.
 pub(super) fn crowd(seed: &[(u8, f64, f64, f64, f64, f64)]) -> Vec<BodySpec> {
     let throw = |(i, &(kind, vx, vy, spin, yaw, mass)): (usize, &(u8, f64, f64, f64, f64, f64))| {
         let mut b =
@@ -101,25 +101,25 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn elastic_impacts_keep_momentum_and_energy(seed in throws()) {
+    fn elastic_impacts_conserve_momentum_and_energy(seed in throws()) {
         let m = model(crowd(&seed), &[("restitution", &[1.0, 1.0])]);
         conserves(&m, 1e-10)?;
         let t = trace(&m, &seconds(60));
         prop_assert!((t.energy[60] / t.energy[0] - 1.0).abs() < 1e-9);
     }
 
-    /// Kept contacts are integrated in steps, so they keep them to the step's accuracy.
+    /// Persistent contacts are integrated in steps, so they conserve these to the accuracy of a step.
     #[test]
-    fn contacts_add_no_energy(seed in throws(), e in 0.0..1.0f64, mu in 0.0..0.5f64, shear in -1.0..1.0f64) {
-        conserves(&model(crowd(&seed), &[("restitution", &[e, 1.0]), ("contact_friction", &[mu, shear])]), 1e-3)?;
+    fn contacts_add_no_energy(seed in throws(), e in 0.0..1.0f64, mu in 0.0..0.5f64, reversed in -1.0..1.0f64) {
+        conserves(&model(crowd(&seed), &[("restitution", &[e, 1.0]), ("contact_friction", &[mu, reversed])]), 1e-3)?;
     }
 
     #[test]
     fn a_cushion_adds_no_energy_and_lets_nothing_through(
         speed in 1.5..4.0f64, vy in -3.0..3.0f64, rx in -4.0..4.0f64, ry in -4.0..4.0f64, side in -4.0..4.0f64,
-        e in 0.0..1.0f64, mu in 0.0..0.6f64, height in 0.0..0.6f64, shear in 0.0..1.0f64,
+        e in 0.0..1.0f64, mu in 0.0..0.6f64, height in 0.0..0.6f64, reversed in 0.0..1.0f64,
     ) {
-        let m = shot(vec2(speed, vy), vec2(rx, ry), side, [e, mu, height, shear]);
+        let m = shot(vec2(speed, vy), vec2(rx, ry), side, [e, mu, height, reversed]);
         let t = trace(&m, &seconds(40));
         prop_assert_eq!(t.ending, Ending::Completed);
         for f in 1..t.times.len() {
@@ -141,7 +141,7 @@ proptest! {
                         OutlinePose::new(s.position, s.yaw, &m.bodies[k].shape)
                     };
                     let near = proximity(&pose(i), &m.bodies[i].shape, &pose(j), &m.bodies[j].shape);
-                    // A kept contact is looked at anew every 4 ms; until then another corner may cut in.
+                    // Contact forces are solved once per segment; until the next one another corner may overlap.
                     prop_assert!(near.gap > -1e-2, "{i} {j} {}", near.gap);
                 }
             }
@@ -149,7 +149,7 @@ proptest! {
     }
 
     #[test]
-    fn turning_the_world_turns_the_result(seed in throws(), angle in -3.0..3.0f64) {
+    fn rotating_the_scene_rotates_the_result(seed in throws(), angle in -3.0..3.0f64) {
         let effects: &[(&str, &[f64])] = &[("restitution", &[0.6, 1.0]), ("sliding_friction", &[0.05]), ("contact_friction", &[0.1])];
         let m = model(crowd(&seed[..2]), effects);
         let turn = Vec2::from_angle(angle);
@@ -257,7 +257,7 @@ fn derivatives_agree_with_differences_through_impacts_stops_and_rolling() {
 
 #[test]
 fn derivatives_agree_with_differences_through_a_cushion() {
-    // Friction that slides, and friction that holds.
+    // Sliding friction and sticking friction.
     for mu in [0.05, 0.6] {
         let m = shot(vec2(2.0, 0.7), vec2(-0.3, 1.2), 0.9, [0.8, mu, 0.3, 0.4]);
         let (good, all, worst) = derivatives_agree(&m, &seconds(30));
@@ -276,7 +276,7 @@ fn running_side_comes_off_a_cushion_faster_than_check_side() {
 }
 
 #[test]
-fn a_ball_that_begins_without_slip_rolls_on_and_knows_what_its_spin_does() {
+fn a_ball_without_slip_rolls_on_with_the_derivative_by_its_roll() {
     let (m, radius) = (shot(vec2(-1.0, 0.0), vec2(0.0, -1.0), 0.0, [0.0; 4]), 0.03);
     let mut flat: Vec<Jet> = m.flatten().into_iter().map(num_const).collect();
     flat[7] = Jet::variable(-1.0 / radius, 0);
@@ -287,7 +287,7 @@ fn a_ball_that_begins_without_slip_rolls_on_and_knows_what_its_spin_does() {
 }
 
 #[test]
-fn spin_friction_ends_a_spin_when_it_says() {
+fn spin_friction_ends_a_spin_at_the_predicted_time() {
     let t = trace(&shot(vec2(-0.5, 0.0), vec2(0.0, -0.5), 0.3, [0.0; 4]), &seconds(60));
     // r dw/dt = -5/2 mu g.
     let until = 0.3 / (2.5 * 0.012 * 9.81);
@@ -317,7 +317,7 @@ fn on_a_tilted_table_all_masses_slide_alike_and_balls_roll_with_five_sevenths() 
 
 #[test]
 fn derivatives_hold_while_bodies_push_each_other() {
-    // The disc behind brakes less than the square in front, so it keeps pushing.
+    // The disc behind decelerates less than the ball in front, so it keeps pushing.
     let mut bodies = vec![
         body(0, shape(0), vec2(0.0, 0.0), vec2(1.2, 0.0)),
         body(1, Shape::Ball { radius: 0.2 }, vec2(0.6, 0.01), vec2(0.2, 0.0)),
@@ -346,7 +346,7 @@ fn a_fast_ball_does_not_pass_through_anything() {
 }
 
 #[test]
-fn friction_stops_a_sliding_body_where_the_textbook_says() {
+fn friction_stops_a_sliding_body_at_the_textbook_distance() {
     let m = model(vec![body(0, shape(2), vec2(0.0, 0.0), vec2(1.0, 0.0))], &[("sliding_friction", &[0.1])]);
     let t = trace(&m, &seconds(60));
     let end = t.states[60][0].expect("present");
@@ -364,7 +364,7 @@ fn a_sliding_ball_rolls_with_five_sevenths_of_its_speed() {
 }
 
 #[test]
-fn the_same_model_gives_the_same_bits_and_jets_see_the_same_events() {
+fn the_same_model_gives_the_same_bits_and_jets_give_the_same_events() {
     let bodies = crowd(&[
         (0, 1.0, 0.3, 0.1, 0.2, 1.0),
         (1, -1.0, 0.2, 0., 0.1, 2.0),
@@ -382,7 +382,7 @@ fn the_same_model_gives_the_same_bits_and_jets_see_the_same_events() {
 }
 
 #[test]
-fn the_papers_spheres_glide_to_rest_where_its_equation_says() {
+fn the_papers_spheres_stop_at_the_distance_of_its_equation() {
     for (shape, l) in [(shape(0), 0.1), (shape(1), 0.05)] {
         let (speed, drag) = (1.2f64, 0.06);
         let laws: [(&str, &[f64]); 2] = [("gliding_friction", &[0.1, 0.05]), ("damping", &[0.0, drag])];
@@ -390,13 +390,13 @@ fn the_papers_spheres_glide_to_rest_where_its_equation_says() {
         let t = trace(&m, &seconds(100));
         // v dv/dx = -(l g + drag v^2), integrated to v = 0.
         let reach = (1.0 + drag * speed * speed / (l * 9.81)).ln() / (2.0 * drag);
-        let last = t.states[100][0].expect("it is there");
+        let last = t.states[100][0].expect("present");
         assert!((last.position.x - reach).abs() < 1e-5 && last.velocity.norm() == 0.0, "{last:?} {reach}");
         assert_eq!(t.events.iter().filter(|e| e.kind == EventKind::Stop).count(), 1);
     }
 }
 
-/// Three bodies that meet each other, with what the effects of the table need to act on.
+/// Three bodies that collide, with the base laws that the effects act on.
 fn meeting(extra: &EffectEntry, values: &[f64]) -> Model {
     let mut bodies = vec![
         body(0, shape(0), vec2(3.0, 2.0), vec2(-1.1, 0.05)),
@@ -418,7 +418,7 @@ fn meeting(extra: &EffectEntry, values: &[f64]) -> Model {
     m
 }
 
-/// Where the meeting's bodies come through; small numbers of the rest.
+/// Parameter values at which an effect acts on these bodies.
 fn placed(entry: &EffectEntry, amplitude: f64) -> Vec<f64> {
     let place = |(k, q): (usize, &crate::effects::ParamSpec)| match q.name {
         _ if k < entry.amplitudes => amplitude,
@@ -438,13 +438,13 @@ fn ends(m: &Model, flat: &[Jet], n: usize) -> Vec<Jet> {
     last.iter().flatten().flat_map(|k| [k.position.x, k.position.y]).collect()
 }
 
-/// How far a derivative may be off. By size it leaves out the turn of a ball about the vertical, whose surface speed
-/// the world takes as given (see `Laws::growth`).
+/// Largest error of a derivative. The derivative by size omits the spin of a ball about z, whose surface speed is taken as
+/// given (see `Dynamics::growth`).
 fn tolerance(entry: &EffectEntry) -> f64 {
     if entry.spec.name == "wrong_size" { 0.03 } else { 3e-3 }
 }
 
-/// Laws of the base that the meeting would not be one without, and that of walls, of which it has none.
+/// Laws that the collisions need, and the law of walls, of which there are none.
 const BASE: [&str; 3] = ["restitution", "sliding_friction", "cushion"];
 
 #[test]
@@ -460,9 +460,9 @@ fn an_effect_at_zero_changes_no_bit() {
     }
 }
 
-/// What the score test stands on: at absent, the derivative by each amplitude is what a little of it does.
+/// The score test relies on this: at zero, the derivative by each amplitude equals the effect of a small amplitude.
 #[test]
-fn the_derivative_at_zero_is_what_a_little_of_the_effect_does() {
+fn the_derivative_at_zero_is_the_effect_of_a_small_amplitude() {
     for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name)) {
         for k in 0..entry.amplitudes {
             let m = meeting(entry, &placed(entry, 0.0));
@@ -491,7 +491,7 @@ fn the_derivative_at_zero_is_what_a_little_of_the_effect_does() {
 #[test]
 fn derivatives_hold_with_each_effect_present() {
     for entry in EFFECTS.iter().filter(|e| !BASE.contains(&e.spec.name)) {
-        // Contacts that last longer than the flights between them have no derivative to speak of.
+        // Where contacts last longer than the free motion between them, derivatives are meaningless.
         let amplitude = if entry.spec.name == "soft_contact" { 0.05 } else { 0.25 };
         let amplitude = amplitude * entry.spec.params[0].max.min(1.0);
         let m = meeting(entry, &placed(entry, amplitude));
@@ -518,7 +518,7 @@ fn derivatives_hold_with_each_effect_present() {
 }
 
 #[test]
-fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
+fn a_formula_moves_bodies_as_the_library_law_with_the_same_equation() {
     let disc = || vec![body(0, shape(0), vec2(0.0, 0.0), vec2(1.5, 0.4))];
     let own = |name: &str, default| FormulaParameter {
         name: name.into(),
@@ -530,7 +530,7 @@ fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
     let with = |text: &str| {
         let law = Formula { text: text.into(), parameters: vec![own("k", 0.3)] };
         let mut m = model(disc(), &[("sliding_friction", &[0.02])]);
-        m.effects.push(ActiveEffect::of_formula("my_drag", law, &m.bodies).expect("it is right"));
+        m.effects.push(ActiveEffect::of_formula("my_drag", law, &m.bodies).expect("a formula"));
         m
     };
     let m = with("fx = -k * vx * speed\nfy = -k * vy * speed");
@@ -540,7 +540,7 @@ fn a_formula_moves_bodies_as_the_law_that_it_writes_down_does() {
     assert_eq!(good, all, "{worst}");
     let text = serde_json::to_string(&m).expect("a model is plain data");
     assert_eq!(serde_json::from_str::<Model>(&text).expect("it was written"), m);
-    // At x = 1.2 the force has no value any more.
+    // From x = 1.2 on the force has no value.
     let t = trace(&with("ax = k * ln(1.2 - x)"), &seconds(50));
     assert_eq!(t.ending, Ending::FormulaUndefined);
     let reached: Vec<_> = t.states.iter().map_while(|row| row[0]).collect();

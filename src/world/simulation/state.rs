@@ -6,6 +6,7 @@ use crate::world::contact::bonds::Bonds;
 use crate::world::contact::contact_law::ContactLaws;
 use crate::world::contact::grid::Grid;
 use crate::world::contact::impulse::CollisionBody;
+use crate::world::contact::islands::Islands;
 use crate::world::contact::persistent_contact::ContactSet;
 use crate::world::contact::rigid_cluster::RigidCluster;
 use crate::world::contact::static_body::StaticBody;
@@ -15,7 +16,6 @@ use crate::world::motion::ground_friction::Mode;
 use crate::world::motion::kinematics::Kinematics;
 use crate::world::motion::moving_body::MovingBody;
 use crate::world::simulation::event_queue::EventQueue;
-use crate::world::contact::islands::Islands;
 use crate::world::simulation::recorder::Recorder;
 
 /// Longest step (s): the integrator is of fourth order, and segments of uneven acceleration are halved.
@@ -125,8 +125,7 @@ impl<'m, T: Scalar> Simulation<'m, T> {
     /// The cluster of body `i` as one rigid body, with the states of its members.
     pub fn rigid_cluster(&self, i: usize, state: impl Fn(usize) -> Kinematics<T>) -> Option<RigidCluster<T>> {
         let one = T::constant(1.0);
-        let part =
-            |&j: &usize| (self.dynamics.mass[j], one / self.dynamics.inverse_inertia[j], state(j));
+        let part = |&j: &usize| (self.dynamics.mass[j], one / self.dynamics.inverse_inertia[j], state(j));
         self.bonds.cluster(i).map(|members| RigidCluster::of(members.iter().map(part)))
     }
 
@@ -185,7 +184,11 @@ impl<'m, T: Scalar> Simulation<'m, T> {
 }
 
 /// State of body `j`, a member of the island.
-pub(in crate::world) fn member_state<T: Copy>(island: &[usize], k: &[Kinematics<T>], j: usize) -> Kinematics<T> {
+pub(in crate::world) fn member_state<T: Copy>(
+    island: &[usize],
+    k: &[Kinematics<T>],
+    j: usize,
+) -> Kinematics<T> {
     // A cluster lies within one island, so the body is found.
     k[island.iter().position(|&i| i == j).unwrap_or(0)]
 }
