@@ -1,12 +1,14 @@
 //! Contacts that last while bodies press on each other, and the obstacles that bodies pass through.
+//!
+//! A contact becomes persistent where an impact leaves a separation speed near zero. Its points then carry the forces that
+//! [`contact_solver`](super::contact_solver) finds at each stage of the integration, so that the gap stays closed. At the start
+//! of each segment the contacts without a pressing force are marked, and they are released when the segment ends. The forces
+//! found last are the start of the next solution (warm start).
 
 use crate::body::ContactLaw;
 use crate::num::Real;
 
 /// A contact that lasts: bodies `a` and `b` (or wall `b - bodies`) press on each other.
-///
-/// It is created by an impact without rebound, and released when the contact solver finds no pressing force at any of its
-/// points. Meanwhile the bodies move together ([`contact_solver`](super::contact_solver)).
 #[derive(Clone, Copy)]
 pub(in crate::world) struct PersistentContact<T> {
     pub a: usize,

@@ -1,4 +1,8 @@
 //! Bonds that form at impacts and break under load.
+//!
+//! Bodies that stick together form a cluster, which is integrated as one rigid body: mass `M = sum m_i` (kg), moment of inertia
+//! `I = sum (I_i + m_i r_i^2)` about the common centre (kg m^2), momentum and angular momentum as sums over its members. So no
+//! constraint can drift. A ball in a cluster does not roll. An impact never breaks a bond; a load beyond its strength does.
 
 use crate::effects::Scalar;
 use crate::num::{Real, Vec2};
