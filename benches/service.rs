@@ -12,7 +12,7 @@ use tonic_health::pb::health_client::HealthClient;
 use vrdp::api::v1::models_client::ModelsClient;
 use vrdp::api::v1::reasoning_client::ReasoningClient;
 use vrdp::api::v1::videos_client::VideosClient;
-use vrdp::api::{Limits, Security, serve, v1, video};
+use vrdp::api::{Security, ServerLimits, serve, v1, video_message};
 use vrdp::engine::{Capacity, Engine};
 use vrdp::scene::parse;
 
@@ -28,14 +28,14 @@ async fn start() -> (Channel, String, tempfile::TempDir) {
     tokio::spawn(serve(
         listener,
         engine,
-        Limits::default(),
+        ServerLimits::default(),
         Security::default(),
         CancellationToken::new().cancelled_owned(),
     ));
     let channel = Channel::from_shared(url).expect("a URL").connect().await.expect("it serves");
     let scene = parse("scene_00000", SCENE).expect("the committed scene is valid");
     let request =
-        v1::CreateVideoRequest { video: Some(video::video("", &scene, true)), ..Default::default() };
+        v1::CreateVideoRequest { video: Some(video_message("", &scene, true)), ..Default::default() };
     let posted = VideosClient::new(channel.clone()).create_video(request).await.expect("it is valid");
     let parent = posted.into_inner().name;
     let request = v1::FitModelRequest { parent: parent.clone(), ..Default::default() };

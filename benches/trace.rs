@@ -9,7 +9,7 @@ use vrdp::fit::{FitOptions, fit};
 use vrdp::num::never;
 use vrdp::reason::{PredictionRequest, predict};
 use vrdp::recording::messages::{STATES, v1};
-use vrdp::recording::{MAX_TIME, Reader, Recording, encode};
+use vrdp::recording::{MAX_TIME, Recording, TraceReader, encode};
 use vrdp::scene::{Scene, parse};
 use vrdp::store::Store;
 use vrdp::world::Preset;
@@ -81,7 +81,7 @@ fn gib() {
     let file = tempfile::NamedTempFile::new().expect("there is room for temporary files");
     write(file.as_file());
     let began = Instant::now();
-    let mut reader = Reader::open(file.as_file()).expect("the file is whole");
+    let mut reader = TraceReader::open(file.as_file()).expect("the file is whole");
     println!("1 GiB: open {:?}, {} chunks", began.elapsed(), reader.chunks());
     let (before, began) = (memory(), Instant::now());
     let played =

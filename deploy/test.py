@@ -1,4 +1,4 @@
-"""What deploy/test.sh asks of a deployment, from a container of its own: test.py STEP [SERVER]."""
+"""The steps of deploy/test.sh that run in a container of their own: test.py STEP [SERVER]."""
 import json
 import math
 import sys
@@ -13,7 +13,7 @@ from vrdp.v1 import videos_pb2
 SERVER = "vrdp:50051"
 PROMETHEUS = "http://prometheus:9090/api/v1/query?"
 DASHBOARD = Path("/deploy/grafana/dashboards/vrdp.json")
-#: Prometheus needs two readings, 10 s apart, of each figure (s).
+#: Longest wait (s): Prometheus needs two readings of each metric, 10 s apart.
 PATIENCE = 90.0
 QUESTION = "Will the red object hit the blue object?"
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Proves the deployment with a real Docker engine: build, a locked-down start, questions from another container, a restart, a
-# trace that replays, the dashboard's figures, a quick stop, TLS. What cannot be pulled gets a stand-in of the same name.
+# Tests the deployment with a real Docker engine: build, start without privileges, questions from another container, restart,
+# replay of a trace, metrics of the dashboard, stop, TLS. Images that cannot be pulled are replaced by stand-ins of their name.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -18,7 +18,7 @@ step() { printf '\n== %s\n' "$*"; }
 tenths() { echo $(($(date +%s%N) / 100000000)); }
 since() { echo "$(($(tenths) - $1))" | sed 's/\(.\)$/.\1/; s/^\./0./'; }
 
-# Whether the image is there or can be pulled; a stand-in with crates counts if they are those of now.
+# Whether the image exists or can be pulled; a stand-in with crates counts only if its crates are the current ones.
 crates=$({ cat Cargo.lock; grep cargo-auditable Dockerfile; rustc -vV; } | sha256sum | cut -c1-16)
 has() {
     local labels
@@ -29,7 +29,7 @@ has() {
     fi
 }
 image() { grep -ho "$1[^ \"]*" Dockerfile deploy/compose.yaml | head -n 1; }
-# Makes $1 by the Dockerfile on standard input, with the files that the other arguments tell tar.
+# Builds $1 from the Dockerfile on standard input, with the files that the other arguments name for tar.
 stand_in() {
     local name=$1
     shift
@@ -117,11 +117,11 @@ else:
 assert any(p["name"] == "tonic" for p in packages), packages
 print(f"the binary names its {len(packages)} packages")
 END
-# Nobody said who may come in, so it does not start.
+# Without tokens or an authority for clients it must refuse to start.
 timeout 20 docker run --rm vrdp >"$work/log" 2>&1 || true
 grep -e --insecure "$work/log"
 
-# Starts it, and waits at most a minute.
+# Starts it and waits for at most a minute.
 start() {
     local begin
     begin=$(tenths)
@@ -192,4 +192,4 @@ chmod 644 "$VRDP_TLS_DIR"/*
 COMPOSE_FILE=$COMPOSE_FILE:deploy/compose.tls.yaml
 start
 ask tls
-echo "deployment: all well"
+echo "deployment: all checks passed"

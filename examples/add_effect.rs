@@ -31,7 +31,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         let (text, name) = (std::fs::read_to_string(&file)?, Path::new(&file).display().to_string());
         let scene = if file.ends_with(".csv") { parse_csv(&name, &text)? } else { parse(&name, &text)? };
         let request = CreateVideoRequest {
-            video: Some(vrdp::api::video::video("", &scene, true)),
+            video: Some(vrdp::api::video_message("", &scene, true)),
             ..Default::default()
         };
         videos.push(client.create_video(request).await?.into_inner().name);

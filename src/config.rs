@@ -1,6 +1,7 @@
-//! Settings: defaults, below a file, below the environment (`VRDP_`), below flags; unknown keys are refused.
+//! Settings: flags override the environment (`VRDP_`), which overrides a file, which overrides defaults. Unknown keys are
+//! refused.
 
-use crate::api::{Limits, Security, Tokens};
+use crate::api::{Security, ServerLimits, Tokens};
 use crate::engine::{Capacity, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized, Toml};
@@ -11,11 +12,11 @@ use std::sync::Arc;
 use std::time::Duration;
 use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
 
-/// How much later than the engine the server gives up on a call: the engine's error says more.
+/// How much later than the engine's limit the server ends a call: the error of the engine says more.
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
 /// Longest TLS handshake.
 const HANDSHAKE: Duration = Duration::from_secs(10);
-/// Where the HTTP port is unless it is told otherwise.
+/// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,33 +25,33 @@ pub struct Config {
     /// Address of the gRPC service; a name is resolved once, at the start.
     #[serde(deserialize_with = "resolved")]
     pub listen: SocketAddr,
-    /// Address of the HTTP port, on which metrics and reports are read; empty: none.
+    /// Address of the HTTP port for metrics and reports; empty: none.
     #[serde(deserialize_with = "resolved_or_none", serialize_with = "or_empty")]
     pub http: Option<SocketAddr>,
-    /// Serve beyond loopback though not everything is encrypted and authenticated.
+    /// Serve beyond loopback although not everything is encrypted and authenticated.
     pub insecure: bool,
-    /// PEM files: the certificate chain, its key, and the authority of clients, who then need a certificate.
+    /// PEM files: the certificate chain and its key; with an authority, clients need a certificate that it signed.
     pub tls_cert: Option<PathBuf>,
     pub tls_key: Option<PathBuf>,
     pub tls_client_ca: Option<PathBuf>,
-    /// Lines of TOKEN = TENANT; who calls then needs a token, and sees what is the tenant's.
+    /// Lines of TOKEN = TENANT. Callers then need a token and see the data of its tenant only.
     pub tokens: Option<PathBuf>,
-    /// One folder, one process.
+    /// The data folder; only one process may use it.
     pub data_dir: PathBuf,
     /// CPU threads.
     pub workers: usize,
-    /// Jobs that may wait for a thread.
+    /// Jobs that may wait for a CPU thread.
     pub queue: usize,
-    /// Longest that one piece of work may take (s), its wait included.
+    /// Longest duration of one job (s), its waiting time included.
     pub request_timeout_s: u64,
-    /// Traces that were stored longer ago (s) are removed; 0: none is.
+    /// Older traces (s since they were stored) are removed; 0: none.
     pub trace_max_age_s: u64,
-    /// Bytes of all traces together, beyond which the oldest are removed; 0: none is.
+    /// Most bytes of all traces; beyond it the oldest are removed; 0: no limit.
     pub trace_max_bytes: u64,
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
-    /// URL of a collector that takes spans (OTLP over gRPC); empty: none does. Not in a build without the feature `otlp`.
+    /// URL of a collector of spans (OTLP over gRPC); empty: none. Only in a build with the feature `otlp`.
     pub otlp: String,
 }
 
@@ -77,7 +78,7 @@ impl Default for Config {
     }
 }
 
-/// What the command line says; what it does not say stays as it was.
+/// Settings of the command line; `None` leaves a setting as it is.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Flags {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -100,15 +101,15 @@ pub struct Flags {
 
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    #[error("configuration: {}", told(.0))]
+    #[error("configuration: {}", described(.0))]
     Read(#[from] Box<figment::Error>),
     #[error("configuration file {0} does not exist")]
     NoFile(PathBuf),
     #[error("configuration: {key} is {value}; it must be {allowed}")]
     Range { key: &'static str, value: u64, allowed: &'static str },
     #[error(
-        "{0} can be reached from outside; give --tls-cert and --tls-key, and --tokens or --tls-client-ca, so that \
-         nobody else gets in (the HTTP port has no such thing), or listen on loopback, or say --insecure"
+        "{0} can be reached from other machines; give --tls-cert and --tls-key, and --tokens or --tls-client-ca (the \
+         HTTP port has no encryption), or listen on loopback, or accept the risk with --insecure"
     )]
     Exposed(SocketAddr),
     #[error("configuration: {key} is given without {needs}")]
@@ -137,8 +138,8 @@ fn address<E: serde::de::Error>(text: &str) -> Result<SocketAddr, E> {
     found.min_by_key(SocketAddr::is_ipv6).ok_or_else(|| wrong("no address found".into()))
 }
 
-/// Each error with its key, and the file or variable that it is from; never a place in our source.
-fn told(errors: &figment::Error) -> String {
+/// Each error with its key and its file or variable, without positions in our source.
+fn described(errors: &figment::Error) -> String {
     let one = |e: figment::Error| {
         let place = e.metadata.as_ref().and_then(|m| match &m.source {
             Some(figment::Source::File(path)) => Some(format!(" (in {})", path.display())),
@@ -149,8 +150,8 @@ fn told(errors: &figment::Error) -> String {
     errors.clone().into_iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
-/// The URL at which a service of this environment (`VRDP_LISTEN`, `VRDP_TLS_CERT`) is reached on this machine.
-pub fn reached_here() -> Result<String, ConfigError> {
+/// The URL of a service on this machine with the settings of this environment (`VRDP_LISTEN`, `VRDP_TLS_CERT`).
+pub fn local_service_url() -> Result<String, ConfigError> {
     let figment = Figment::from(Serialized::defaults(Config::default())).merge(Env::prefixed("VRDP_"));
     let config: Config = figment.extract().map_err(Box::new)?;
     let mut address = config.listen;
@@ -247,8 +248,8 @@ impl Config {
         Ok(security)
     }
 
-    pub fn limits(&self) -> Limits {
-        Limits { timeout: self.capacity().job_timeout + TIMEOUT_MARGIN, ..Limits::default() }
+    pub fn limits(&self) -> ServerLimits {
+        ServerLimits { timeout: self.capacity().job_timeout + TIMEOUT_MARGIN, ..ServerLimits::default() }
     }
 }
 
@@ -268,8 +269,8 @@ mod tests {
         match (Config::load(Some(&path), flags), expected) {
             (Ok(config), Ok(holds)) => assert!(holds(&config), "{config:?}"),
             (Err(error), Err(text)) => {
-                let told = error.to_string();
-                assert!(told.contains(text) && !told.contains(".rs"), "{told}");
+                let message = error.to_string();
+                assert!(message.contains(text) && !message.contains(".rs"), "{message}");
             }
             (Ok(config), Err(text)) => panic!("{config:?} instead of {text}"),
             (Err(error), Ok(_)) => panic!("{error}"),
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn the_file_that_is_no_certificate_is_named() {
+    fn a_file_that_is_no_certificate_is_named() {
         let folder = tempfile::tempdir().unwrap();
         let made = rcgen::generate_simple_self_signed(["localhost".to_string()]).unwrap();
         let file = |name: &str, text: &str| {
@@ -293,13 +294,13 @@ mod tests {
                 .map(|s| s.tls.is_some())
         };
         assert!(matches!(with(&cert, &cert), Ok(true)));
-        let told = |wrong: Result<bool, ConfigError>| wrong.unwrap_err().to_string();
-        assert!(told(with(&none, &cert)).contains("tls_cert"));
-        assert!(told(with(&cert, &none)).contains("tls_client_ca"));
+        let message = |wrong: Result<bool, ConfigError>| wrong.unwrap_err().to_string();
+        assert!(message(with(&none, &cert)).contains("tls_cert"));
+        assert!(message(with(&cert, &none)).contains("tls_client_ca"));
     }
 
     #[test]
-    fn flags_win_over_the_file_and_nonsense_is_refused() {
+    fn flags_override_the_file_and_wrong_values_are_refused() {
         type Never = fn(&Config) -> bool;
         let listen = |text: &str| Flags { listen: Some(text.into()), ..Flags::default() };
         check("queue = 3", Flags::default(), Ok(|c: &Config| c.queue == 3 && c.listen.port() == 50051));

@@ -1,4 +1,15 @@
-//! What outlives the process: videos, fits and trace records in one redb file, trace blobs in a folder beside it.
+//! The data folder: videos, fits, studies and trace records in one redb file, trace files in a folder beside it.
+//!
+//! Guarantees:
+//! * A value is durable when `put` returns; a killed process leaves whole values or none.
+//! * A file is published whole or not at all; its record is written after it and deleted before it.
+//! * What belongs to a video is stored only while the video exists, in one transaction with that check.
+//! * Each row has a checksum. A damaged row is reported under its key and hides no other row.
+//! * After an I/O error the database takes no more work until it is opened again, which the next call does.
+//! * Each tenant sees its own rows only; the tenant is part of the key.
+//!
+//! Rows of older programs stay readable: stored names of fields never change, new fields have defaults. Ids of results
+//! hold the program's version and its numeric fingerprint, so results of older programs are listed but not reused.
 
 use bytes::Bytes;
 use object_store::local::LocalFileSystem;
@@ -18,17 +29,17 @@ use tokio::sync::Semaphore;
 
 /// Layout of the tables; a store with a newer one is refused.
 pub const SCHEMA_VERSION: u64 = 1;
-/// Most store calls that block a thread at a time: redb has one writer, so more would only wait.
+/// Most store calls that block a thread at a time: redb has one writer, so more calls would only wait.
 const MAX_BLOCKING: usize = 8;
-/// Memory for pages of the database; redb would take a GiB, and a container of 512 MiB would be killed for it.
+/// Memory for pages of the database. The default of redb is 1 GiB, more than the 512 MiB of a container.
 const CACHE_BYTES: usize = 64 << 20;
 
-type Table = TableDefinition<'static, &'static str, &'static [u8]>;
+type RowTable = TableDefinition<'static, &'static str, &'static [u8]>;
 const META: TableDefinition<&str, u64> = TableDefinition::new("meta");
 
-/// A table of CBOR values: like JSON it tells fields by name, and it keeps infinite bounds.
+/// A table of CBOR values: fields have names as in JSON, and infinite bounds can be stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum TableKind {
     /// By video id.
     Videos,
     /// By `{video}/{model}`.
@@ -39,13 +50,13 @@ pub enum Kind {
     Traces,
 }
 
-impl Kind {
-    fn table(self) -> Table {
+impl TableKind {
+    fn table(self) -> RowTable {
         TableDefinition::new(match self {
-            Kind::Videos => "videos",
-            Kind::Fits => "fits",
-            Kind::Studies => "studies",
-            Kind::Traces => "traces",
+            TableKind::Videos => "videos",
+            TableKind::Fits => "fits",
+            TableKind::Studies => "studies",
+            TableKind::Traces => "traces",
         })
     }
 }
@@ -60,51 +71,55 @@ pub enum StoreError {
     )]
     Newer { path: String, found: u64, known: u64 },
     #[error(
-        "data folder {path} cannot be used: {cause}; make it writable, put back a copy if it is damaged, or choose another --data-dir"
+        "data folder {path} cannot be used: {cause}; make it writable, restore it from a copy if it is damaged, or choose another --data-dir"
     )]
     Unusable { path: String, cause: String },
     #[error("the video was deleted meanwhile")]
     VideoGone,
-    #[error("the file of trace {id} is gone from the data folder; ask for what it is of again")]
+    #[error(
+        "the file of trace {id} is missing in the data folder; request the simulation again to rebuild it"
+    )]
     FileGone { id: String },
     #[error(
-        "the record {key} of the data folder is damaged; make it again (post the video, ask again), or put back a copy of the folder"
+        "the record {key} of the data folder is damaged; post the video or send the request again, or restore the folder from a copy"
     )]
     Damaged { key: String },
-    #[error("storage failed: {0}; look for space and rights in the service's data folder, then try again")]
+    #[error(
+        "storage failed: {0}; check free space and permissions of the service's data folder, then try again"
+    )]
     Failed(String),
 }
 
-/// The part of a value that says which video it belongs to.
+/// The field of a value that names its video.
 #[derive(serde::Deserialize)]
 struct OfVideo {
     video: String,
 }
 
-/// Opens the database, or makes it.
+/// Opens or creates the database.
 fn database(path: &Path) -> Result<Database, DatabaseError> {
     Database::builder().set_cache_size(CACHE_BYTES).create(path)
 }
 
-/// The version of the tables of a database that is whole.
+/// The schema version of a database that needs no repair.
 fn schema(path: &Path) -> Option<u64> {
     let read = ReadOnlyDatabase::open(path).ok()?.begin_read().ok()?;
     read.open_table(META).ok()?.get("schema").ok()?.map(|v| v.value())
 }
 
-/// The database; after an error of its disk it takes no more work until it is opened anew.
+/// The database; after an error of its disk it takes no more work until it is opened again.
 struct Db {
     path: PathBuf,
     open: RwLock<Option<Database>>,
 }
 
 impl Db {
-    /// Runs `work`, and opens the database anew where its disk failed: the next call finds it whole.
+    /// Runs `work`. If the disk failed, the database is opened again for the next call.
     fn run<T>(&self, work: impl FnOnce(&Database) -> Result<T, StoreError>) -> Result<T, StoreError> {
         let usable = |db: &Database| db.begin_write().is_ok();
         let result = match self.open.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
             Some(db) => work(db),
-            None => Err(StoreError::Failed("the database is closed since its disk failed".into())),
+            None => Err(StoreError::Failed("the database is closed because its disk failed".into())),
         };
         if matches!(result, Err(StoreError::Failed(_))) {
             let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
@@ -117,10 +132,10 @@ impl Db {
     }
 }
 
-/// Whose something is: each tenant has a store of its own in the same folder. By default nobody's in particular.
+/// The owner of rows: each tenant has rows of its own in the same folder. The default is the unnamed tenant.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Tenant {
-    /// Before every key; `~` comes after all that begins an id, so that a tenant's rows stand together at the end.
+    /// The start of every key. `~` sorts after all characters of ids, so that the rows of a tenant follow those without a name.
     prefix: Arc<str>,
 }
 
@@ -152,16 +167,16 @@ impl Tenant {
 pub struct Store {
     db: Arc<Db>,
     blobs: Arc<LocalFileSystem>,
-    gate: Arc<Semaphore>,
+    blocking_permits: Arc<Semaphore>,
     tenant: Tenant,
-    /// Shows the rows of all, by their whole keys.
+    /// Shows the rows of all tenants, by their whole keys.
     everyone: bool,
 }
 
 impl Store {
-    /// Opens the folder, or makes it.
+    /// Opens or creates the folder.
     pub fn open(folder: &Path) -> Result<Store, StoreError> {
-        // The database panics at some kinds of damage.
+        // redb panics at some kinds of damage.
         let opened = std::panic::catch_unwind(|| Store::open_here(folder));
         let opened = opened.unwrap_or_else(|_| Err(StoreError::Failed("the database is damaged".into())));
         opened.map_err(|error| match error {
@@ -176,7 +191,7 @@ impl Store {
         let path = || folder.display().to_string();
         let file = folder.join("vrdp.redb");
         let newer = |found| StoreError::Newer { path: path(), found, known: SCHEMA_VERSION };
-        // A newer one is not touched. What cannot be read without a repair tells its version below.
+        // A newer database is not modified. One that needs a repair shows its version below.
         if let Some(found) = schema(&file).filter(|found| *found > SCHEMA_VERSION) {
             return Err(newer(found));
         }
@@ -184,7 +199,7 @@ impl Store {
         if is_new && std::fs::read_dir(&traces).map_err(failed)?.next().is_some() {
             tracing::error!(
                 folder = path(),
-                "the database is gone, and traces without it are there: put back a copy"
+                "the database is missing although there are traces: restore it from a copy"
             );
         }
         let db = database(&file).map_err(|e| match e {
@@ -201,7 +216,7 @@ impl Store {
                 }
                 _ => meta.insert("schema", SCHEMA_VERSION).map_err(failed)?,
             };
-            for kind in [Kind::Videos, Kind::Fits, Kind::Studies, Kind::Traces] {
+            for kind in [TableKind::Videos, TableKind::Fits, TableKind::Studies, TableKind::Traces] {
                 write.open_table(kind.table()).map_err(failed)?;
             }
         }
@@ -209,8 +224,8 @@ impl Store {
         sweep(&traces)?;
         let blobs = LocalFileSystem::new_with_prefix(&traces).map_err(failed)?.with_fsync(true);
         let db = Db { path: file, open: RwLock::new(Some(db)) };
-        let (blobs, gate) = (Arc::new(blobs), Arc::new(Semaphore::new(MAX_BLOCKING)));
-        Ok(Store { db: Arc::new(db), blobs, gate, tenant: Tenant::default(), everyone: false })
+        let (blobs, blocking_permits) = (Arc::new(blobs), Arc::new(Semaphore::new(MAX_BLOCKING)));
+        Ok(Store { db: Arc::new(db), blobs, blocking_permits, tenant: Tenant::default(), everyone: false })
     }
 
     /// The same folder, as a tenant sees it.
@@ -228,7 +243,7 @@ impl Store {
         format!("{}{key}", self.tenant.prefix)
     }
 
-    pub async fn get<T>(&self, kind: Kind, key: &str) -> Result<Option<T>, StoreError>
+    pub async fn get<T>(&self, kind: TableKind, key: &str) -> Result<Option<T>, StoreError>
     where
         T: DeserializeOwned + Send + 'static,
     {
@@ -242,10 +257,10 @@ impl Store {
         .await
     }
 
-    /// Up to `limit` values that `keep` likes, whose key begins with `prefix` and comes after `after`, by key.
+    /// Up to `limit` values that `keep` accepts, whose keys start with `prefix` and come after `after`, by key.
     pub async fn list<T, K>(
         &self,
-        kind: Kind,
+        kind: TableKind,
         prefix: &str,
         after: &str,
         limit: usize,
@@ -270,7 +285,7 @@ impl Store {
                 if found.len() == limit || !ours || !key.starts_with(&prefix) {
                     break;
                 }
-                // One that is damaged takes no other with it; who asks for it by name is told.
+                // A damaged row is skipped in lists; a request for its key returns the error.
                 let Ok(value) = decode(key, value.value()) else { continue };
                 if keep(&value) {
                     let key = key.strip_prefix(&*tenant.prefix).unwrap_or(key);
@@ -284,13 +299,13 @@ impl Store {
 
     /// Stores a video; durable when it returns.
     pub async fn put_video<T: Serialize>(&self, id: &str, value: &T) -> Result<(), StoreError> {
-        self.put(Kind::Videos, self.key(id), value, None).await
+        self.put(TableKind::Videos, self.key(id), value, None).await
     }
 
-    /// Stores what belongs to a video, unless that was deleted meanwhile; durable when it returns.
+    /// Stores a value that belongs to a video, unless the video was deleted meanwhile; durable when it returns.
     pub async fn put_of_video<T>(
         &self,
-        kind: Kind,
+        kind: TableKind,
         video: &str,
         key: &str,
         value: &T,
@@ -303,7 +318,7 @@ impl Store {
 
     async fn put<T: Serialize>(
         &self,
-        kind: Kind,
+        kind: TableKind,
         key: String,
         value: &T,
         video: Option<String>,
@@ -312,7 +327,7 @@ impl Store {
         self.blocking(move |db| {
             let write = begin(db)?;
             if let Some(video) = video {
-                let videos = write.open_table(Kind::Videos.table()).map_err(failed)?;
+                let videos = write.open_table(TableKind::Videos.table()).map_err(failed)?;
                 if videos.get(video.as_str()).map_err(failed)?.is_none() {
                     return Err(StoreError::VideoGone);
                 }
@@ -326,7 +341,7 @@ impl Store {
         .await
     }
 
-    /// Deletes a video with all that belongs to it; `false` where there is none.
+    /// Deletes a video with its models, studies and traces; `false` if it does not exist.
     pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
         let (video, row, tenant) = (id.to_string(), self.key(id), self.tenant.clone());
         let (found, traces) = self
@@ -334,16 +349,16 @@ impl Store {
                 let write = begin(db)?;
                 let mut traces = Vec::new();
                 let found = {
-                    let mut videos = write.open_table(Kind::Videos.table()).map_err(failed)?;
+                    let mut videos = write.open_table(TableKind::Videos.table()).map_err(failed)?;
                     videos.remove(row.as_str()).map_err(failed)?.is_some()
                 };
                 {
                     let prefix = format!("{row}/");
-                    for kind in [Kind::Fits, Kind::Studies] {
+                    for kind in [TableKind::Fits, TableKind::Studies] {
                         let mut rows = write.open_table(kind.table()).map_err(failed)?;
                         rows.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
                     }
-                    let mut table = write.open_table(Kind::Traces.table()).map_err(failed)?;
+                    let mut table = write.open_table(TableKind::Traces.table()).map_err(failed)?;
                     let of_video = |key: &str, value: &[u8]| {
                         tenant.owns(key) && decode::<OfVideo>(key, value).is_ok_and(|v| v.video == video)
                     };
@@ -361,19 +376,19 @@ impl Store {
         Ok(found)
     }
 
-    /// Publishes a blob whole or not at all; durable when it returns. The same again changes nothing, but mends what the
-    /// disk has damaged since.
+    /// Publishes a blob whole or not at all; durable when it returns. Publishing the same blob again changes nothing, unless
+    /// the disk has damaged it: then it is written again.
     pub async fn put_blob(&self, id: &str, bytes: Bytes) -> Result<(), StoreError> {
-        let _permit = self.gate.acquire().await.map_err(failed)?;
-        let place = blob(&self.key(id));
+        let _permit = self.blocking_permits.acquire().await.map_err(failed)?;
+        let path = blob(&self.key(id));
         let create = PutOptions { mode: PutMode::Create, ..PutOptions::default() };
-        match self.blobs.put_opts(&place, bytes.clone().into(), create).await {
+        match self.blobs.put_opts(&path, bytes.clone().into(), create).await {
             Ok(_) => Ok(()),
             Err(object_store::Error::AlreadyExists { .. }) => {
-                let known = self.blobs.get(&place).await.map_err(failed)?.bytes().await.map_err(failed)?;
+                let known = self.blobs.get(&path).await.map_err(failed)?.bytes().await.map_err(failed)?;
                 if known != bytes {
-                    tracing::warn!(trace = id, "a damaged file was written anew");
-                    self.blobs.put(&place, bytes.into()).await.map_err(failed)?;
+                    tracing::warn!(trace = id, "a damaged file was written again");
+                    self.blobs.put(&path, bytes.into()).await.map_err(failed)?;
                 }
                 Ok(())
             }
@@ -387,13 +402,13 @@ impl Store {
         found.map(|meta| meta.size).map_err(|error| unread(id, error))
     }
 
-    /// Bytes `offset..offset + len` of a blob, less at its end.
+    /// Bytes `offset..offset + len` of a blob; fewer at its end.
     pub async fn read_blob(&self, id: &str, offset: u64, len: u64) -> Result<Bytes, StoreError> {
         let read = self.blobs.get_range(&blob(&self.key(id)), offset..offset + len).await;
         read.map_err(|error| unread(id, error))
     }
 
-    /// A blob to be read like a file.
+    /// A blob as an open file.
     pub async fn open_blob(&self, id: &str) -> Result<File, StoreError> {
         let found = self.blobs.get(&blob(&self.key(id))).await.map_err(|error| unread(id, error))?;
         match found.payload {
@@ -402,13 +417,13 @@ impl Store {
         }
     }
 
-    /// Deletes a trace: its record, so that it is listed no more, then its blob.
+    /// Deletes a trace: first its record, so that it is no longer listed, then its blob.
     pub async fn delete_trace(&self, id: &str) -> Result<(), StoreError> {
         let key = self.key(id);
         let row = key.clone();
         self.blocking(move |db| {
             let write = begin(db)?;
-            write.open_table(Kind::Traces.table()).map_err(failed)?.remove(&*row).map_err(failed)?;
+            write.open_table(TableKind::Traces.table()).map_err(failed)?.remove(&*row).map_err(failed)?;
             write.commit().map_err(failed)
         })
         .await?;
@@ -427,9 +442,9 @@ impl Store {
         T: Send + 'static,
         F: FnOnce(&Database) -> Result<T, StoreError> + Send + 'static,
     {
-        let permit = self.gate.clone().acquire_owned().await.map_err(failed)?;
+        let permit = self.blocking_permits.clone().acquire_owned().await.map_err(failed)?;
         let db = self.db.clone();
-        // The permit moves along, so that a caller who leaves does not free the place of work that still runs.
+        // The task owns the permit: a caller who leaves does not free it while the work still runs.
         let task = tokio::task::spawn_blocking(move || {
             let _permit = permit;
             db.run(work)
@@ -446,7 +461,7 @@ fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, StoreError> {
     Ok(bytes)
 }
 
-/// A value whose checksum is right; rows of older programs have none.
+/// A value whose checksum holds; rows of older programs have none.
 fn decode<T: DeserializeOwned>(key: &str, row: &[u8]) -> Result<T, StoreError> {
     let summed = row.split_last_chunk().filter(|(bytes, sum)| crc32fast::hash(bytes).to_le_bytes() == **sum);
     let mut rest = summed.map_or(row, |(bytes, _)| bytes);
@@ -462,12 +477,12 @@ fn decode<T: DeserializeOwned>(key: &str, row: &[u8]) -> Result<T, StoreError> {
 fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
     let mut write = db.begin_write().map_err(failed)?;
     write.set_durability(Durability::Immediate).map_err(failed)?;
-    // What a killed process leaves opens at once, whatever its size, for a little more in each commit.
+    // A database that a killed process left opens at once, whatever its size; each commit costs a little more for it.
     write.set_quick_repair(true);
     Ok(write)
 }
 
-/// Removes what a killed process left half written; such files have a `#` in their names.
+/// Removes files that a killed process has not finished; they have a `#` in their names.
 fn sweep(traces: &Path) -> Result<(), StoreError> {
     for entry in std::fs::read_dir(traces).map_err(failed)? {
         let entry = entry.map_err(failed)?;

@@ -1,11 +1,11 @@
-//! Logs to standard error, as text for people or as JSON for machines; spans to a collector, if one is named.
+//! Logs to standard error, as text or as JSON; spans to a collector, if the settings name one.
 
 use std::io::IsTerminal;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use tracing_subscriber::{EnvFilter, Layer, fmt};
 
-/// Sends what is left of the spans when it is dropped.
+/// Sends the remaining spans when it is dropped.
 #[must_use]
 #[derive(Default)]
 pub struct Telemetry {
@@ -13,8 +13,8 @@ pub struct Telemetry {
     spans: Option<opentelemetry_sdk::trace::SdkTracerProvider>,
 }
 
-/// Starts once; a second call changes nothing. Refuses a filter that cannot be read, and a collector (URL of its OTLP
-/// port over gRPC) where this build has no feature `otlp`. To be called inside the runtime.
+/// Starts logging; a second call changes nothing. Refuses an invalid filter, and a collector (URL of its OTLP port over
+/// gRPC) if this build has no feature `otlp`. To be called inside the runtime.
 pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemetry, String> {
     let filter = EnvFilter::try_new(filter)
         .map_err(|e| format!("log {filter:?}: {e}; give a filter such as info or vrdp=debug"))?;
@@ -24,7 +24,7 @@ pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemet
         Some(url) => spans(url)?,
         None => (None, Telemetry::default()),
     };
-    // It fails only where a logger is set already, as in tests.
+    // It fails only if a logger is already set, as in tests.
     let _ = tracing_subscriber::registry().with(spans).with(logs.with_filter(filter)).try_init();
     Ok(telemetry)
 }
@@ -33,7 +33,7 @@ type Spans = Option<Box<dyn Layer<tracing_subscriber::Registry> + Send + Sync>>;
 
 #[cfg(not(feature = "otlp"))]
 fn spans(_collector: &str) -> Result<(Spans, Telemetry), String> {
-    Err("otlp: this program was built without it; build it with `--features otlp`".into())
+    Err("otlp: this program was built without the feature; build it with `--features otlp`".into())
 }
 
 #[cfg(feature = "otlp")]
@@ -47,7 +47,7 @@ fn spans(collector: &str) -> Result<(Spans, Telemetry), String> {
     let resource = Resource::builder().with_service_name("vrdp").build();
     let provider = SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build();
     let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer("vrdp"));
-    // Our own spans, whatever is logged; those of the exporter's own calls would beget others.
+    // Our own spans only, whatever is logged: spans of the exporter's calls would cause further calls.
     let ours = Targets::new().with_target("vrdp", tracing::Level::INFO);
     Ok((Some(layer.with_filter(ours).boxed()), Telemetry { spans: Some(provider) }))
 }

@@ -1,25 +1,16 @@
-//! The gRPC edge: the generated messages, their conversion, the services and their server.
+//! The gRPC and HTTP interface: generated messages, their conversion, the services and their servers.
 
-mod accept;
-mod calls;
-mod camera;
-mod guard;
-pub mod http;
-mod metrics;
-mod pages;
-mod reply;
-mod report;
-mod request;
+mod convert;
+mod http;
 mod server;
-mod services;
 mod status;
-mod study;
-mod trace;
-pub mod video;
 
-pub(crate) use camera::camera_message;
-pub use guard::{Security, TokenError, Tokens};
-pub use server::{Limits, ServeError, serve};
+pub use self::http::router::serve_http;
+pub(crate) use convert::camera::camera_message;
+pub use convert::new_video::scene_from_request;
+pub use convert::video::{scene_from_message, video_message};
+pub use server::auth::{Security, TokenError, Tokens};
+pub use server::serve::{ServeError, ServerLimits, serve};
 
 /// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.
 #[allow(clippy::all, missing_docs)]

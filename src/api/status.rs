@@ -1,4 +1,4 @@
-//! Turns every error of the house into a gRPC status: the only place that does.
+//! Turns each engine error into a gRPC status; no other file does.
 
 use super::v1;
 use crate::engine::EngineError;
@@ -14,14 +14,14 @@ use tonic_types::{ErrorDetails, FieldViolation, StatusExt};
 
 /// Of `ErrorInfo`.
 const DOMAIN: &str = "vrdp";
-/// How long a refused caller should wait: about one fit.
+/// How long a refused caller should wait: about the duration of one fit.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
-/// Bytes of a message, percent-encoded, and of the violations: both travel in headers, of which C-core clients (Python)
-/// take 8 KiB surely; base64 adds a third to the details, which hold the message once more.
+/// Bytes of a message, percent-encoded, and of its violations. Both are sent in headers, of which C-core clients (Python)
+/// accept 8 KiB; the details repeat the message and grow by a third in base64.
 const MESSAGE_BYTES: usize = 900;
 const VIOLATION_BYTES: usize = 3_600;
-/// Bytes of one description, and those that each violation needs beside its texts.
+/// Bytes of one description, and of each violation beside its texts.
 const DESCRIPTION_BYTES: usize = 400;
 const VIOLATION_OVERHEAD: usize = 8;
 
@@ -39,7 +39,7 @@ pub fn status(error: EngineError) -> Status {
             let mut details = info("OVERLOADED");
             details.set_retry_info(Some(RETRY_AFTER));
             let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
-            // Clients that retry by themselves read this, and not the details.
+            // Clients that retry by themselves read this field, not the details.
             let wait = MetadataValue::from(RETRY_AFTER.as_millis() as u64);
             status.metadata_mut().insert("grpc-retry-pushback-ms", wait);
             status
@@ -56,7 +56,7 @@ pub fn status(error: EngineError) -> Status {
         }
         EngineError::Store(StoreError::Damaged { .. }) => plain(Code::DataLoss, message, "RECORD_DAMAGED"),
         EngineError::Store(_) => {
-            tracing::error!(message, "storage");
+            tracing::error!(message, "storage failed");
             plain(Code::Unavailable, message, "STORAGE")
         }
         EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
@@ -89,7 +89,7 @@ pub fn status(error: EngineError) -> Status {
     }
 }
 
-/// For `ErrorInfo`: what a program can tell apart.
+/// The reason in `ErrorInfo`, by which a program distinguishes errors.
 fn reason_of(error: &ReasonError) -> &'static str {
     match error {
         ReasonError::NoSuchObject { .. } => "NO_SUCH_OBJECT",
@@ -100,7 +100,7 @@ fn reason_of(error: &ReasonError) -> &'static str {
     }
 }
 
-/// The first violations travel; of the others, how many there are.
+/// A refusal with the first violations and the number of those left out.
 fn refused(reason: &str, violations: Vec<Violation>) -> Status {
     let message = match violations.as_slice() {
         [only] => format!("{}: {}", only.path, only.message),
@@ -147,7 +147,7 @@ fn short(mut message: String) -> String {
     message
 }
 
-/// A status of a reason that a program can tell apart.
+/// A status with a reason in `ErrorInfo`.
 pub fn plain(code: Code, message: String, reason: &str) -> Status {
     Status::with_error_details(code, message, info(reason))
 }
@@ -156,7 +156,7 @@ fn info(reason: &str) -> ErrorDetails {
     ErrorDetails::with_error_info(reason, DOMAIN, HashMap::new())
 }
 
-/// The same as a message, for one question of a stream.
+/// The error as a message, for one question of a stream.
 pub fn error(error: EngineError) -> v1::Error {
     let status = status(error);
     let details = status.get_error_details();

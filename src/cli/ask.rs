@@ -70,13 +70,13 @@ pub fn text(reply: &AskResponse) -> String {
         // Several events have each their own.
         let own = answer.ends_with(" %)");
         let probability = if own { String::new() } else { format!("  ({:.0} %)", 100.0 * reply.probability) };
-        text += &format!("  {answer}{probability}\n{}", trail(&reply.trail));
+        text += &format!("  {answer}{probability}\n{}", trail(&reply.derivation));
     }
     for choice in &reply.choices {
         let (mark, probability) =
             if choice.correct { ('✓', choice.probability) } else { ('✗', 1.0 - choice.probability) };
         text += &format!("  {mark} {}  ({:.0} % sure)\n", choice.choice, 100.0 * probability);
-        text += &trail(&choice.trail);
+        text += &trail(&choice.derivation);
     }
     if !reply.explanation.is_empty() {
         text += &format!("  {}\n", reply.explanation);
@@ -101,7 +101,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         .map(|c| {
             json!({
                 "choice": c.choice, "correct": c.correct,
-                "probability": c.probability, "trail": steps(&c.trail),
+                "probability": c.probability, "trail": steps(&c.derivation),
             })
         })
         .collect();
@@ -110,7 +110,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         "answer": reply.answer,
         "probability": reply.probability,
         "choices": choices,
-        "trail": steps(&reply.trail),
+        "trail": steps(&reply.derivation),
         "program": reply.program.as_ref().map(|p| &p.tokens),
         "explanation": reply.explanation,
         "traces": reply.traces,

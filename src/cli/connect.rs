@@ -59,14 +59,14 @@ pub async fn start(config: &Config) -> Result<Service, Failure> {
         EngineError::Store(error) => Failure::input(error.to_string()),
         error => Failure::other(error),
     })?;
-    let engine = Arc::new(engine.retaining(config.retention()));
+    let engine = Arc::new(engine.with_retention(config.retention()));
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
-    let house = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().keep_house()));
+    let house = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
     let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
     let pages = http.map(|listener| {
         let stop = shutdown.clone().cancelled_owned();
-        tokio::spawn(api::http::serve_http(listener, engine.clone(), security.tokens.clone(), stop))
+        tokio::spawn(api::serve_http(listener, engine.clone(), security.tokens.clone(), stop))
     });
     let task = tokio::spawn(async move {
         let served = api::serve(listener, engine, limits, security, stop).await.map_err(Failure::other);
@@ -144,7 +144,7 @@ impl Connection {
     /// Posts a scene; gives the name of its video.
     pub async fn post(&self, scene: &Scene) -> Result<String, Failure> {
         let request =
-            CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() };
+            CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() };
         Ok(self.create(request).await?.name)
     }
 

@@ -66,7 +66,7 @@ pub async fn run(args: Args) -> Result<(), Failure> {
         let request = ask::request(video.clone(), question, choices);
         let mut answer: AskResponse = connection.reasoning().ask(request).await?.into_inner();
         // One trail shows how it works; the others are alike.
-        answer.choices.iter_mut().skip(1).for_each(|choice| choice.trail.clear());
+        answer.choices.iter_mut().skip(1).for_each(|choice| choice.derivation.clear());
         output::print(&format!("{number}  Ask: {question}\n\n{}\n", ask::text(&answer)))?;
         for (i, trace) in answer.traces.iter().enumerate() {
             traces.push(save(&connection, trace, &args.out, &format!("{file}_{}.mcap", i + 1)).await?);

@@ -61,13 +61,13 @@ pub async fn run(target: &Target, args: Args) -> Result<(), Failure> {
 
 fn text(found: &Diagnosis, videos: usize) -> String {
     let summary = found.comparison.as_ref().map_or("", |c| c.summary.as_str());
-    let mut text = match found.too_little.as_str() {
+    let mut text = match found.not_identifiable_reason.as_str() {
         "" => String::new(),
         why => format!("NOT_IDENTIFIABLE: {why}\n"),
     };
     text +=
         &format!("{summary}\n  between contacts: reduced chi-square {:.2}\n", found.free_motion_chi_square);
-    for jump in &found.jumps {
+    for jump in &found.change_points {
         let at = jump.position.unwrap_or_default();
         text += &format!(
             "  a jump that no object explains: frame {} at ({:.2}, {:.2}) m, {:.0} sigmas\n",
@@ -82,18 +82,18 @@ fn to_json(found: &Diagnosis, names: &[String]) -> Value {
     let scenes: Map<String, Value> =
         names.iter().zip(videos).map(|(name, v)| (name.clone(), compare::to_json(v))).collect();
     let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
-    let jump = |j: &crate::api::v1::Jump| {
+    let jump = |j: &crate::api::v1::ChangePoint| {
         let scene = videos.iter().position(|v| v.video == j.video).and_then(|k| names.get(k));
         let (at, change) = (j.position.unwrap_or_default(), j.change.unwrap_or_default());
         json!({ "scene": scene, "frame": j.frame, "position": [at.x, at.y], "change": [change.x, change.y], "sigmas": j.sigmas })
     };
-    let too_little = (!found.too_little.is_empty()).then_some(&found.too_little);
+    let too_little = (!found.not_identifiable_reason.is_empty()).then_some(&found.not_identifiable_reason);
     json!({
         "not_identifiable": too_little,
         "scenes": scenes,
         "summary": found.comparison.as_ref().map(|c| c.summary.clone()),
         "free_motion_chi_square": found.free_motion_chi_square,
         "ranked": found.ranked.iter().map(ranked).collect::<Vec<_>>(),
-        "jumps": found.jumps.iter().map(jump).collect::<Vec<_>>(),
+        "jumps": found.change_points.iter().map(jump).collect::<Vec<_>>(),
     })
 }

@@ -6,8 +6,8 @@ use super::error::Failure;
 use super::study::Said;
 use super::{input, ladder, output, study};
 use crate::api::v1::{
-    Course, CourseObject, DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter,
-    ParameterOwner, RankedEffect, Revision, SmallestEffect, Verdict, discover_effects_response::Event,
+    DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter, ParameterOwner, PosePair,
+    RankedEffect, Revision, SmallestEffect, TrajectoryPair, Verdict, discover_effects_response::Event,
 };
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
@@ -103,9 +103,9 @@ pub fn text(found: &Discovery) -> String {
         return text;
     }
     let revisions: Vec<&Revision> = found.revisions.iter().collect();
-    let table = ladder::table(&revisions, found.courses.len() > 1, ladder::change);
+    let table = ladder::table(&revisions, found.trajectories.len() > 1, ladder::change);
     text += &format!("\n{table}  noise {:.2} mm\n", 1e3 * found.noise_sigma);
-    text + &study::ranking(&found.ranked, SHOWN, found.courses.len()) + refused(found) + &smallest(found)
+    text + &study::ranking(&found.ranked, SHOWN, found.trajectories.len()) + refused(found) + &smallest(found)
 }
 
 /// Where nothing is missing though a candidate looked strong: why it was not added.
@@ -201,7 +201,7 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
     let formula = if found.formula.is_empty() { Value::Null } else { json!(found.formula) };
     let smallest = |s: &SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
     let scenes: Map<String, Value> =
-        names.iter().zip(&found.courses).map(|(name, c)| (name.clone(), course(c))).collect();
+        names.iter().zip(&found.trajectories).map(|(name, c)| (name.clone(), course(c))).collect();
     json!({
         "verdict": verdict(found),
         "reason": found.reason,
@@ -252,9 +252,9 @@ fn quantity(p: &FoundParameter) -> Value {
     }
 }
 
-fn course(c: &Course) -> Value {
-    let side = |pose: &dyn Fn(&CourseObject) -> Vec<f64>| -> Vec<Vec<Value>> {
-        let object = |o: &CourseObject| match pose(o) {
+fn course(c: &TrajectoryPair) -> Value {
+    let side = |pose: &dyn Fn(&PosePair) -> Vec<f64>| -> Vec<Vec<Value>> {
+        let object = |o: &PosePair| match pose(o) {
             p if p.is_empty() => Value::Null,
             p => json!(p),
         };

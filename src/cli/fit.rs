@@ -86,7 +86,7 @@ impl Method {
         match method {
             None => FitMethod::Unspecified,
             Some(Method::GaussNewton) => FitMethod::GaussNewton,
-            Some(Method::Paper) => FitMethod::Paper,
+            Some(Method::Paper) => FitMethod::StagedLbfgs,
         }
     }
 }

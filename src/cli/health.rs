@@ -4,14 +4,14 @@ use super::Target;
 use super::error::Failure;
 use super::output::print;
 use super::wire::remote;
-use crate::config::reached_here;
+use crate::config::local_service_url;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
 
 pub async fn run(target: &Target) -> Result<(), Failure> {
     let url = match &target.server {
         Some(url) => url.clone(),
-        None => reached_here().map_err(|e| Failure::input(e.to_string()))?,
+        None => local_service_url().map_err(|e| Failure::input(e.to_string()))?,
     };
     let channel = remote(&url, target).await?;
     let request = HealthCheckRequest { service: String::new() };

@@ -143,7 +143,7 @@ async fn one(
     }
     let video = connection.create(request).await?;
     let linking = video.linking;
-    let scene = api::video::scene(Some(video)).map_err(Failure::other)?;
+    let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;
     let file = args.out.join(name).join(input::OBSERVED);
     if file.canonicalize().ok().is_some_and(|f| path.canonicalize().is_ok_and(|p| p == f)) {
         return Err(Failure::input(format!(
@@ -230,7 +230,7 @@ impl Args {
 }
 
 fn of_scene(scene: &Scene) -> CreateVideoRequest {
-    CreateVideoRequest { video: Some(api::video::video("", scene, true)), ..Default::default() }
+    CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() }
 }
 
 fn detections(args: &Args, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {

@@ -5,7 +5,7 @@ use super::trace::{failure, open};
 use super::{output, progress};
 use crate::num::never;
 use crate::recording::messages::{self as m, foxglove as fox};
-use crate::recording::{MAX_TIME, Reader, TOLERANCE, Verification, build, verify};
+use crate::recording::{MAX_TIME, TOLERANCE, TraceReader, Verification, build, verify};
 use prost::Message as _;
 use serde_json::json;
 use std::fs::File;
@@ -77,13 +77,14 @@ fn again(args: &Args) -> Result<(), Failure> {
         let worst = found.worst.as_ref().map(|d| {
             json!({
                 "topic": d.topic, "time_s": d.time, "what": d.what,
-                "recorded": d.recorded, "again": d.again,
+                "recorded": d.recorded, "again": d.recomputed,
             })
         });
         let value = json!({
             "holds": found.holds(), "kind": found.kind, "build": found.build, "this_build": build(),
             "identical": found.identical, "messages": found.messages, "differing": found.differing,
             "unmatched": found.unmatched, "worst": worst, "tolerance": TOLERANCE,
+            "origin_difference": found.origin_difference,
         });
         output::json(target, &value)?;
     }
@@ -98,14 +99,7 @@ fn again(args: &Args) -> Result<(), Failure> {
 }
 
 fn report(found: &Verification) -> String {
-    let mut text = match found.same_build {
-        true => String::new(),
-        false => format!(
-            "written by {:?}, this is {:?}: numbers may differ by {TOLERANCE:e}\n",
-            found.build,
-            build()
-        ),
-    };
+    let mut text = found.origin_difference.iter().map(|why| format!("{why}\n")).collect::<String>();
     if found.identical {
         return text + &format!("{}: {} messages, equal bit for bit\n", found.kind, found.messages);
     }
@@ -116,7 +110,7 @@ fn report(found: &Verification) -> String {
     if let Some(d) = &found.worst {
         text += &format!(
             "  most: {} on {} at {} s: {:?} was recorded, {:?} came now\n",
-            d.what, d.topic, d.time, d.recorded, d.again
+            d.what, d.topic, d.time, d.recorded, d.recomputed
         );
     }
     text
@@ -124,7 +118,7 @@ fn report(found: &Verification) -> String {
 
 fn play(args: &Args, to: f64) -> Result<(), Failure> {
     let wrong = |e| failure(&args.file, e);
-    let mut reader: Reader<File> = Reader::open(open(&args.file)?).map_err(wrong)?;
+    let mut reader: TraceReader<File> = TraceReader::open(open(&args.file)?).map_err(wrong)?;
     let end = to.min(reader.span()[1]);
     let bar = progress::bar(((end - args.from).max(0.0) * 1e3).ceil() as u64, "{bar:40} {msg}");
     let topics = [&*m::STATES.name, &*m::AFTER.name, &*m::LOG.name];

@@ -259,7 +259,7 @@ const NEARER: f64 = 10.0;
 fn verdict(r: &Revision) -> String {
     let word = match r.worth() {
         // Nothing can be said of evidence then.
-        Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.too_little),
+        Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.not_identifiable_reason),
         Worth::Better => "better",
         Worth::NoDifference if r.log_evidence > NEARER => {
             "no better: it is nearer to the frames that were fitted, but later frames, videos left out or its own size speak against it"
@@ -317,7 +317,7 @@ fn to_json(r: &Revision) -> Value {
         "noise_sigma_m": r.noise_sigma,
         "log_evidence": r.log_evidence,
         "worth": worth,
-        "not_identifiable": word(&r.too_little),
+        "not_identifiable": word(&r.not_identifiable_reason),
         "models": r.models,
         "parents": r.parents,
     })
@@ -352,7 +352,7 @@ mod tests {
         let written =
             Revision { added: Some(written), models: vec!["m/012345678".into()], ..Default::default() };
         assert!(listing(&[written]).contains("  01234567  ax = -k*vx\n            ay = 0\n"));
-        let mut unknown = Revision { too_little: "film more".into(), ..Default::default() };
+        let mut unknown = Revision { not_identifiable_reason: "film more".into(), ..Default::default() };
         unknown.set_worth(Worth::NotIdentifiable);
         assert_eq!(verdict(&unknown), "NOT_IDENTIFIABLE: film more");
     }

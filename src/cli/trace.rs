@@ -3,7 +3,9 @@
 use super::error::Failure;
 use super::output;
 use crate::recording::messages::{self as m, v1};
-use crate::recording::{MAX_TIME, Message, Reader, RecordingError, Report, scan};
+use crate::recording::{
+    MAX_TIME, Message, RecordingError, ScanReport, ScannedItem, TraceReader, origin_difference, scan,
+};
 use prost::Message as _;
 use serde_json::{Value, json};
 use std::fs::File;
@@ -85,7 +87,7 @@ fn told(named: &Named, value: &Value, text: &str) -> Result<(), Failure> {
 
 fn info(named: &Named) -> Result<(), Failure> {
     let wrong = |e| failure(&named.file, e);
-    let mut reader = Reader::open(open(&named.file)?).map_err(wrong)?;
+    let mut reader = TraceReader::open(open(&named.file)?).map_err(wrong)?;
     let metadata = reader.metadata().map_err(wrong)?;
     let [from, to] = reader.span();
     let (topics, attachments) = (reader.topics(), reader.attachments());
@@ -116,7 +118,13 @@ fn info(named: &Named) -> Result<(), Failure> {
 }
 
 fn verify(named: &Named) -> Result<(), Failure> {
-    let report = scan(open(&named.file)?, &mut |_| {}).map_err(|e| failure(&named.file, e))?;
+    let mut metadata = None;
+    let report = scan(open(&named.file)?, &mut |item| match item {
+        ScannedItem::Metadata(found) => metadata = Some(found),
+        ScannedItem::Message { .. } | ScannedItem::Attachment { .. } => {}
+    })
+    .map_err(|e| failure(&named.file, e))?;
+    let origin = metadata.as_ref().and_then(origin_difference);
     let lost = lost(&report);
     let value = json!({
         "whole": report.is_whole(),
@@ -127,6 +135,7 @@ fn verify(named: &Named) -> Result<(), Failure> {
         "damage": report.damage.iter()
             .map(|d| json!({ "from": d.from, "to": d.to, "what": d.what }))
             .collect::<Vec<_>>(),
+        "origin_difference": origin,
     });
     let messages: u64 = report.counts.values().sum();
     let mut text = match report.is_whole() {
@@ -135,6 +144,9 @@ fn verify(named: &Named) -> Result<(), Failure> {
     };
     for d in &report.damage {
         text += &format!("  bytes {} to {}: {}\n", d.from, d.to, d.what);
+    }
+    if let Some(why) = &origin {
+        text += &format!("  {why}\n");
     }
     for (topic, n) in &lost {
         text += &format!("  lost on {topic}: {n} messages\n");
@@ -150,7 +162,7 @@ fn verify(named: &Named) -> Result<(), Failure> {
 }
 
 /// Messages that the summary states and that do not come back, by topic.
-fn lost(report: &Report) -> Vec<(String, u64)> {
+fn lost(report: &ScanReport) -> Vec<(String, u64)> {
     let found = |topic: &String| report.counts.get(topic).copied().unwrap_or(0);
     let stated = report.stated.iter().flatten();
     stated.map(|(topic, n)| (topic.clone(), n.saturating_sub(found(topic)))).filter(|(_, n)| *n > 0).collect()
@@ -161,7 +173,7 @@ fn export(export: &Export) -> Result<(), Failure> {
     if export.out.as_os_str() != "-" {
         output::writable("--out", &export.out)?;
     }
-    let mut reader = Reader::open(BufReader::new(open(&export.file)?)).map_err(wrong)?;
+    let mut reader = TraceReader::open(BufReader::new(open(&export.file)?)).map_err(wrong)?;
     let topics = reader.topics();
     let has = |name: &str| topics.iter().find(|t| t.name == name);
     let topic = match &export.topic {

@@ -1,23 +1,38 @@
-//! Fits of several videos of one set-up: they share its physics, keep their own motion, and each gets its model.
+//! Joint fits of several videos of one set-up: they share its physics, keep their own motion, and each gets its model.
 
-use super::memo::Waiting;
-use super::pool::Control;
-use super::{Choice, Engine, EngineError, MAX_STUDY_VIDEOS, StoredFit, figures, trace};
+use super::error::EngineError;
+use super::limits::MAX_STUDY_VIDEOS;
+use super::metric_names;
+use super::model_source::ModelSource;
+use super::pool::JobContext;
+use super::results::{StoredFit, result_digest};
+use super::single_flight::JobHandle;
+use super::state::Engine;
+use super::traces::file;
 use crate::fit::{FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, canonical_digest};
-use crate::store::Kind;
+use crate::store::TableKind;
 use crate::world::Model;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Which videos a fit takes beside its own.
+/// The videos that are fitted together with a video.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Others {
-    /// Ids; none: it is fitted alone.
+pub enum JointVideos {
+    /// Their ids; none: the video is fitted alone.
     Named(Vec<String>),
-    /// All that are stored and name the same set-up.
+    /// All stored videos that name the same set-up.
     Setup,
+}
+
+/// What one joint fit needs, by video; `id` is the digest of the rest.
+struct JointInput {
+    id: String,
+    videos: Vec<String>,
+    scenes: Vec<Scene>,
+    models: Vec<Model>,
+    options: FitOptions,
 }
 
 /// Refuses, under the name of the field, videos that cannot share their physics.
@@ -26,25 +41,26 @@ pub(super) fn one_set_up(field: &str, scenes: &[Scene], models: &[Model]) -> Res
         Err(error @ (FitError::PresetsDiffer { .. } | FitError::DuplicateVideo { .. })) => {
             Err(EngineError::invalid(field, error.to_string()))
         }
-        // What else is wrong is told by the fit.
+        // The fit reports all other errors.
         _ => Ok(()),
     }
 }
 
 impl Engine {
-    /// Ids of the videos that are fitted together, `video` among them, each once and sorted: who asks for the same ones
-    /// asks for the same fit.
-    pub async fn together(&self, video: &str, others: Others) -> Result<Vec<String>, EngineError> {
+    /// Ids of the videos that are fitted together, `video` among them, each once and sorted: requests that name the same
+    /// videos share one fit.
+    pub async fn joint_videos(&self, video: &str, others: JointVideos) -> Result<Vec<String>, EngineError> {
         let scene = self.video(video).await?;
         let named = match others {
-            Others::Named(named) => named,
-            Others::Setup => {
+            JointVideos::Named(named) => named,
+            JointVideos::Setup => {
                 let Some(setup) = scene.setup.clone() else {
                     let message = "needs a video that names its set-up; name the other videos instead";
                     return Err(EngineError::invalid("whole_setup", message));
                 };
                 let of_setup = move |s: &Scene| s.setup.as_ref() == Some(&setup);
-                let found = self.store.list(Kind::Videos, "", "", MAX_STUDY_VIDEOS + 1, of_setup).await?;
+                let most = MAX_STUDY_VIDEOS + 1;
+                let found = self.store.list(TableKind::Videos, "", "", most, of_setup).await?;
                 found.into_iter().map(|(id, _)| id).collect()
             }
         };
@@ -58,14 +74,14 @@ impl Engine {
         Ok(all.into_iter().collect())
     }
 
-    /// Fits the videos together, unless that was done before; the models are stored before they are given, in the
-    /// order of the videos.
-    pub async fn fit_together(
+    /// Fits the videos together, unless a stored fit has the same inputs. The models are stored before they are
+    /// returned, in the order of the videos.
+    pub async fn fit_joint(
         self: &Arc<Self>,
         videos: Vec<String>,
-        start: &Choice,
+        start: &ModelSource,
         options: FitOptions,
-    ) -> Result<Waiting<Vec<StoredFit>>, EngineError> {
+    ) -> Result<JobHandle<Vec<StoredFit>>, EngineError> {
         let key = self.key("");
         let (mut scenes, mut models) = (vec![], vec![]);
         for video in &videos {
@@ -75,56 +91,48 @@ impl Engine {
         }
         let setups: BTreeSet<&String> = scenes.iter().filter_map(|s| s.setup.as_ref()).collect();
         if setups.len() > 1 {
-            let message = format!("are of the set-ups {setups:?}; only videos of one share its physics");
+            let message =
+                format!("are of the set-ups {setups:?}; only videos of one set-up share its physics");
             return Err(EngineError::invalid("others", message));
         }
         one_set_up("others", &scenes, &models)?;
-        let id = canonical_digest("joint", &(&videos, &models, &options, env!("CARGO_PKG_VERSION")));
+        let id = result_digest("joint", &(&videos, &models, &options));
         let (engine, first) = (self.clone(), videos.first().cloned().unwrap_or_default());
-        let work = {
-            let id = id.clone();
-            move |control| async move { engine.run_joint(id, videos, scenes, models, options, control).await }
-        };
+        let input = JointInput { id: id.clone(), videos, scenes, models, options };
+        let work = move |context| async move { engine.run_joint(input, context).await };
         Ok(self.joint_fits.join(format!("{key}{id}"), &first, self.deadline(), work).await)
     }
 
-    async fn run_joint(
-        &self,
-        id: String,
-        videos: Vec<String>,
-        scenes: Vec<Scene>,
-        models: Vec<Model>,
-        options: FitOptions,
-        control: Control,
-    ) -> Result<Vec<StoredFit>, EngineError> {
+    async fn run_joint(&self, input: JointInput, context: JobContext) -> Result<Vec<StoredFit>, EngineError> {
+        let JointInput { id, videos, scenes, models, options } = input;
         let of = |video: &String| canonical_digest("model", &(&id, video));
         let ids: Vec<String> = videos.iter().map(of).collect();
         let keys: Vec<String> = videos.iter().zip(&ids).map(|(video, id)| format!("{video}/{id}")).collect();
         let mut found = vec![];
         for key in &keys {
-            found.extend(self.store.get::<StoredFit>(Kind::Fits, key).await?);
+            found.extend(self.store.get::<StoredFit>(TableKind::Fits, key).await?);
         }
         if found.len() == keys.len() {
-            figures::result("joint_fit", "store");
+            metric_names::count_result("joint_fit", "store");
             return Ok(found);
         }
-        self.fitted_anew();
-        figures::result("joint_fit", "made");
+        self.count_fit();
+        metric_names::count_result("joint_fit", "made");
         let backlog = self.backlog.clone();
         let job = move |stop: Stop| {
             let joint = fit(&scenes, &models, &options, stop)?;
             let one =
                 |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), step: None };
             let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
-            let begun = scenes.iter().zip(&models).zip(&fits);
-            let files = begun.map(|((scene, model), stored)| trace::fit(scene, model, &options, stored));
+            let inputs = scenes.iter().zip(&models).zip(&fits);
+            let files = inputs.map(|((scene, model), stored)| file::fit(scene, model, &options, stored));
             let files = files.collect::<Result<_, _>>()?;
             Ok((fits, backlog.admit(files, stop)?))
         };
-        let ((fits, batch), _place) = self.pool.run(control, job).await?;
+        let ((fits, batch), _slot) = self.pool.run(context, job).await?;
         self.publish(batch).await?;
         for (fit, key) in fits.iter().zip(&keys) {
-            self.put_of_video(Kind::Fits, &fit.video, key, fit).await?;
+            self.put_of_video(TableKind::Fits, &fit.video, key, fit).await?;
         }
         Ok(fits)
     }

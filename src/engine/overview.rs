@@ -1,23 +1,27 @@
-//! What a tenant's part of the service holds and does, for the dashboard.
+//! What a tenant has stored and running, for the dashboard.
 
-use super::study::Findings;
-use super::{Engine, EngineError, Study, TraceFilter, TraceKind};
+use super::error::EngineError;
+use super::results::{Findings, Study};
+use super::single_flight::Job;
+use super::state::Engine;
+use super::traces::file::{TraceKind, TraceRecord};
+use super::traces::stored::TraceFilter;
 use crate::report::dashboard::{Dashboard, JobRow, TraceRow, VideoRow};
-use crate::store::Kind;
+use crate::store::TableKind;
 
 /// Videos of one page.
 const MOST_VIDEOS: usize = 20;
-/// Models of a video that are looked at.
+/// Models of a video that are read.
 const MOST_MODELS: usize = 50;
 /// Discoveries of a video that are linked.
 const MOST_DISCOVERIES: usize = 5;
-/// Traces that are looked through for the latest.
+/// Traces among which the latest are searched.
 const MOST_TRACES: usize = 10_000;
 /// Traces that are shown.
 const LATEST: usize = 20;
 
 impl Engine {
-    /// The videos after the one with the id `after`, the work that goes on, and the latest traces.
+    /// The videos after the id `after`, the running jobs, and the latest traces.
     pub async fn overview(&self, after: &str) -> Result<Dashboard, EngineError> {
         let mut found = self.videos(after, MOST_VIDEOS + 1).await?;
         let more = found.len() > MOST_VIDEOS;
@@ -48,7 +52,7 @@ impl Engine {
         let mut records = self.traces(TraceFilter::default(), "", MOST_TRACES).await?;
         let (traces_in_all, trace_bytes) = (records.len(), records.iter().map(|r| r.size_bytes).sum());
         records.sort_by(|a, b| b.stored_ms.cmp(&a.stored_ms).then_with(|| a.id.cmp(&b.id)));
-        let trace = |r: super::TraceRecord| TraceRow {
+        let trace = |r: TraceRecord| TraceRow {
             about: match (&r.interventions[..], r.kind) {
                 ([], TraceKind::Simulation) => "prediction".into(),
                 ([], TraceKind::Fit) => "fit".into(),
@@ -59,7 +63,7 @@ impl Engine {
             video: r.video,
             size_bytes: r.size_bytes,
         };
-        let job = |j: super::Job| JobRow {
+        let job = |j: Job| JobRow {
             kind: j.kind,
             video: j.video,
             progress: j.progress,
@@ -84,7 +88,7 @@ impl Engine {
     async fn discoveries(&self, video: &str) -> Result<Vec<Vec<String>>, EngineError> {
         let found = |study: &Study| matches!(study.findings, Findings::Discovery(_));
         let prefix = format!("{video}/");
-        let rows = self.store.list(Kind::Studies, &prefix, &prefix, MOST_DISCOVERIES, found).await?;
+        let rows = self.store.list(TableKind::Studies, &prefix, &prefix, MOST_DISCOVERIES, found).await?;
         let mut discoveries: Vec<Vec<String>> = rows.into_iter().map(|(_, study)| study.videos).collect();
         discoveries.dedup();
         Ok(discoveries)

@@ -1,36 +1,37 @@
-//! Writes what a fit or a discovery did to a model: simulated before and after, the loss of each iteration, revisions.
+//! Encodes what a fit or a discovery changed: both models simulated, the loss of each iteration, the revisions.
 
-use super::draft::Draft;
+use super::RecordingError;
 use super::encode::{cbor, measured, parameters, residuals, run};
 use super::messages::{self as m, v1};
-use super::{RecordingError, metadata};
+use super::origin::metadata;
+use super::writer::TraceWriter;
 use crate::fit::Fit;
 use crate::scene::Scene;
 use crate::world::{Model, trace};
 use serde::{Deserialize, Serialize};
 
-/// A change of one scene's model. The same change gives the same bytes.
+/// A change of the model of one scene.
 #[derive(Debug, Clone, Copy)]
-pub struct Change<'a> {
+pub struct RecordedChange<'a> {
     /// `fit` or `discovery`.
     pub kind: &'a str,
     pub scene: &'a Scene,
-    /// Where the change began.
+    /// The model before the change.
     pub before: &'a Model,
-    /// Of this scene alone; its model is the one after.
+    /// The fit of this scene alone; its model is the one after the change.
     pub fit: &'a Fit,
     /// Id of the video.
     pub video: &'a str,
     /// Id of the model after.
     pub model: &'a str,
     /// Of a discovery; the first is the model without any effect added.
-    pub revisions: &'a [Step],
+    pub revisions: &'a [RecordedRevision],
     pub request_json: &'a str,
 }
 
-/// A revision as a trace tells it; errors in m.
+/// A revision in a trace; errors in m.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Step {
+pub struct RecordedRevision {
     pub effect: String,
     pub rmse: f64,
     pub held_out_rmse: f64,
@@ -38,23 +39,23 @@ pub struct Step {
 }
 
 /// The trace file of a change: both models over the frames of the video.
-pub fn encode_change(change: &Change) -> Result<Vec<u8>, RecordingError> {
-    let Change { kind, scene, before, fit, .. } = *change;
+pub fn encode_change(change: &RecordedChange) -> Result<Vec<u8>, RecordingError> {
+    let RecordedChange { kind, scene, before, fit, .. } = *change;
     let after = fit.scenes.first().map_or(before, |s| &s.model);
-    let mut draft = Draft::new(m::CHANGE.to_vec());
-    measured(scene, &mut draft)?;
-    let ways = [
+    let mut writer = TraceWriter::new(m::CHANGE.to_vec());
+    measured(scene, &mut writer)?;
+    let runs = [
         (before, [&m::BEFORE, &m::BEFORE_POSES], &m::RESIDUALS_BEFORE),
         (after, [&m::AFTER, &m::AFTER_POSES], &m::RESIDUALS_AFTER),
     ];
-    for (model, topics, residual) in ways {
+    for (model, topics, residual) in runs {
         let simulated = trace(model, &scene.times).as_observed(model);
-        run(&simulated, &[], model, topics, &mut draft)?;
-        residuals(scene, &simulated, residual, &mut draft)?;
+        run(&simulated, &[], model, topics, &mut writer)?;
+        residuals(scene, &simulated, residual, &mut writer)?;
     }
     for (iteration, &loss) in fit.losses.iter().enumerate() {
         let message = v1::TraceIteration { iteration: iteration as u32, loss };
-        draft.push(&m::LOSS, scene.time_of(iteration), &message)?;
+        writer.push(&m::LOSS, scene.time_of(iteration), &message)?;
     }
     for (number, step) in change.revisions.iter().enumerate() {
         let message = v1::TraceRevision {
@@ -64,9 +65,9 @@ pub fn encode_change(change: &Change) -> Result<Vec<u8>, RecordingError> {
             held_out_rmse: step.held_out_rmse,
             reduced_chi_square: step.reduced_chi_square,
         };
-        draft.push(&m::REVISIONS, scene.time_of(number), &message)?;
+        writer.push(&m::REVISIONS, scene.time_of(number), &message)?;
     }
-    parameters(&fit.posterior.estimates, &mut draft)?;
+    parameters(&fit.posterior.estimates, &mut writer)?;
     let json = "application/json";
     let attachments = [
         ("request.json", json, change.request_json.as_bytes().to_vec()),
@@ -86,5 +87,5 @@ pub fn encode_change(change: &Change) -> Result<Vec<u8>, RecordingError> {
         ]
         .map(|(key, value)| (key.to_string(), value)),
     );
-    draft.finish(metadata, &attachments)
+    writer.finish(metadata, &attachments)
 }

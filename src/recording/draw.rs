@@ -1,4 +1,4 @@
-//! What viewers draw of an object: its pose, shape and colour in Foxglove's schemas.
+//! Pose, shape and colour of an object in Foxglove's schemas, for viewers.
 
 use super::messages::foxglove as fox;
 use crate::num::Vec2;

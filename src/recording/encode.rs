@@ -1,8 +1,9 @@
-//! Writes a simulation as MCAP: log time is simulation time, so equal recordings give equal bytes.
+//! Encodes a simulation: measured and simulated states, residuals, rollouts, events and parameters.
 
-use super::draft::{Draft, timestamp};
 use super::draw::{color, entity, pose};
 use super::messages::{self as m, Topic, foxglove as fox, v1};
+use super::origin::metadata;
+use super::writer::{TraceWriter, timestamp};
 use super::{FRAME, Recording, RecordingError};
 use crate::fit::{Estimate, Fit};
 use crate::num::Vec2;
@@ -11,10 +12,11 @@ use crate::scene::Scene;
 use crate::world::{BodySpec, EventKind, Model, State, Trace};
 use std::collections::BTreeMap;
 
-/// Most states of drawn rollouts in one file: about 25 MB. The rollouts after them can be simulated again.
+/// Most states of rollouts in one file: about 25 MB. Rollouts beyond it can be simulated again from the file.
 pub const MAX_ROLLOUT_STATES: usize = 1_000_000;
-/// Shapes move with their frames of reference; so many frames later they are told again, for who comes late.
-const SHOWN_AGAIN: usize = 25;
+/// Shapes move with their frames of reference. They are repeated after this number of frames, so that a viewer that
+/// starts in the middle has them.
+const SHAPES_EVERY: usize = 25;
 /// Media types of attachments.
 const JSON: &str = "application/json";
 const CBOR: &str = "application/cbor";
@@ -22,25 +24,25 @@ const CBOR: &str = "application/cbor";
 /// The trace file of one simulation.
 pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     let Recording { scene, prediction, fit, .. } = *recording;
-    let drawn = rollouts_kept(prediction);
+    let kept = rollouts_kept(prediction);
     let mut topics = m::SIMULATION.to_vec();
-    if drawn > 0 {
+    if kept > 0 {
         topics.extend([m::MEAN, m::MEAN_POSES, m::ROLLOUTS]);
     }
-    let mut draft = Draft::new(topics);
-    measured(scene, &mut draft)?;
-    residuals(scene, &prediction.best, &m::RESIDUALS, &mut draft)?;
-    simulated(scene, prediction, &mut draft)?;
-    ensemble(prediction, drawn, &mut draft)?;
-    events(recording, &mut draft)?;
-    parameters(&fit.posterior.estimates, &mut draft)?;
+    let mut writer = TraceWriter::new(topics);
+    measured(scene, &mut writer)?;
+    residuals(scene, &prediction.best, &m::RESIDUALS, &mut writer)?;
+    simulated(scene, prediction, &mut writer)?;
+    ensemble(prediction, kept, &mut writer)?;
+    events(recording, &mut writer)?;
+    parameters(&fit.posterior.estimates, &mut writer)?;
     let attachments = [
         ("request.json", JSON, recording.request_json.as_bytes().to_vec()),
         ("model.json", JSON, serde_json::to_vec(&prediction.model)?),
         ("scene.json", JSON, serde_json::to_vec(scene)?),
         ("fit.cbor", CBOR, cbor(fit)?),
     ];
-    let mut metadata = super::metadata("simulation", scene, recording.video, recording.model);
+    let mut metadata = metadata("simulation", scene, recording.video, recording.model);
     metadata.extend(
         [
             ("preset", prediction.model.preset.clone()),
@@ -48,15 +50,15 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
             ("frames", prediction.best.times.len().to_string()),
             ("observed_frames", prediction.observed_frames.to_string()),
             ("rollouts", prediction.ensemble.len().to_string()),
-            ("rollouts_kept", drawn.to_string()),
+            ("rollouts_kept", kept.to_string()),
             ("interventions", serde_json::to_string(&prediction.interventions)?),
         ]
         .map(|(key, value)| (key.to_string(), value)),
     );
-    draft.finish(metadata, &attachments)
+    writer.finish(metadata, &attachments)
 }
 
-/// A fit keeps infinite bounds, which JSON does not know.
+/// The fit as CBOR: it has infinite bounds, which JSON cannot hold.
 pub fn cbor(fit: &Fit) -> Result<Vec<u8>, RecordingError> {
     let mut bytes = Vec::new();
     ciborium::into_writer(fit, &mut bytes).map_err(|e| RecordingError::Cbor(e.to_string()))?;
@@ -68,8 +70,8 @@ fn rollouts_kept(prediction: &Prediction) -> usize {
     prediction.ensemble.len().min(MAX_ROLLOUT_STATES / states.max(1))
 }
 
-/// Poses as they were measured, strays among them.
-pub fn measured(scene: &Scene, to: &mut Draft) -> Result<(), RecordingError> {
+/// Poses as they were measured, outliers included.
+pub fn measured(scene: &Scene, to: &mut TraceWriter) -> Result<(), RecordingError> {
     let mut rows: BTreeMap<usize, Vec<fox::Pose>> = BTreeMap::new();
     for (index, object) in scene.objects.iter().enumerate() {
         for sample in scene.all_samples(index) {
@@ -86,7 +88,12 @@ pub fn measured(scene: &Scene, to: &mut Draft) -> Result<(), RecordingError> {
 }
 
 /// Measured minus simulated positions.
-pub fn residuals(scene: &Scene, run: &Trace, topic: &Topic, to: &mut Draft) -> Result<(), RecordingError> {
+pub fn residuals(
+    scene: &Scene,
+    run: &Trace,
+    topic: &Topic,
+    to: &mut TraceWriter,
+) -> Result<(), RecordingError> {
     let mut rows: BTreeMap<usize, Vec<v1::TraceResidual>> = BTreeMap::new();
     for (object, track) in scene.objects.iter().zip(&scene.tracks) {
         let body = run.ids.iter().position(|id| *id == object.id);
@@ -107,11 +114,11 @@ pub fn residuals(scene: &Scene, run: &Trace, topic: &Topic, to: &mut Draft) -> R
     Ok(())
 }
 
-fn simulated(scene: &Scene, prediction: &Prediction, to: &mut Draft) -> Result<(), RecordingError> {
+fn simulated(scene: &Scene, prediction: &Prediction, to: &mut TraceWriter) -> Result<(), RecordingError> {
     let (best, model) = (&prediction.best, &prediction.model);
     run(best, &prediction.sd, model, [&m::STATES, &m::POSES], to)?;
     let frames: Vec<String> = best.ids.iter().map(|id| format!("object_{id}")).collect();
-    let mut drawn: Option<Vec<bool>> = None;
+    let mut shown: Option<Vec<bool>> = None;
     for (frame, (row, &time)) in best.states.iter().zip(&best.times).enumerate() {
         let timestamp = timestamp(time)?;
         let mut transforms = Vec::with_capacity(row.len());
@@ -128,14 +135,14 @@ fn simulated(scene: &Scene, prediction: &Prediction, to: &mut Draft) -> Result<(
         }
         to.push(&m::TRANSFORMS, time, &fox::FrameTransforms { transforms })?;
         let here: Vec<bool> = row.iter().map(Option::is_some).collect();
-        if frame % SHOWN_AGAIN == 0 || drawn.as_ref() != Some(&here) {
+        if frame % SHAPES_EVERY == 0 || shown.as_ref() != Some(&here) {
             let color_of = |id: u32| scene.objects.iter().find(|o| o.id == id).map_or("", |o| &o.color);
             let of = |((body, frame), _): ((&BodySpec, &String), _)| {
                 entity(frame, &body.shape, color(color_of(body.id)), timestamp)
             };
             let entities = model.bodies.iter().zip(&frames).zip(&here).filter(|(_, here)| **here).map(of);
             to.push(&m::SHAPES, time, &fox::SceneUpdate { entities: entities.collect() })?;
-            drawn = Some(here);
+            shown = Some(here);
         }
     }
     Ok(())
@@ -147,7 +154,7 @@ pub fn run(
     sd: &[Vec<Option<f64>>],
     model: &Model,
     [states_topic, poses_topic]: [&Topic; 2],
-    to: &mut Draft,
+    to: &mut TraceWriter,
 ) -> Result<(), RecordingError> {
     for (frame, (row, &time)) in run.states.iter().zip(&run.times).enumerate() {
         let (mut states, mut poses) = (Vec::with_capacity(row.len()), Vec::with_capacity(row.len()));
@@ -165,8 +172,8 @@ pub fn run(
     Ok(())
 }
 
-/// The mean of all rollouts with the spread around it, and the rollouts that are kept.
-fn ensemble(prediction: &Prediction, kept: usize, to: &mut Draft) -> Result<(), RecordingError> {
+/// The mean and the standard deviation of all rollouts, and the first `kept` rollouts themselves.
+fn ensemble(prediction: &Prediction, kept: usize, to: &mut TraceWriter) -> Result<(), RecordingError> {
     if kept == 0 {
         return Ok(());
     }
@@ -192,8 +199,9 @@ fn ensemble(prediction: &Prediction, kept: usize, to: &mut Draft) -> Result<(), 
     Ok(())
 }
 
-/// Mean states over the rollouts that have the body, and the deviation of a position from them, per coordinate (m). It
-/// is no motion that could happen: after a chance collision it runs between the ways that the rollouts take.
+/// Mean states over the rollouts that have the body, and the standard deviation of a position per coordinate (m):
+/// sd^2 = (mean |r|^2 - |mean r|^2) / 2. The mean is no possible motion: where a collision happens in some rollouts only,
+/// it runs between their trajectories.
 fn mean(prediction: &Prediction) -> (Trace, Vec<Vec<Option<f64>>>) {
     let best = &prediction.best;
     let mut mean = Trace { events: vec![], ..best.clone() };
@@ -246,7 +254,7 @@ fn trace_state(id: u32, state: &State, sd: Option<f64>) -> v1::TraceState {
     }
 }
 
-fn events(recording: &Recording, to: &mut Draft) -> Result<(), RecordingError> {
+fn events(recording: &Recording, to: &mut TraceWriter) -> Result<(), RecordingError> {
     for likely in &recording.prediction.events {
         let e = &likely.event;
         let event = v1::TraceEvent {
@@ -308,8 +316,8 @@ fn sentence(recording: &Recording, likely: &LikelyEvent) -> String {
     format!("{} of {}, probability {probability:.0} %", word(likely.event.kind), objects.join(" and "))
 }
 
-/// What was fitted, with its deviations.
-pub fn parameters(estimates: &[Estimate], to: &mut Draft) -> Result<(), RecordingError> {
+/// The fitted parameters with their standard deviations.
+pub fn parameters(estimates: &[Estimate], to: &mut TraceWriter) -> Result<(), RecordingError> {
     let parameters = estimates.iter().map(|e| v1::TraceParameter {
         name: e.name.clone(),
         value: e.value,

@@ -1,32 +1,45 @@
-//! Trace files: one MCAP for one piece of work, readable by Foxglove and Rerun, with every number beside it.
+//! Trace files: one MCAP file for each simulation, fit and discovery, readable by Foxglove and Rerun.
+//!
+//! Format:
+//! * The log time of a message is the time in the video (ns); no wall clock is in a file.
+//! * Every number is on a topic of ours (`/simulated/states`, `/events`, `/parameters`, ...) in double precision. The
+//!   other topics repeat them in Foxglove's schemas, for viewers.
+//! * Attachments hold the inputs: `scene.json`, `fit.cbor` (CBOR keeps infinite bounds), the request and the models.
+//! * Metadata name the program, its numeric fingerprint, the video, the model and the seed.
+//!
+//! The file is a function of its inputs: the same recording gives the same bytes (`writer` sorts messages by time and
+//! topic, and compresses with LZ4, which is deterministic). `verify` therefore computes a trace again from its
+//! attachments and compares bytes. Where another program or other arithmetic wrote it, numbers are compared within
+//! [`TOLERANCE`].
 
 mod change;
-mod draft;
 mod draw;
 mod encode;
 pub mod messages;
+mod origin;
 mod read;
-mod replay;
 mod scan;
+mod verify;
+mod writer;
 
-pub use change::{Change, Step, encode_change};
-pub use draft::MAX_TIME;
+pub use change::{RecordedChange, RecordedRevision, encode_change};
 pub use encode::{MAX_ROLLOUT_STATES, encode};
-pub use read::{Message, Reader};
-pub use replay::{Difference, TOLERANCE, Verification, verify};
-pub use scan::{Damage, Item, Reading, Report, read, scan};
+pub use origin::{TOLERANCE, build, origin_difference};
+pub use read::{Message, TraceReader};
+pub use scan::{Damage, ScanReport, ScannedItem, TraceContents, read, scan};
+pub use verify::{Difference, Verification, verify};
+pub use writer::MAX_TIME;
 
 use crate::fit::Fit;
 use crate::reason::Prediction;
 use crate::scene::Scene;
-use std::collections::BTreeMap;
 
-/// All that goes into the trace file of a simulation. The same recording gives the same bytes.
+/// The content of the trace file of a simulation.
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
     pub scene: &'a Scene,
     pub prediction: &'a Prediction,
-    /// Of this scene alone, before interventions; models were drawn from it.
+    /// The fit of this scene alone, before interventions; the models of the rollouts were drawn from it.
     pub fit: &'a Fit,
     /// Id of the video.
     pub video: &'a str,
@@ -39,7 +52,7 @@ pub struct Recording<'a> {
 
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    #[error("time {time} s has no place in a trace; times run from 0 to {most} s", most = MAX_TIME)]
+    #[error("time {time} s cannot be written; times of a trace are from 0 to {most} s", most = MAX_TIME)]
     Time { time: f64 },
     #[error("JSON: {0}")]
     Json(#[from] serde_json::Error),
@@ -56,7 +69,7 @@ pub enum RecordingError {
     #[error("the file is no MCAP file; give one that `vrdp simulate --trace` or `DownloadTrace` wrote")]
     NoTrace,
     #[error(
-        "the file is damaged from byte {from} to byte {to}: {what}; `vrdp trace verify` says what is lost"
+        "the file is damaged from byte {from} to byte {to}: {what}; `vrdp trace verify` lists the missing messages"
     )]
     Damaged { from: u64, to: u64, what: String },
     #[error("the trace has no {what}; only traces of vrdp can be simulated again")]
@@ -67,24 +80,6 @@ pub enum RecordingError {
 
 /// Frame of reference of every pose.
 pub const FRAME: &str = "world";
-
-/// What wrote a trace: numbers are equal bit for bit within one build on one kind of machine.
-pub fn build() -> String {
-    format!("{} {}-{}", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH, std::env::consts::OS)
-}
-
-/// What every kind of trace says of itself.
-fn metadata(kind: &str, scene: &Scene, video: &str, model: &str) -> BTreeMap<String, String> {
-    [
-        ("build", build()),
-        ("kind", kind.to_string()),
-        ("scene", scene.name.clone()),
-        ("video", video.to_string()),
-        ("model", model.to_string()),
-    ]
-    .map(|(key, value)| (key.to_string(), value))
-    .into()
-}
 
 #[cfg(test)]
 mod tests;

@@ -1,16 +1,16 @@
-//! Reads a trace file through its index: any stretch of time, chunk by chunk, in little memory.
+//! Reads a trace file through its index: any time span, with one chunk in memory at a time.
 
 use super::RecordingError;
-use super::draft::METADATA;
-use super::scan::{Summary, Whole, Window, seconds};
+use super::scan::{FileWindow, Summary, WholeRecord, seconds};
+use super::writer::METADATA;
 use mcap::records::Record;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::{Read, Seek};
 use std::sync::Arc;
 
-/// An open trace file. Every checksum of what is read is checked.
-pub struct Reader<R> {
-    file: Window<R>,
+/// An open trace file. Checksums of all records that are read are checked.
+pub struct TraceReader<R> {
+    file: FileWindow<R>,
     summary: Summary,
 }
 
@@ -23,7 +23,7 @@ pub struct Message {
     pub data: Vec<u8>,
 }
 
-/// A topic and what is known of it without reading it.
+/// A topic, as the summary of the file describes it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TopicInfo {
     pub name: String,
@@ -31,15 +31,15 @@ pub struct TopicInfo {
     pub messages: u64,
 }
 
-impl<R: Read + Seek> Reader<R> {
+impl<R: Read + Seek> TraceReader<R> {
     /// Reads the summary at the end of the file.
     pub fn open(source: R) -> Result<Self, RecordingError> {
-        let mut file = Window::new(source)?;
+        let mut file = FileWindow::new(source)?;
         if file.get(0, mcap::MAGIC.len())? != mcap::MAGIC {
             return Err(RecordingError::NoTrace);
         }
         match Summary::read(&mut file)? {
-            Ok(summary) => Ok(Reader { file, summary }),
+            Ok(summary) => Ok(TraceReader { file, summary }),
             Err(what) => {
                 let to = file.size;
                 Err(RecordingError::Damaged { from: 0, to, what })
@@ -86,8 +86,8 @@ impl<R: Read + Seek> Reader<R> {
             return Ok(BTreeMap::new());
         };
         match self.record(at)? {
-            Whole::Other(Record::Metadata(metadata)) => Ok(metadata.metadata),
-            _ => Err(self.damaged(at, "no metadata are where the index says")),
+            WholeRecord::Other(Record::Metadata(metadata)) => Ok(metadata.metadata),
+            _ => Err(self.damaged(at, "there are no metadata at the offset in the index")),
         }
     }
 
@@ -97,8 +97,8 @@ impl<R: Read + Seek> Reader<R> {
             return Ok(None);
         };
         match self.record(at)? {
-            Whole::Other(Record::Attachment { data, .. }) => Ok(Some(data.into_owned())),
-            _ => Err(self.damaged(at, "no attachment is where the index says")),
+            WholeRecord::Other(Record::Attachment { data, .. }) => Ok(Some(data.into_owned())),
+            _ => Err(self.damaged(at, "there is no attachment at the offset in the index")),
         }
     }
 
@@ -135,7 +135,7 @@ impl<R: Read + Seek> Reader<R> {
         Ok(true)
     }
 
-    fn record(&mut self, at: u64) -> Result<Whole, RecordingError> {
+    fn record(&mut self, at: u64) -> Result<WholeRecord, RecordingError> {
         match self.file.record(at)? {
             Ok((record, _)) => Ok(record),
             Err(what) => Err(self.damaged(at, &what)),
@@ -147,22 +147,22 @@ impl<R: Read + Seek> Reader<R> {
     }
 }
 
-/// Messages of a stretch of time. One chunk is in memory at a time.
+/// Messages of a time span. One chunk is in memory at a time.
 pub struct Messages<'r, R> {
-    reader: &'r mut Reader<R>,
+    reader: &'r mut TraceReader<R>,
     topics: BTreeMap<u16, Arc<str>>,
     /// ns.
     from: u64,
     to: u64,
-    /// Where those begin that are still to be read.
+    /// Offsets of the chunks that are not read yet.
     chunks: VecDeque<u64>,
     ready: VecDeque<Message>,
 }
 
 impl<R: Read + Seek> Messages<'_, R> {
     fn load(&mut self, at: u64) -> Result<(), RecordingError> {
-        let Whole::Chunk(records) = self.reader.record(at)? else {
-            return Err(self.reader.damaged(at, "no chunk is where the index says"));
+        let WholeRecord::Chunk(records) = self.reader.record(at)? else {
+            return Err(self.reader.damaged(at, "there is no chunk at the offset in the index"));
         };
         for record in records {
             if let Record::Message { header, data } = record

@@ -1,4 +1,8 @@
-//! Walks a trace file record by record without trusting it: what is whole comes back, what is lost is said.
+//! Walks a trace file record by record without trusting it: whole records are returned, damage is reported.
+//!
+//! Rules: no length is followed beyond [`MAX_RECORD`] or the end of the file, and no chunk is unpacked before its checksum
+//! holds. After damage the scan continues at the next byte where a record certainly starts: a chunk or attachment whose
+//! checksum holds, or the end of the data.
 
 use super::RecordingError;
 use super::messages::{self as m, v1};
@@ -19,18 +23,18 @@ const HEAD: u64 = 9;
 const FOOTER: u64 = 20;
 const FOOTER_CHECKED: u64 = 16;
 
-/// A file seen through a window, so that its size does not matter.
-pub struct Window<R> {
+/// A file of any size, of which one block is in memory at a time.
+pub struct FileWindow<R> {
     source: R,
     pub size: u64,
     start: u64,
     bytes: Vec<u8>,
 }
 
-impl<R: Read + Seek> Window<R> {
+impl<R: Read + Seek> FileWindow<R> {
     pub fn new(mut source: R) -> Result<Self, RecordingError> {
         let size = source.seek(SeekFrom::End(0))?;
-        Ok(Window { source, size, start: 0, bytes: Vec::new() })
+        Ok(FileWindow { source, size, start: 0, bytes: Vec::new() })
     }
 
     /// The bytes `at..at + len`, less where the file ends.
@@ -64,7 +68,7 @@ impl<R: Read + Seek> Window<R> {
         Ok(hasher.finalize())
     }
 
-    /// Length of the record at `at`, or why there is none.
+    /// Length of the record at `at`, or the reason why there is none.
     fn length(&mut self, at: u64) -> Result<Result<u64, &'static str>, RecordingError> {
         let left = self.size.saturating_sub(at + HEAD);
         let Ok(&[opcode, ref length @ ..]) = <&[u8; HEAD as usize]>::try_from(self.get(at, HEAD as usize)?)
@@ -80,9 +84,9 @@ impl<R: Read + Seek> Window<R> {
         })
     }
 
-    /// The record at `at` with all its messages, if it is a chunk, and where the next one begins; or why there is none.
-    /// Checksums of chunks and attachments hold.
-    pub fn record(&mut self, at: u64) -> Result<Result<(Whole, u64), String>, RecordingError> {
+    /// The record at `at` (a chunk with all its messages) and the offset of the next one, or the reason why there is none.
+    /// Checksums of chunks and attachments were checked.
+    pub fn record(&mut self, at: u64) -> Result<Result<(WholeRecord, u64), String>, RecordingError> {
         let length = match self.length(at)? {
             Ok(length) => length,
             Err(why) => return Ok(Err(why.into())),
@@ -95,20 +99,20 @@ impl<R: Read + Seek> Window<R> {
         Ok(whole(opcode, body).map(|whole| (whole, at + HEAD + length)))
     }
 
-    /// The first place from `at` on where a record surely begins, or the end of the file.
-    fn next_sure(&mut self, mut at: u64) -> Result<u64, RecordingError> {
+    /// The first offset from `at` on where a record certainly starts, or the end of the file.
+    fn next_certain(&mut self, mut at: u64) -> Result<u64, RecordingError> {
         while at + HEAD <= self.size {
             let first = self.get(at, 1)?.first().copied().unwrap_or_default();
             if matches!(first, op::CHUNK | op::ATTACHMENT | op::DATA_END | op::FOOTER)
                 && let Ok(length) = self.length(at)?
             {
                 let last = at + HEAD + length + mcap::MAGIC.len() as u64 == self.size;
-                let sure = match first {
+                let is_certain = match first {
                     op::DATA_END => length == 4,
                     op::FOOTER => length == FOOTER && last,
                     _ => self.record(at)?.is_ok(),
                 };
-                if sure {
+                if is_certain {
                     return Ok(at);
                 }
             }
@@ -118,28 +122,28 @@ impl<R: Read + Seek> Window<R> {
     }
 }
 
-/// A record that is whole.
-pub enum Whole {
+/// A record whose checksum holds, if its kind has one.
+pub enum WholeRecord {
     Chunk(Vec<Record<'static>>),
     Other(Record<'static>),
 }
 
-fn whole(opcode: u8, body: &[u8]) -> Result<Whole, String> {
+fn whole(opcode: u8, body: &[u8]) -> Result<WholeRecord, String> {
     if opcode == op::ATTACHMENT && !attachment_fits(body) {
-        return Err("an attachment is shorter than it says".into());
+        return Err("an attachment is shorter than its stated length".into());
     }
-    let told = |e: mcap::McapError| e.to_string();
-    let Record::Chunk { header, .. } = mcap::parse_record(opcode, body).map_err(told)? else {
-        return Ok(Whole::Other(mcap::parse_record(opcode, body).map_err(told)?.into_owned()));
+    let text = |e: mcap::McapError| e.to_string();
+    let Record::Chunk { header, .. } = mcap::parse_record(opcode, body).map_err(text)? else {
+        return Ok(WholeRecord::Other(mcap::parse_record(opcode, body).map_err(text)?.into_owned()));
     };
     let span = format!("{} to {} s", seconds(header.message_start_time), seconds(header.message_end_time));
     if header.uncompressed_size > MAX_RECORD {
         return Err(format!("a chunk ({span}) is too large"));
     }
-    unpacked(opcode, body).map(Whole::Chunk).map_err(|e| format!("a chunk ({span}) is damaged: {e}"))
+    unpacked(opcode, body).map(WholeRecord::Chunk).map_err(|e| format!("a chunk ({span}) is damaged: {e}"))
 }
 
-/// The records of a chunk; none is looked at before the checksum of all holds.
+/// The records of a chunk, after its checksum was checked.
 fn unpacked(opcode: u8, body: &[u8]) -> mcap::McapResult<Vec<Record<'static>>> {
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -165,7 +169,7 @@ fn unpacked(opcode: u8, body: &[u8]) -> mcap::McapResult<Vec<Record<'static>>> {
     Ok(records)
 }
 
-/// Whether the parts of an attachment lie within it: the parser trusts that its checksum does.
+/// Whether the parts of an attachment lie within it; the parser would read its checksum beyond it.
 fn attachment_fits(body: &[u8]) -> bool {
     let number = |at: usize| body.get(at..at.checked_add(4)?)?.try_into().ok().map(u32::from_le_bytes);
     let ends = || {
@@ -181,7 +185,7 @@ pub fn seconds(nanoseconds: u64) -> f64 {
     nanoseconds as f64 / 1e9
 }
 
-/// What the end of a file says of its content.
+/// The summary at the end of a file: its index.
 #[derive(Debug, Default)]
 pub struct Summary {
     pub channels: BTreeMap<u16, Channel>,
@@ -194,8 +198,8 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// The summary of a file, its checksum checked; or why there is none.
-    pub fn read<R: Read + Seek>(file: &mut Window<R>) -> Result<Result<Summary, String>, RecordingError> {
+    /// The summary of a file, after its checksum was checked, or the reason why there is none.
+    pub fn read<R: Read + Seek>(file: &mut FileWindow<R>) -> Result<Result<Summary, String>, RecordingError> {
         let magic = mcap::MAGIC.len() as u64;
         let Some(footer_at) = file.size.checked_sub(HEAD + FOOTER + magic).filter(|at| *at >= magic) else {
             return Ok(Err("the file is too short".into()));
@@ -204,7 +208,7 @@ impl Summary {
             return Ok(Err("the file does not end as a trace does".into()));
         }
         let footer = match file.record(footer_at)? {
-            Ok((Whole::Other(Record::Footer(footer)), _)) => footer,
+            Ok((WholeRecord::Other(Record::Footer(footer)), _)) => footer,
             _ => return Ok(Err("the footer is damaged".into())),
         };
         let start = footer.summary_start;
@@ -227,8 +231,8 @@ impl Summary {
         Ok(Ok(summary))
     }
 
-    fn take(&mut self, record: Whole) {
-        let Whole::Other(record) = record else { return };
+    fn take(&mut self, record: WholeRecord) {
+        let WholeRecord::Other(record) = record else { return };
         match record {
             Record::Channel(channel) => {
                 self.channels.insert(channel.id, channel);
@@ -245,7 +249,7 @@ impl Summary {
     }
 }
 
-/// A stretch of a file that is not as it was written.
+/// A range of a file that is damaged.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Damage {
     /// Bytes `from..to`.
@@ -254,9 +258,9 @@ pub struct Damage {
     pub what: String,
 }
 
-/// How much of a file is whole.
+/// Which parts of a file are whole.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Report {
+pub struct ScanReport {
     /// Of the file.
     pub bytes: u64,
     /// Chunks that are whole.
@@ -269,17 +273,20 @@ pub struct Report {
     pub damage: Vec<Damage>,
 }
 
-/// What comes back of a file, in its order.
-pub enum Item<'a> {
+/// One part of a file; a scan returns them in their order.
+pub enum ScannedItem<'a> {
     Message { topic: &'a str, header: &'a MessageHeader, data: &'a [u8] },
     Metadata(BTreeMap<String, String>),
     Attachment { name: String, data: Vec<u8> },
 }
 
-/// Walks a whole file and gives all that is whole in it, wherever damage lies before.
-pub fn scan<R: Read + Seek>(source: R, take: &mut dyn FnMut(Item)) -> Result<Report, RecordingError> {
-    let mut file = Window::new(source)?;
-    let mut report = Report { bytes: file.size, ..Report::default() };
+/// Walks a whole file and passes every whole part to `take`, also after damage.
+pub fn scan<R: Read + Seek>(
+    source: R,
+    take: &mut dyn FnMut(ScannedItem),
+) -> Result<ScanReport, RecordingError> {
+    let mut file = FileWindow::new(source)?;
+    let mut report = ScanReport { bytes: file.size, ..ScanReport::default() };
     let summary = Summary::read(&mut file)?;
     let known = summary.as_ref().ok();
     let mut topics: BTreeMap<u16, String> =
@@ -290,70 +297,75 @@ pub fn scan<R: Read + Seek>(source: R, take: &mut dyn FnMut(Item)) -> Result<Rep
     });
     let mut at = mcap::MAGIC.len() as u64;
     if !file.is_magic(0)? {
-        let sure = file.next_sure(0)?;
-        if sure == file.size {
+        let certain = file.next_certain(0)?;
+        if certain == file.size {
             return Err(RecordingError::NoTrace);
         }
-        report.lost(0, at, "the file does not begin as a trace does");
+        report.damaged(0, at, "the file does not start as a trace does");
     }
     let mut ended = false;
-    // Where the last record began whose length no checksum covers: what comes after it may lie elsewhere.
-    let mut unsure = None;
+    // Offset of the last record whose length no checksum covers: if its length is wrong, the next record is elsewhere.
+    let mut unchecked = None;
     while at < file.size && !ended {
         let (record, next) = match file.record(at)? {
             Ok(found) => found,
             Err(what) => {
-                let from = unsure.take().unwrap_or(at);
-                let sure = file.next_sure(from + 1)?;
-                report.lost(at.min(sure), at.max(sure), what);
-                at = sure;
+                let from = unchecked.take().unwrap_or(at);
+                let certain = file.next_certain(from + 1)?;
+                report.damaged(at.min(certain), at.max(certain), what);
+                at = certain;
                 continue;
             }
         };
-        unsure = match &record {
-            Whole::Chunk(_) | Whole::Other(Record::Attachment { .. }) => None,
-            Whole::Other(_) => Some(at),
+        unchecked = match &record {
+            WholeRecord::Chunk(_) | WholeRecord::Other(Record::Attachment { .. }) => None,
+            WholeRecord::Other(_) => Some(at),
         };
         match record {
-            Whole::Chunk(records) => {
+            WholeRecord::Chunk(records) => {
                 report.chunks += 1;
                 records.into_iter().for_each(|record| report.pass(record, &mut topics, take));
             }
-            Whole::Other(Record::DataEnd(end)) => {
-                // 0: none is given.
+            WholeRecord::Other(Record::DataEnd(end)) => {
+                // 0: the file has no such checksum.
                 if end.data_section_crc != 0 && file.checksum(0, at)? != end.data_section_crc {
-                    report.lost(0, at, "the checksum of all data is wrong");
+                    report.damaged(0, at, "the checksum of all data is wrong");
                 }
             }
-            Whole::Other(Record::Footer(_)) => {
+            WholeRecord::Other(Record::Footer(_)) => {
                 ended = true;
                 if next + mcap::MAGIC.len() as u64 != file.size || !file.is_magic(next)? {
-                    report.lost(next, file.size, "the file does not end as a trace does");
+                    report.damaged(next, file.size, "the file does not end as a trace does");
                 }
             }
-            Whole::Other(record) => report.pass(record, &mut topics, take),
+            WholeRecord::Other(record) => report.pass(record, &mut topics, take),
         }
         at = next;
     }
     if !ended {
-        report.lost(file.size, file.size, "the end of the file is missing");
+        report.damaged(file.size, file.size, "the end of the file is missing");
     }
     if let Err(what) = summary {
-        report.lost(at.min(file.size), file.size, what);
+        report.damaged(at.min(file.size), file.size, what);
     }
     Ok(report)
 }
 
-impl Report {
+impl ScanReport {
     pub fn is_whole(&self) -> bool {
         self.damage.is_empty()
     }
 
-    fn lost(&mut self, from: u64, to: u64, what: impl Into<String>) {
+    fn damaged(&mut self, from: u64, to: u64, what: impl Into<String>) {
         self.damage.push(Damage { from, to, what: what.into() });
     }
 
-    fn pass(&mut self, record: Record, topics: &mut BTreeMap<u16, String>, take: &mut dyn FnMut(Item)) {
+    fn pass(
+        &mut self,
+        record: Record,
+        topics: &mut BTreeMap<u16, String>,
+        take: &mut dyn FnMut(ScannedItem),
+    ) {
         match record {
             Record::Channel(channel) => {
                 topics.insert(channel.id, channel.topic);
@@ -366,20 +378,20 @@ impl Report {
                         self.counts.insert(topic.to_string(), 1);
                     }
                 }
-                take(Item::Message { topic, header: &header, data: &data });
+                take(ScannedItem::Message { topic, header: &header, data: &data });
             }
-            Record::Metadata(metadata) => take(Item::Metadata(metadata.metadata)),
+            Record::Metadata(metadata) => take(ScannedItem::Metadata(metadata.metadata)),
             Record::Attachment { header, data, .. } => {
-                take(Item::Attachment { name: header.name, data: data.into_owned() });
+                take(ScannedItem::Attachment { name: header.name, data: data.into_owned() });
             }
             _ => {}
         }
     }
 }
 
-/// What a trace file holds, without the messages that are drawn only.
+/// The content of a trace file, without the messages for viewers.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Reading {
+pub struct TraceContents {
     /// Messages on each topic.
     pub counts: BTreeMap<String, usize>,
     pub frames: Vec<v1::TraceFrame>,
@@ -391,30 +403,30 @@ pub struct Reading {
     pub attachments: BTreeMap<String, Vec<u8>>,
 }
 
-/// Reads a whole trace file. Bytes that are none, or of which something is damaged, give an error, never a panic.
-pub fn read(bytes: &[u8]) -> Result<Reading, RecordingError> {
-    let mut reading = Reading::default();
+/// Reads a whole trace file. Other files and damaged ones give an error, never a panic.
+pub fn read(bytes: &[u8]) -> Result<TraceContents, RecordingError> {
+    let mut contents = TraceContents::default();
     let mut wrong = None;
     let report = scan(std::io::Cursor::new(bytes), &mut |item| {
-        if let Err(error) = reading.take(item) {
+        if let Err(error) = contents.take(item) {
             wrong.get_or_insert(error);
         }
     })?;
     if let Some(Damage { from, to, what }) = report.damage.into_iter().next() {
         return Err(RecordingError::Damaged { from, to, what });
     }
-    wrong.map_or(Ok(reading), Err)
+    wrong.map_or(Ok(contents), Err)
 }
 
-impl Reading {
-    fn take(&mut self, item: Item) -> Result<(), RecordingError> {
+impl TraceContents {
+    fn take(&mut self, item: ScannedItem) -> Result<(), RecordingError> {
         let (topic, data) = match item {
-            Item::Message { topic, data, .. } => (topic, data),
-            Item::Metadata(metadata) => {
+            ScannedItem::Message { topic, data, .. } => (topic, data),
+            ScannedItem::Metadata(metadata) => {
                 self.metadata.extend(metadata);
                 return Ok(());
             }
-            Item::Attachment { name, data } => {
+            ScannedItem::Attachment { name, data } => {
                 self.attachments.insert(name, data);
                 return Ok(());
             }

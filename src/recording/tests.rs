@@ -1,5 +1,6 @@
 //! Tests of trace files: complete, deterministic, replayed bit for bit, and safe to read when damaged.
 
+use super::origin::NUMERIC_FINGERPRINT;
 use super::*;
 use crate::fit::{FitOptions, fit, initial_model};
 use crate::num::never;
@@ -7,6 +8,7 @@ use crate::num::vec2;
 use crate::reason::{LikelyEvent, PredictionRequest, predict};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Event, EventKind, Intervention, Preset, trace};
+use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::LazyLock;
 
@@ -93,7 +95,7 @@ fn encoded(prediction: &Prediction) -> Result<Vec<u8>, RecordingError> {
     encode(&Recording { scene, prediction, fit, video: "v", model: "m", seed: 7, request_json })
 }
 
-/// A simulation as the service makes it; `change` is what the file then says otherwise.
+/// A simulation as the service computes it, then altered by `change`.
 fn simulation(frames: usize, change: impl Fn(&mut Prediction)) -> Vec<u8> {
     let (scene, fit) = &*FITTED;
     let interventions = vec![Intervention::ScaleMass { id: 3, factor: 5.0 }];
@@ -106,9 +108,10 @@ fn simulation(frames: usize, change: impl Fn(&mut Prediction)) -> Vec<u8> {
 fn change() -> Vec<u8> {
     let (scene, fit) = &*FITTED;
     let before = initial_model(scene, &Preset::for_world(scene.world).model(scene));
-    let step = Step { effect: "tilt".into(), rmse: 0.1, held_out_rmse: 0.2, reduced_chi_square: 3.0 };
+    let step =
+        RecordedRevision { effect: "tilt".into(), rmse: 0.1, held_out_rmse: 0.2, reduced_chi_square: 3.0 };
     let revisions = [step];
-    encode_change(&Change {
+    encode_change(&RecordedChange {
         kind: "discovery",
         scene,
         before: &before,
@@ -163,7 +166,7 @@ fn a_time_before_the_video_is_refused() {
 }
 
 #[test]
-fn a_change_tells_both_models_and_the_loss_of_each_iteration() {
+fn a_change_holds_both_models_and_the_loss_of_each_iteration() {
     let reading = read(&change()).unwrap();
     let losses = &FITTED.1.losses;
     assert!(losses.len() > 1 && losses.last() < losses.first(), "{losses:?}");
@@ -172,22 +175,41 @@ fn a_change_tells_both_models_and_the_loss_of_each_iteration() {
 }
 
 #[test]
-fn what_was_simulated_comes_again_bit_for_bit_from_the_file_alone() {
+fn a_trace_alone_gives_the_same_bytes_again() {
     for bytes in [simulation(30, |_| {}), change()] {
         let found = verify(Cursor::new(&bytes), &never).unwrap();
-        assert!(found.holds() && found.identical && found.same_build && found.messages > 100, "{found:?}");
-        // As if another build had written it: only numbers count then.
+        assert!(
+            found.holds() && found.identical && found.origin_difference.is_none() && found.messages > 100,
+            "{found:?}"
+        );
+        // As if another build had written it: then numbers are compared.
         let build = build();
         let at = bytes.windows(build.len()).position(|w| w == build.as_bytes()).unwrap();
         let mut other = bytes.clone();
         other[at] = b'9';
         let found = verify(Cursor::new(&other), &never).unwrap();
-        assert!(found.holds() && !found.identical && !found.same_build && found.worst.is_none(), "{found:?}");
+        assert!(
+            found.holds() && !found.identical && found.origin_difference.is_some() && found.worst.is_none(),
+            "{found:?}"
+        );
     }
 }
 
 #[test]
-fn a_trace_that_says_otherwise_is_found_out() {
+fn a_trace_of_other_arithmetic_is_named_as_such() {
+    let bytes = simulation(30, |_| {});
+    let ours = NUMERIC_FINGERPRINT.as_bytes();
+    let at = bytes.windows(ours.len()).position(|w| w == ours).unwrap();
+    let mut other = bytes.clone();
+    other[at] ^= 1;
+    let found = verify(Cursor::new(&other), &never).unwrap();
+    let sentence = found.origin_difference.clone().unwrap();
+    assert!(sentence.contains("other arithmetic") && sentence.contains(NUMERIC_FINGERPRINT), "{sentence}");
+    assert!(found.holds() && !found.identical, "{found:?}");
+}
+
+#[test]
+fn an_altered_trace_is_found() {
     let nudged = |by: f64| simulation(30, |i| i.best.states[5][0].as_mut().unwrap().position.x += by);
     for by in [1e-3, 1e-12] {
         let found = verify(Cursor::new(nudged(by)), &never).unwrap();
@@ -195,14 +217,14 @@ fn a_trace_that_says_otherwise_is_found_out() {
         assert!(!found.holds() && worst.what == "x of object 0", "{found:?}");
         assert!((worst.size() - by).abs() < 0.1 * by && (worst.time - 0.2).abs() < 1e-9, "{worst:?}");
     }
-    let lost = simulation(30, |i| i.best.states[5][0] = None);
-    assert!(verify(Cursor::new(lost), &never).unwrap().unmatched > 0);
+    let missing = simulation(30, |i| i.best.states[5][0] = None);
+    assert!(verify(Cursor::new(missing), &never).unwrap().unmatched > 0);
 }
 
 #[test]
-fn any_stretch_of_time_is_read_through_the_index() {
+fn any_time_span_is_read_through_the_index() {
     let bytes = simulation(400, |_| {});
-    let mut reader = Reader::open(Cursor::new(&bytes)).unwrap();
+    let mut reader = TraceReader::open(Cursor::new(&bytes)).unwrap();
     assert!(reader.chunks() > 3);
     let topic = [&*messages::STATES.name];
     let mut times = |span| -> Vec<f64> { reader.messages(&topic, span).map(|m| m.unwrap().time).collect() };
@@ -226,11 +248,11 @@ fn any_stretch_of_time_is_read_through_the_index() {
 /// Topic, time and content of a message.
 type Salvaged = (String, u64, Vec<u8>);
 
-/// What came back of a damaged file.
-fn salvaged(bytes: &[u8]) -> Option<(Report, Vec<Salvaged>)> {
+/// What is read from a damaged file.
+fn salvaged(bytes: &[u8]) -> Option<(ScanReport, Vec<Salvaged>)> {
     let mut messages = vec![];
     let report = scan(Cursor::new(bytes), &mut |item| {
-        if let scan::Item::Message { topic, header, data } = item {
+        if let scan::ScannedItem::Message { topic, header, data } = item {
             messages.push((topic.to_string(), header.log_time, data.to_vec()));
         }
     });
@@ -238,15 +260,16 @@ fn salvaged(bytes: &[u8]) -> Option<(Report, Vec<Salvaged>)> {
 }
 
 #[test]
-fn a_damaged_file_gives_back_every_whole_chunk_and_never_a_panic() {
+fn every_whole_chunk_of_a_damaged_file_is_read_without_a_panic() {
     let bytes = simulation(400, |_| {});
     let (report, messages) = salvaged(&bytes).unwrap();
     assert!(report.is_whole() && report.chunks > 3, "{report:?}");
-    let summary = scan::Summary::read(&mut scan::Window::new(Cursor::new(&bytes)).unwrap()).unwrap().unwrap();
+    let summary =
+        scan::Summary::read(&mut scan::FileWindow::new(Cursor::new(&bytes)).unwrap()).unwrap().unwrap();
     let ends: Vec<u64> = summary.chunks.iter().map(|c| c.chunk_start_offset + c.chunk_length).collect();
     for i in 0..200 {
         let cut = bytes.len() * i / 200;
-        assert!(read(&bytes[..cut]).is_err() && Reader::open(Cursor::new(&bytes[..cut])).is_err());
+        assert!(read(&bytes[..cut]).is_err() && TraceReader::open(Cursor::new(&bytes[..cut])).is_err());
         let Some((part, _)) = salvaged(&bytes[..cut]) else {
             assert!(cut < 8, "cut at {cut}");
             continue;
@@ -260,7 +283,7 @@ fn a_damaged_file_gives_back_every_whole_chunk_and_never_a_panic() {
     for bit in spread.chain(edges) {
         let mut flipped = bytes.clone();
         flipped[bit / 8] ^= 1 << (bit % 8);
-        let Some((part, found)) = salvaged(&flipped) else { panic!("bit {bit}: nothing came back") };
+        let Some((part, found)) = salvaged(&flipped) else { panic!("bit {bit}: nothing was read") };
         assert!(!part.is_whole(), "bit {bit} was not noticed");
         assert!(part.chunks + 1 >= report.chunks, "bit {bit}: {part:?}");
         if part.chunks == report.chunks {
@@ -270,7 +293,8 @@ fn a_damaged_file_gives_back_every_whole_chunk_and_never_a_panic() {
             let stated: u64 = part.stated.unwrap().values().sum();
             assert!(stated as usize == messages.len() && found.len() < messages.len(), "bit {bit}");
         }
-        let _ = Reader::open(Cursor::new(&flipped)).map(|mut r| r.messages(&[], [0.0, MAX_TIME]).count());
+        let _ =
+            TraceReader::open(Cursor::new(&flipped)).map(|mut r| r.messages(&[], [0.0, MAX_TIME]).count());
         let _ = read(&flipped);
     }
     // Many at once.

@@ -8,8 +8,8 @@ async fn a_store_keeps_lists_and_deletes() {
     {
         let store = Store::open(folder.path()).unwrap();
         store.put_video("a", &1.5).await.unwrap();
-        store.put_of_video(Kind::Fits, "a", "a/m", &[0.1, f64::INFINITY]).await.unwrap();
-        store.put_of_video(Kind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
+        store.put_of_video(TableKind::Fits, "a", "a/m", &[0.1, f64::INFINITY]).await.unwrap();
+        store.put_of_video(TableKind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
         let locked = Store::open(folder.path()).err().unwrap();
@@ -17,15 +17,15 @@ async fn a_store_keeps_lists_and_deletes() {
     }
     std::fs::write(folder.path().join("traces/t.mcap#1"), b"ha").unwrap();
     let store = Store::open(folder.path()).unwrap();
-    assert_eq!(store.get(Kind::Fits, "a/m").await.unwrap(), Some([0.1, f64::INFINITY]));
+    assert_eq!(store.get(TableKind::Fits, "a/m").await.unwrap(), Some([0.1, f64::INFINITY]));
     assert_eq!(store.read_blob("t", 1, 3).await.unwrap(), "hol");
     assert!(!folder.path().join("traces/t.mcap#1").exists());
-    let gone = store.put_of_video(Kind::Fits, "b", "b/m", &1).await;
+    let gone = store.put_of_video(TableKind::Fits, "b", "b/m", &1).await;
     assert_eq!(gone, Err(StoreError::VideoGone));
     assert!(store.delete_video("a").await.unwrap());
     assert!(!store.delete_video("a").await.unwrap());
-    assert_eq!(store.list(Kind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
-    assert_eq!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap(), None);
+    assert_eq!(store.list(TableKind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
+    assert_eq!(store.get::<serde_json::Value>(TableKind::Traces, "t").await.unwrap(), None);
     assert!(store.read_blob("t", 0, 1).await.is_err());
 }
 
@@ -37,24 +37,24 @@ async fn a_tenant_sees_and_deletes_its_own_only() {
     for (store, value) in [(&nobody, 0), (&a, 1), (&b, 2)] {
         store.put_video("v", &value).await.unwrap();
         let trace = serde_json::json!({ "video": "v" });
-        store.put_of_video(Kind::Traces, "v", "t", &trace).await.unwrap();
+        store.put_of_video(TableKind::Traces, "v", "t", &trace).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
     }
     a.put_video("only", &3).await.unwrap();
     for (store, values) in [(&nobody, vec![0]), (&a, vec![3, 1]), (&b, vec![2])] {
-        let listed = store.list(Kind::Videos, "", "", 9, |_: &i32| true).await.unwrap();
+        let listed = store.list(TableKind::Videos, "", "", 9, |_: &i32| true).await.unwrap();
         assert_eq!(listed.iter().map(|(_, v)| *v).collect::<Vec<_>>(), values);
         assert!(listed.iter().all(|(key, _)| key == "v" || key == "only"));
     }
-    assert_eq!(b.get::<i32>(Kind::Videos, "only").await.unwrap(), None);
-    assert_eq!(b.put_of_video(Kind::Fits, "only", "only/m", &1).await, Err(StoreError::VideoGone));
+    assert_eq!(b.get::<i32>(TableKind::Videos, "only").await.unwrap(), None);
+    assert_eq!(b.put_of_video(TableKind::Fits, "only", "only/m", &1).await, Err(StoreError::VideoGone));
     assert!(a.delete_video("v").await.unwrap());
     assert!(a.read_blob("t", 0, 1).await.is_err());
     for store in [&nobody, &b] {
-        assert!(store.get::<serde_json::Value>(Kind::Traces, "t").await.unwrap().is_some());
+        assert!(store.get::<serde_json::Value>(TableKind::Traces, "t").await.unwrap().is_some());
         assert_eq!(store.read_blob("t", 0, 5).await.unwrap(), "whole");
     }
-    let all = nobody.of_everyone().list(Kind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
+    let all = nobody.of_everyone().list(TableKind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
     let keys: Vec<String> = all.unwrap().into_iter().map(|(key, _)| key).collect();
     assert_eq!(keys, ["t", "~b/t"]);
     nobody.of_everyone().delete_trace("~b/t").await.unwrap();
@@ -87,7 +87,7 @@ fn a_newer_schema_is_refused_and_left_as_it_is() {
 }
 
 #[tokio::test]
-async fn a_damaged_row_is_told_and_takes_no_other_with_it() {
+async fn a_damaged_row_is_reported_and_hides_no_other_row() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     for (key, value) in [("a", 1.5), ("b", 2.5)] {
@@ -96,7 +96,7 @@ async fn a_damaged_row_is_told_and_takes_no_other_with_it() {
     let change = |row: Vec<u8>| {
         let open = store.db.open.read().unwrap();
         let write = open.as_ref().unwrap().begin_write().unwrap();
-        write.open_table(Kind::Videos.table()).unwrap().insert("a", &*row).unwrap();
+        write.open_table(TableKind::Videos.table()).unwrap().insert("a", &*row).unwrap();
         write.commit().unwrap();
     };
     let row = encode(&1.5).unwrap();
@@ -104,12 +104,12 @@ async fn a_damaged_row_is_told_and_takes_no_other_with_it() {
         let mut flipped = row.clone();
         flipped[bit / 8] ^= 1 << (bit % 8);
         change(flipped);
-        let told = store.get::<f64>(Kind::Videos, "a").await;
-        assert_eq!(told, Err(StoreError::Damaged { key: "a".into() }), "{bit}");
+        let found = store.get::<f64>(TableKind::Videos, "a").await;
+        assert_eq!(found, Err(StoreError::Damaged { key: "a".into() }), "{bit}");
     }
-    let listed = store.list(Kind::Videos, "", "", 9, |_: &f64| true).await.unwrap();
+    let listed = store.list(TableKind::Videos, "", "", 9, |_: &f64| true).await.unwrap();
     assert_eq!(listed, [("b".to_string(), 2.5)]);
     // As an older program wrote it.
     change(row[..row.len() - 4].to_vec());
-    assert_eq!(store.get(Kind::Videos, "a").await.unwrap(), Some(1.5));
+    assert_eq!(store.get(TableKind::Videos, "a").await.unwrap(), Some(1.5));
 }

@@ -63,13 +63,13 @@ async fn image_points_become_positions_or_are_refused_by_name() {
             let Some(Place::Position(p)) = &sample.place else { panic!("{sample:?}") };
             assert!((p.x + 1.0 - 0.05 * f64::from(sample.frame)).abs() < 1e-3 && (p.y - 0.5).abs() < 1e-3);
             let c = sample.covariance.unwrap();
-            // Depth is seen less well than what lies across.
+            // Depth is measured less well than the direction across.
             assert!(c.xx > 2.0 * c.yy && c.yy > 0.0, "{c:?}");
         }
         assert_eq!(
             service.create(made.clone()).await.unwrap(),
             made.name,
-            "what is told may be posted again"
+            "what the reply holds may be posted again"
         );
     }
     let refused = |change: fn(&mut v1::Video)| {
@@ -118,7 +118,7 @@ fn word(word: &str) -> Vec<v1::Score> {
     vec![v1::Score { word: word.into(), score: 0.0 }]
 }
 
-/// Boxes around two objects, one of them unseen for a while, and one false one; last frame first.
+/// Boxes around two objects, one of them hidden for some frames, and one false box; last frame first.
 fn detections() -> Vec<v1::Detection> {
     let mut all = vec![];
     for frame in (0..25u32).rev() {
@@ -154,7 +154,7 @@ fn detections() -> Vec<v1::Detection> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn detections_are_linked_and_the_reply_tells_how() {
+async fn detections_are_linked_and_the_reply_says_how() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let mut videos = service.videos();

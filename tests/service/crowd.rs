@@ -1,4 +1,4 @@
-//! What a hostile or a hasty crowd does to the program, and what an honest client notices of it.
+//! Hostile or overloading clients, and what a well-behaved client notices of them.
 
 use crate::endure::{Program, count, is_long};
 use crate::harness::*;
@@ -84,11 +84,11 @@ async fn what_inflates_and_what_is_too_large_is_refused() {
             }
         }
         let reply = reply.await.unwrap();
-        let told =
+        let code =
             |headers: &http::HeaderMap| headers.get("grpc-status").map(|v| v.to_str().unwrap().to_string());
-        let status = match told(reply.headers()) {
+        let status = match code(reply.headers()) {
             Some(status) => status,
-            None => told(&reply.into_body().trailers().await.unwrap().unwrap()).unwrap(),
+            None => code(&reply.into_body().trailers().await.unwrap().unwrap()).unwrap(),
         };
         Code::from_bytes(status.as_bytes())
     };

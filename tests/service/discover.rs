@@ -11,7 +11,7 @@ pub async fn post(service: &Running, group: &str) -> Vec<String> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/effects").join(group);
         let text = std::fs::read_to_string(folder.join(format!("scene_{k:02}/observed.json"))).unwrap();
         let scene = vrdp::scene::parse(&format!("{group} {k}"), &text).unwrap();
-        videos.push(service.create(vrdp::api::video::video("", &scene, true)).await.unwrap());
+        videos.push(service.create(vrdp::api::video_message("", &scene, true)).await.unwrap());
     }
     videos
 }
@@ -70,8 +70,10 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     let [before, after] = &found.revisions[..] else { panic!("{:?}", found.revisions) };
     assert!(before.rmse > 3.0 * found.noise_sigma && after.rmse < 1.2 * found.noise_sigma);
     assert!(after.held_out_rmse < before.held_out_rmse);
-    let frames = found.courses[0].frames.len();
-    assert!(frames > 60 && found.courses[0].frames[frames - 1].objects.iter().any(|o| o.before != o.after));
+    let frames = found.trajectories[0].frames.len();
+    assert!(
+        frames > 60 && found.trajectories[0].frames[frames - 1].objects.iter().any(|o| o.before != o.after)
+    );
 
     let page = report(&service, &videos).await;
     for text in
@@ -117,7 +119,7 @@ async fn a_law_that_no_library_has_is_added_as_a_formula() {
         let file = format!("tests/data/outside/video_{k}.csv");
         let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)).unwrap();
         let scene = vrdp::scene::parse_csv(&format!("outside {k}"), &text).unwrap();
-        videos.push(service.create(vrdp::api::video::video("", &scene, true)).await.unwrap());
+        videos.push(service.create(vrdp::api::video_message("", &scene, true)).await.unwrap());
     }
     let found = discover(&service, &videos).await;
     assert_eq!(found.verdict(), v1::Verdict::OutsideLibrary, "{}", found.reason);

@@ -1,6 +1,6 @@
 //! A disk on which any write may fail.
 
-use crate::endure::{Program, Told, count, whole};
+use crate::endure::{Acknowledged, Program, count, whole};
 use crate::harness::*;
 use std::path::Path;
 use tonic::Code;
@@ -25,7 +25,7 @@ async fn simulate(channel: &Channel, video: &str) -> Result<v1::SimulateResponse
 }
 
 /// Posts and simulates until a write fails; why it did.
-async fn fill(channel: &Channel, told: &mut Told) -> Option<tonic::Status> {
+async fn fill(channel: &Channel, acknowledged: &mut Acknowledged) -> Option<tonic::Status> {
     for k in 0..40 {
         let posted = v1::Video { fps: 20.0 + f64::from(k), ..video("crammed", 200) };
         let request = v1::CreateVideoRequest { video: Some(posted), ..Default::default() };
@@ -33,11 +33,11 @@ async fn fill(channel: &Channel, told: &mut Told) -> Option<tonic::Status> {
             Ok(reply) => reply.into_inner().name,
             Err(status) => return Some(status),
         };
-        told.videos.insert(name.clone());
+        acknowledged.videos.insert(name.clone());
         match simulate(channel, &name).await {
             Ok(done) => {
-                told.models.insert(done.model);
-                told.traces.insert(done.trace);
+                acknowledged.models.insert(done.model);
+                acknowledged.traces.insert(done.trace);
             }
             Err(status) => return Some(status),
         }
@@ -65,30 +65,30 @@ async fn whichever_write_fails_nothing_partial_is_left() {
         let blocks = 2 * database * step / steps;
         let data = folder.path().join(format!("cramped {step}"));
         copy(&sound, &data);
-        let mut told = Told::default();
-        told.videos.insert(first.clone());
-        told.models.insert(kept.model.clone());
-        told.traces.insert(kept.trace.clone());
+        let mut acknowledged = Acknowledged::default();
+        acknowledged.videos.insert(first.clone());
+        acknowledged.models.insert(kept.model.clone());
+        acknowledged.traces.insert(kept.trace.clone());
         if let Some(program) = Program::start_cramped(&data, blocks) {
             started += 1;
             let channel = program.channel().await;
-            if let Some(status) = fill(&channel, &mut told).await {
+            if let Some(status) = fill(&channel, &mut acknowledged).await {
                 failed += 1;
                 assert_eq!(status.code(), Code::Unavailable, "{blocks} blocks: {status:?}");
                 assert!(status.message().contains("data folder"), "{status:?}");
             }
-            // What needs no room is still told.
+            // Stored results can still be read.
             let get = v1::GetVideoRequest { name: first.clone() };
             VideosClient::new(channel.clone()).get_video(get).await.unwrap();
         }
         let program = Program::start(&data);
         let channel = program.channel().await;
-        whole(&channel, &told).await;
+        whole(&channel, &acknowledged).await;
         assert_eq!(simulate(&channel, &first).await.unwrap(), kept);
         std::fs::remove_dir_all(&data).unwrap();
     }
     assert!(failed > 0, "no write failed");
     println!(
-        "{steps} sizes of the disk: it started on {started}, a write failed on {failed}, nothing was lost"
+        "{steps} sizes of the disk: it started on {started}, a write failed on {failed}, nothing is missing"
     );
 }

@@ -1,4 +1,4 @@
-//! What must hold when much goes wrong at once. With VRDP_LONG_TESTS=1 each is as long as its goal says.
+//! Robustness under kills, load, panics and arbitrary input. With VRDP_LONG_TESTS=1 each test is as long as its goal asks.
 
 use crate::harness::*;
 use proptest::prelude::*;
@@ -34,9 +34,9 @@ fn every<S: Strategy>(
     let mut runner = TestRunner::new(Config { cases, failure_persistence: None, ..Config::default() });
     let slowest = Cell::new(Duration::ZERO);
     let timed = |input| {
-        let began = Instant::now();
+        let start = Instant::now();
         let passed = test(input);
-        slowest.set(slowest.get().max(began.elapsed()));
+        slowest.set(slowest.get().max(start.elapsed()));
         passed
     };
     runner.run(inputs, timed).unwrap();
@@ -80,7 +80,7 @@ impl Program {
     }
 
     fn run(mut command: Command, data: &Path) -> Option<Program> {
-        let began = Instant::now();
+        let start = Instant::now();
         let mut child = command
             .args(["serve", "--listen", "127.0.0.1:0", "--http", "", "--data-dir"])
             .arg(data)
@@ -93,7 +93,7 @@ impl Program {
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let url = format!("http://{}", line.trim().rsplit(' ').next().unwrap());
-        let program = Program { url, child, ready_after: began.elapsed() };
+        let program = Program { url, child, ready_after: start.elapsed() };
         (!line.is_empty()).then_some(program)
     }
 
@@ -119,16 +119,16 @@ impl Drop for Program {
     }
 }
 
-/// Names that were told to a client.
+/// Names that a client has received.
 #[derive(Default)]
-pub struct Told {
+pub struct Acknowledged {
     pub videos: BTreeSet<String>,
     pub models: BTreeSet<String>,
     pub traces: BTreeSet<String>,
 }
 
-impl Told {
-    fn extend(&mut self, more: Told) {
+impl Acknowledged {
+    fn extend(&mut self, more: Acknowledged) {
         self.videos.extend(more.videos);
         self.models.extend(more.models);
         self.traces.extend(more.traces);
@@ -136,7 +136,7 @@ impl Told {
 }
 
 /// Posts videos and simulates them until the service is gone.
-async fn load(channel: Channel, round: usize, client: usize, told: Arc<Mutex<Told>>) {
+async fn load(channel: Channel, round: usize, client: usize, acknowledged: Arc<Mutex<Acknowledged>>) {
     for k in 0.. {
         let mut posted = video(&format!("{round} {client} {k}"), 12);
         posted.display_name = String::new();
@@ -144,24 +144,24 @@ async fn load(channel: Channel, round: usize, client: usize, told: Arc<Mutex<Tol
         let request = v1::CreateVideoRequest { video: Some(posted), ..Default::default() };
         let Ok(reply) = VideosClient::new(channel.clone()).create_video(request).await else { return };
         let name = reply.into_inner().name;
-        told.lock().unwrap().videos.insert(name.clone());
+        acknowledged.lock().unwrap().videos.insert(name.clone());
         let request = v1::SimulateRequest { video: name, rollouts: Some(1), ..Default::default() };
         let Ok(reply) = ReasoningClient::new(channel.clone()).simulate(request).await else { return };
         let reply = reply.into_inner();
-        let mut told = told.lock().unwrap();
-        told.models.insert(reply.model);
-        told.traces.insert(reply.trace);
+        let mut acknowledged = acknowledged.lock().unwrap();
+        acknowledged.models.insert(reply.model);
+        acknowledged.traces.insert(reply.trace);
     }
 }
 
-/// Everything that was told is there, nothing is doubled, and every file is whole.
-pub async fn whole(channel: &Channel, told: &Told) {
-    let traces = listed(channel, told).await;
+/// Everything that was acknowledged exists, nothing is doubled, and every file is whole.
+pub async fn whole(channel: &Channel, acknowledged: &Acknowledged) {
+    let traces = listed(channel, acknowledged).await;
     readable(channel, &traces).await;
 }
 
-/// All traces, after a look that everything that was told is there and nothing is doubled.
-async fn listed(channel: &Channel, told: &Told) -> BTreeSet<String> {
+/// All traces, after checks that everything acknowledged exists and nothing is doubled.
+async fn listed(channel: &Channel, acknowledged: &Acknowledged) -> BTreeSet<String> {
     let mut videos = vec![];
     let mut request = v1::ListVideosRequest { page_size: 1000, ..Default::default() };
     loop {
@@ -175,8 +175,8 @@ async fn listed(channel: &Channel, told: &Told) -> BTreeSet<String> {
     }
     let unique: BTreeSet<String> = videos.iter().cloned().collect();
     assert_eq!(unique.len(), videos.len());
-    assert!(told.videos.is_subset(&unique), "lost: {:?}", told.videos.difference(&unique));
-    for name in &told.models {
+    assert!(acknowledged.videos.is_subset(&unique), "missing: {:?}", acknowledged.videos.difference(&unique));
+    for name in &acknowledged.models {
         let request = v1::GetModelRequest { name: name.clone() };
         ModelsClient::new(channel.clone()).get_model(request).await.unwrap();
     }
@@ -191,7 +191,7 @@ async fn listed(channel: &Channel, told: &Told) -> BTreeSet<String> {
             break;
         }
     }
-    assert!(told.traces.is_subset(&traces), "lost: {:?}", told.traces.difference(&traces));
+    assert!(acknowledged.traces.is_subset(&traces), "missing: {:?}", acknowledged.traces.difference(&traces));
     traces
 }
 
@@ -214,24 +214,24 @@ async fn what_was_acknowledged_survives_kill_9() {
     // Hundreds would make `cargo test` slow for those who wait for it.
     let rounds = count(1000, if std::env::var_os("CI").is_some() { 200 } else { 20 });
     let folder = tempfile::tempdir().unwrap();
-    // What was acknowledged since the last look, and before.
-    let (told, mut before) = (Arc::new(Mutex::new(Told::default())), Told::default());
+    // Names acknowledged since the last check, and before it.
+    let (acknowledged, mut before) = (Arc::new(Mutex::new(Acknowledged::default())), Acknowledged::default());
     let mut slowest = Duration::ZERO;
     for round in 0..rounds {
         let program = Program::start(folder.path());
         slowest = slowest.max(program.ready_after);
         let channel = program.channel().await;
         if round % 20 == 1 {
-            let fresh = std::mem::take(&mut *told.lock().unwrap());
+            let fresh = std::mem::take(&mut *acknowledged.lock().unwrap());
             listed(&channel, &fresh).await;
             readable(&channel, &fresh.traces).await;
             before.extend(fresh);
         }
         let clients: Vec<_> =
-            (0..4).map(|k| tokio::spawn(load(channel.clone(), round, k, told.clone()))).collect();
+            (0..4).map(|k| tokio::spawn(load(channel.clone(), round, k, acknowledged.clone()))).collect();
         // Any moment: the steps of a golden ratio fall everywhere.
         let moment = 0.05 + 0.6 * ((round as f64 + 1.0) * 0.618_033_988_75).fract();
-        let traces = || told.lock().unwrap().traces.len();
+        let traces = || acknowledged.lock().unwrap().traces.len();
         let at_start = traces();
         // However slow the machine is, some traces are acknowledged.
         while round % 3 == 0 && traces() == at_start {
@@ -244,12 +244,12 @@ async fn what_was_acknowledged_survives_kill_9() {
         }
     }
     let program = Program::start(folder.path());
-    before.extend(std::mem::take(&mut *told.lock().unwrap()));
+    before.extend(std::mem::take(&mut *acknowledged.lock().unwrap()));
     whole(&program.channel().await, &before).await;
     let (videos, traces) = (before.videos.len(), before.traces.len());
     assert!(videos >= rounds && traces > 0, "{videos} videos, {traces} traces");
     println!(
-        "{rounds} kills: {videos} videos and {traces} traces acknowledged, none lost; ready after {slowest:?} at most"
+        "{rounds} kills: {videos} videos and {traces} traces acknowledged, none missing; ready after {slowest:?} at most"
     );
 }
 
@@ -265,8 +265,9 @@ async fn a_thousand_equal_requests_are_one_fit() {
         let engine = service.engine.clone();
         let id = video["videos/".len()..].to_string();
         streams.push(tokio::spawn(async move {
-            let choice = vrdp::engine::Choice { path: "start", kind: vrdp::engine::ChoiceKind::Default };
-            engine.fit(&id, &choice, Default::default()).await.unwrap()
+            let source =
+                vrdp::engine::ModelSource { path: "start", kind: vrdp::engine::ModelSourceKind::Default };
+            engine.fit(&id, &source, Default::default()).await.unwrap()
         }));
     }
     let mut waiting = vec![];
@@ -330,10 +331,10 @@ fn k_broken_fields_are_k_violations() {
             expected.push(format!("video.objects[{object}].samples[{sample}].position.{axis}"));
         }
         let status = runtime.block_on(service.create(broken)).unwrap_err();
-        let mut told = fields(&status);
-        told.sort();
+        let mut named = fields(&status);
+        named.sort();
         expected.sort();
-        prop_assert_eq!(told, expected);
+        prop_assert_eq!(named, expected);
         Ok(())
     });
     runtime.block_on(service.stop());
@@ -353,7 +354,7 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
         }
         bytes.truncate(cut.map_or(bytes.len(), |cut| cut.index(bytes.len())));
         if let Ok(request) = v1::CreateVideoRequest::decode(bytes.as_slice()) {
-            match api::video::created(request) {
+            match api::scene_from_request(request) {
                 Ok((scene, _)) => prop_assert!(scene.tracks.iter().all(|t| !t.samples.is_empty())),
                 Err(EngineError::Invalid(violations)) => prop_assert!(!violations.is_empty()),
                 Err(other) => prop_assert!(false, "{other}"),
@@ -371,8 +372,8 @@ fn motions_of_any_kind_are_simulated_or_refused() {
         (1e-3..2.0f64).prop_map(|radius| v1::shape::Kind::Ball(v1::shape::Ball { radius })),
         (1e-3..2.0f64).prop_map(|half_side| v1::shape::Kind::Square(v1::shape::Square { half_side })),
     ];
-    // A straight course, and jumps of the tracker.
-    type Course = ([f64; 4], Vec<(f64, f64)>, u32, u32);
+    // Straight motion, and jumps of the tracker.
+    type Motion = ([f64; 4], Vec<(f64, f64)>, u32, u32);
     let track = (
         prop::array::uniform4(number()),
         prop::collection::vec((number(), number()), 0..4),
@@ -384,7 +385,7 @@ fn motions_of_any_kind_are_simulated_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let service = runtime.block_on(start(folder.path(), CAPACITY));
     every(&objects, [2_000, 20], |objects| {
-        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (usize, (_, Course))| {
+        let of = |(id, (shape, ([x, y, vx, vy], jumps, from, frames))): (usize, (_, Motion))| {
             let samples = (from..from + frames).map(|frame| {
                 let t = f64::from(frame) / 25.0;
                 let (jx, jy) = jumps.get(frame as usize / 7).copied().unwrap_or_default();

@@ -6,7 +6,7 @@ use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
 use vrdp::api::v1;
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_real_video_is_fitted_imagined_asked_and_kept() {
+async fn a_real_video_is_fitted_predicted_asked_and_kept() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let scene = fixture("scene_00022");
@@ -15,16 +15,20 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
     let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
 
-    let mut astray = fixture("scene_00022");
-    if let Some(v1::sample::Place::Position(at)) = &mut astray.objects[1].samples[30].place {
+    let mut with_outlier = fixture("scene_00022");
+    if let Some(v1::sample::Place::Position(at)) = &mut with_outlier.objects[1].samples[30].place {
         at.x += 1.5;
     }
-    let video_astray = service.create(astray.clone()).await.unwrap();
-    let got =
-        service.videos().get_video(v1::GetVideoRequest { name: video_astray }).await.unwrap().into_inner();
-    let told: Vec<(u32, u32)> = got.strays.iter().map(|s| (s.object, s.frame)).collect();
-    assert_eq!(told, [(astray.objects[1].id, astray.objects[1].samples[30].frame)]);
-    assert_eq!(got.objects, astray.objects, "what was posted is kept");
+    let video_with_outlier = service.create(with_outlier.clone()).await.unwrap();
+    let got = service
+        .videos()
+        .get_video(v1::GetVideoRequest { name: video_with_outlier })
+        .await
+        .unwrap()
+        .into_inner();
+    let named: Vec<(u32, u32)> = got.outliers.iter().map(|s| (s.object, s.frame)).collect();
+    assert_eq!(named, [(with_outlier.objects[1].id, with_outlier.objects[1].samples[30].frame)]);
+    assert_eq!(got.objects, with_outlier.objects, "what was posted is kept");
 
     let (progress, model) = service.fit(&video).await.unwrap();
     assert!(!progress.is_empty() && progress.is_sorted(), "{progress:?}");
@@ -55,7 +59,7 @@ async fn a_real_video_is_fitted_imagined_asked_and_kept() {
         ..Default::default()
     };
     let answer = service.reasoning().ask(question.clone()).await.unwrap().into_inner();
-    assert!(answer.answer.is_some() && !answer.explanation.is_empty() && !answer.trail.is_empty());
+    assert!(answer.answer.is_some() && !answer.explanation.is_empty() && !answer.derivation.is_empty());
     let choice = v1::choice::Choice::Text("The red object collides with the sphere".into());
     let english = v1::AskRequest {
         question: Some(v1::ask_request::Question::Text(
@@ -123,7 +127,7 @@ async fn listed(service: &Running, video: &str) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn health_and_effects_are_told() {
+async fn health_and_effects_are_served() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let mut health = HealthClient::new(service.channel.clone());
@@ -138,7 +142,7 @@ async fn health_and_effects_are_told() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn every_preset_and_its_model_file_fit_and_simulate_and_so_does_the_papers_method() {
+async fn every_preset_and_its_model_file_fit_and_simulate_and_so_does_the_staged_method() {
     use v1::model_choice::Choice;
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
@@ -157,9 +161,9 @@ async fn every_preset_and_its_model_file_fit_and_simulate_and_so_does_the_papers
         assert_eq!(done.frames.len(), 80, "{}", preset.name);
     }
     let usual = service.fit(&name).await.unwrap().1;
-    let paper = service.fit_with(fit_of(&name, None, v1::FitMethod::Paper)).await.unwrap().1;
-    assert!(paper.name != usual.name && paper.iterations != usual.iterations, "{paper:?}");
-    let unknown = v1::FitModelRequest { method: 9, ..fit_of(&name, None, v1::FitMethod::Paper) };
+    let staged = service.fit_with(fit_of(&name, None, v1::FitMethod::StagedLbfgs)).await.unwrap().1;
+    assert!(staged.name != usual.name && staged.iterations != usual.iterations, "{staged:?}");
+    let unknown = v1::FitModelRequest { method: 9, ..fit_of(&name, None, v1::FitMethod::StagedLbfgs) };
     assert_eq!(fields(&service.fit_with(unknown).await.unwrap_err()), ["method"]);
     service.stop().await;
 }

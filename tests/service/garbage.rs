@@ -112,11 +112,11 @@ async fn broken_videos_are_refused_with_their_fields() {
         let mut spoiled = video("spoiled", 20);
         let expected = spoil(&mut spoiled);
         let status = service.create(spoiled).await.expect_err(what);
-        let mut told = fields(&status);
-        // The first ones travel, where all are too many for a header.
-        let cut = told.pop_if(|last| last == "...").is_some();
-        let expected = if cut { &expected[..told.len()] } else { &expected[..] };
-        assert!(told == expected && (!cut || told.len() > 20), "{what}: {told:?}");
+        let mut named = fields(&status);
+        // If all are too many for a header, the first ones are sent.
+        let cut = named.pop_if(|last| last == "...").is_some();
+        let expected = if cut { &expected[..named.len()] } else { &expected[..] };
+        assert!(named == expected && (!cut || named.len() > 20), "{what}: {named:?}");
     }
     let listed = service.videos().list_videos(v1::ListVideosRequest::default()).await.unwrap();
     assert_eq!(listed.into_inner().videos, vec![]);

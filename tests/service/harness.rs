@@ -7,7 +7,7 @@ use tokio_util::sync::CancellationToken;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
-use vrdp::api::{self, Limits, Security, v1};
+use vrdp::api::{self, Security, ServerLimits, v1};
 use vrdp::engine::{Capacity, Engine, EngineError};
 
 pub use v1::models_client::ModelsClient;
@@ -41,7 +41,7 @@ pub async fn start_secured(
     let url = format!("http://{}", listener.local_addr().unwrap());
     let stop = CancellationToken::new();
     let ended = stop.clone().cancelled_owned();
-    let task = tokio::spawn(api::serve(listener, engine.clone(), Limits::default(), security, ended));
+    let task = tokio::spawn(api::serve(listener, engine.clone(), ServerLimits::default(), security, ended));
     let channel = client(url).connect().await.unwrap();
     Running { engine, channel, stop, task }
 }
@@ -161,7 +161,7 @@ pub fn sample(frame: u32, x: f64, y: f64) -> v1::Sample {
 pub fn fixture(name: &str) -> v1::Video {
     let path = format!("{}/tests/data/clevrer/{name}/observed.json", env!("CARGO_MANIFEST_DIR"));
     let scene = vrdp::scene::parse(name, &std::fs::read_to_string(path).unwrap()).unwrap();
-    api::video::video("", &scene, true)
+    api::video_message("", &scene, true)
 }
 
 /// The fields that a refusal names.

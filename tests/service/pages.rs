@@ -1,4 +1,4 @@
-//! The HTTP port, and what every call leaves behind: an id and its figures.
+//! The HTTP port, and what every call leaves behind: an id and its metrics.
 
 use crate::harness::*;
 use std::net::SocketAddr;
@@ -7,7 +7,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
 use tonic::Request;
-use vrdp::api::http::serve_http;
+use vrdp::api::serve_http;
 use vrdp::api::v1::statistics_client::StatisticsClient;
 use vrdp::api::{Tokens, v1};
 
@@ -36,14 +36,14 @@ async fn open(
     (address, tokio::spawn(pages))
 }
 
-/// The value of a figure whose line begins so.
+/// The value of the metric whose line starts with `begin`.
 fn figure(page: &str, begin: &str) -> f64 {
     let line = page.lines().find(|line| line.starts_with(begin));
     line.unwrap_or_else(|| panic!("no {begin} in {page}")).rsplit(' ').next().unwrap().parse().unwrap()
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn figures_are_read_over_http_and_know_no_video() {
+async fn metrics_are_read_over_http_and_name_no_video() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let (address, pages) = open(&service, None).await;
@@ -61,15 +61,15 @@ async fn figures_are_read_over_http_and_know_no_video() {
     let waits = v1::SimulateRequest { video: name.clone(), rollouts: Some(2), ..Default::default() };
     let mut caller = service.reasoning();
     let waiting = tokio::spawn(async move { caller.simulate(waits).await });
-    let told = loop {
-        let told = statistics.get_statistics(v1::GetStatisticsRequest {}).await.unwrap().into_inner();
-        match told.jobs_waiting {
+    let load = loop {
+        let reply = statistics.get_statistics(v1::GetStatisticsRequest {}).await.unwrap().into_inner();
+        match reply.jobs_waiting {
             0 => tokio::task::yield_now().await,
-            _ => break told,
+            _ => break reply,
         }
     };
-    assert_eq!((told.jobs_running, told.workers, told.fits), (1, 1, 1));
-    assert_eq!((told.jobs[0].kind.as_str(), &told.jobs[0].video), ("simulation", &name));
+    assert_eq!((load.jobs_running, load.workers, load.fits), (1, 1, 1));
+    assert_eq!((load.jobs[0].kind.as_str(), &load.jobs[0].video), ("simulation", &name));
     waiting.abort();
     let page = get(address, "/metrics").await;
     // Other tests of this process are counted too.

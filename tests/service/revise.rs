@@ -1,4 +1,4 @@
-//! Effects and users' laws put into models and taken out: what that is worth, and the history that is kept.
+//! Effects and formulas added to models and removed: their evidence and errors, and the history.
 
 use crate::discover::post;
 use crate::harness::*;
@@ -22,12 +22,12 @@ async fn add(
     use v1::add_effect_response::Event;
     let request = v1::AddEffectRequest { study: Some(study), addition: Some(addition) };
     let mut stream = service.models().add_effect(request).await?.into_inner();
-    let mut told = vec![];
+    let mut progress = vec![];
     while let Some(message) = stream.message().await? {
         match message.event.unwrap() {
-            Event::Progress(f) => told.push(f),
+            Event::Progress(f) => progress.push(f),
             Event::Revised(r) => {
-                assert!(told.is_sorted(), "{told:?}");
+                assert!(progress.is_sorted(), "{progress:?}");
                 return Ok([r.before.unwrap(), r.after.unwrap()]);
             }
         }
@@ -64,7 +64,7 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     let videos = post(&service, "bullet_coriolis_medium").await;
     let videos = &videos[..2];
 
-    // The user's own form of the law, with an amplitude that the fit finds.
+    // The law as a formula, with an amplitude that the fit estimates.
     let text = "let w [rad/s] = 0 from -5 to 5; ax = 2*w*vy; ay = -2*w*vx";
     let [first, written] = add(&service, study(videos, &[]), law("turning", text)).await.unwrap();
     assert_eq!((first.revision, first.parents.len(), first.worth()), (0, 0, v1::Worth::Unspecified));
@@ -76,16 +76,16 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     let omega = &added.parameters[0];
     assert_eq!(added.formula, text);
     assert_eq!((omega.name.as_str(), omega.unit.as_str()), ("w", "rad/s"));
-    // What the simulator was given: group.json.
+    // The simulator.s value, from group.json.
     assert!(omega.low[0] < 0.0827 && 0.0827 < omega.high[0], "{omega:?}");
 
-    // The library's law on the same first revision, which is found and not made again.
+    // The effect of the library on the same first revision, which is read from the store.
     let library = Addition::Effect("coriolis".into());
     let [same, named] = add(&service, study(videos, &first.models), library.clone()).await.unwrap();
     assert_eq!(same, first);
     assert!((named.rmse / written.rmse - 1.0).abs() < 0.01, "{} {}", named.rmse, written.rmse);
 
-    // Beside the right law, a needless one brings nothing, and taking the right one out loses all.
+    // An unneeded effect beside the right one improves nothing; removing the right one worsens the model.
     let needless = Addition::Effect("magnus".into());
     let [_, more] = add(&service, study(videos, &named.models), needless).await.unwrap();
     assert_ne!(more.worth(), v1::Worth::Better, "{more:?}");
@@ -96,7 +96,7 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     );
     assert_eq!((without.revision, &without.parents), (2, &named.models));
 
-    // All of it is kept, and an older revision can be built on, simulated and compared.
+    // All revisions are stored; an older one can be changed, simulated and compared.
     service.stop().await;
     let service = start(folder.path(), CAPACITY).await;
     let kept = history(&service, &videos[1]).await;
@@ -106,7 +106,7 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     assert_eq!(kept.len(), 5);
     let [_, again] = add(&service, study(videos, &first.models), library).await.unwrap();
     assert_eq!(again, named);
-    // The same videos in another order are the same study, and what was made of them is found again.
+    // The same videos in another order are the same study, whose results are read from the store.
     let reversed = [videos[1].clone(), videos[0].clone()];
     let [same, found] = add(&service, study(&reversed, &[]), law("turning", text)).await.unwrap();
     assert_eq!((same, &found), (first.clone(), &written));
@@ -193,17 +193,21 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_video_that_is_too_short_is_told_what_to_film_instead() {
+async fn a_video_that_is_too_short_gets_advice_what_to_record() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let video = service.create(video("short", 2)).await.unwrap();
     let [_, after] = add(&service, study(&[video], &[]), Addition::Effect("tilt".into())).await.unwrap();
     assert_eq!(after.worth(), v1::Worth::NotIdentifiable);
-    assert!(after.too_little.contains("film objects that move"), "{}", after.too_little);
+    assert!(
+        after.not_identifiable_reason.contains("film objects that move"),
+        "{}",
+        after.not_identifiable_reason
+    );
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_law_of_ones_own_is_ranked_beside_the_library() {
+async fn a_formula_of_the_user_is_ranked_with_the_library() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let videos = post(&service, "bullet_coriolis_medium").await;

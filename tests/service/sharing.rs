@@ -84,22 +84,22 @@ async fn work_past_its_deadline_says_so() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn slow_work_is_seen_to_be_alive_and_ends_at_its_deadline() {
+async fn slow_work_reports_progress_and_ends_at_its_deadline() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), Capacity { job_timeout: Duration::from_secs(3), ..CAPACITY }).await;
     let name = service.create(video("slow", 20)).await.unwrap();
     let worker = service.occupy().await;
     let request = v1::FitModelRequest { parent: name, ..Default::default() };
     let mut stream = service.models().fit_model(request).await.unwrap().into_inner();
-    let mut told = 0;
+    let mut messages = 0;
     let end = loop {
         match stream.message().await {
-            Ok(_) => told += 1,
+            Ok(_) => messages += 1,
             Err(status) => break status,
         }
     };
     assert_eq!(end.code(), Code::DeadlineExceeded, "{end:?}");
-    assert!(told >= 2, "{told} messages in three seconds");
+    assert!(messages >= 2, "{messages} messages in three seconds");
     drop(worker);
     service.stop().await;
 }

@@ -1,4 +1,4 @@
-//! Spans reach a collector of OpenTelemetry and tell of a call by its id.
+//! Spans reach a collector of OpenTelemetry and name a call by its id.
 
 use crate::endure::Program;
 use crate::harness::*;
@@ -31,7 +31,7 @@ impl TraceService for Collector {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_collector_is_told_of_a_call_and_its_work() {
+async fn a_collector_receives_the_spans_of_a_call() {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let (sender, mut spans) = mpsc::unbounded_channel();
@@ -55,7 +55,7 @@ async fn a_collector_is_told_of_a_call_and_its_work() {
         let own = seen.iter().find(|s| s.name == name && s.parent_span_id == parent);
         own.map(|s| s.span_id.clone())
     };
-    let told = |seen: &[Span]| -> Option<Vec<u8>> {
+    let trace_of_call = |seen: &[Span]| -> Option<Vec<u8>> {
         let id = |s: &&Span| {
             s.attributes.iter().any(|a| a.key == "request_id" && format!("{:?}", a.value).contains("the-one"))
         };
@@ -64,10 +64,10 @@ async fn a_collector_is_told_of_a_call_and_its_work() {
         works.filter_map(|w| of(seen, "job", &w.span_id).and(of(seen, "publish", &w.span_id))).next()
     };
     let all = async {
-        while told(&seen).is_none() {
+        while trace_of_call(&seen).is_none() {
             seen.push(spans.recv().await.unwrap());
         }
     };
     let ended = tokio::time::timeout(Duration::from_secs(60), all).await;
-    assert!(ended.is_ok(), "not told of the call, its job and its trace");
+    assert!(ended.is_ok(), "no spans of the call, its job and its trace");
 }

@@ -1,11 +1,11 @@
-//! Traces over the whole service: everything is logged and replayed, lists are filtered, old ones go, disks fail.
+//! Traces over the whole service: everything is logged and replayed, lists are filtered, expired ones are removed, disks fail.
 
 use crate::harness::*;
 use std::sync::Arc;
 use std::time::Duration;
 use tonic::Code;
 use vrdp::api::v1;
-use vrdp::engine::{Capacity, Choice, ChoiceKind, Engine, Retention};
+use vrdp::engine::{Capacity, Engine, ModelSource, ModelSourceKind, Retention};
 use vrdp::reason::AskOptions;
 
 fn simulate(video: &str, seed: u64) -> v1::SimulateRequest {
@@ -131,16 +131,16 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
         service.reasoning().simulate(simulate(&video, seed)).await.unwrap();
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
-    assert!(service.engine.retain(u64::MAX).await.unwrap().is_empty(), "off by default");
+    assert!(service.engine.remove_expired(u64::MAX).await.unwrap().is_empty(), "off by default");
     service.stop().await;
 
-    let open = |retention| Arc::new(Engine::open(folder.path(), CAPACITY).unwrap().retaining(retention));
+    let open = |retention| Arc::new(Engine::open(folder.path(), CAPACITY).unwrap().with_retention(retention));
     let engine = open(Retention { max_bytes: Some(1), ..Retention::default() });
     let mut records = engine.traces(Default::default(), "", 99).await.unwrap();
     records.sort_by_key(|r| r.stored_ms);
     let now = records[4].stored_ms;
     let mut read = engine.download(&records[1].id).await.unwrap();
-    let removed = engine.retain(now).await.unwrap();
+    let removed = engine.remove_expired(now).await.unwrap();
     let others = [0, 2, 3, 4].map(|k| records[k].id.clone());
     assert_eq!(removed, others, "oldest first");
     assert_eq!(read.next().await.unwrap().1.len() as u64, read.record().size_bytes.min(256 << 10));
@@ -148,8 +148,8 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
     drop((read, engine));
 
     let engine = open(Retention { max_age: Some(Duration::from_secs(86_400)), ..Retention::default() });
-    assert!(engine.retain(now + DAY - 1000).await.unwrap().is_empty());
-    assert_eq!(engine.retain(now + DAY).await.unwrap(), [records[1].id.clone()]);
+    assert!(engine.remove_expired(now + DAY - 1000).await.unwrap().is_empty());
+    assert_eq!(engine.remove_expired(now + DAY).await.unwrap(), [records[1].id.clone()]);
     assert_eq!(std::fs::read_dir(folder.path().join("traces")).unwrap().count(), 0);
 }
 
@@ -157,8 +157,8 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
 async fn an_answer_in_memory_names_no_trace_that_is_gone() {
     let folder = tempfile::tempdir().unwrap();
     let engine = Engine::open(folder.path(), CAPACITY).unwrap();
-    let engine = Arc::new(engine.retaining(Retention { max_bytes: Some(1), ..Retention::default() }));
-    let scene = vrdp::api::video::scene(Some(video("small", 20))).unwrap();
+    let engine = Arc::new(engine.with_retention(Retention { max_bytes: Some(1), ..Retention::default() }));
+    let scene = vrdp::api::scene_from_message(Some(video("small", 20))).unwrap();
     let (id, _) = engine.create_video(|| Ok(scene)).await.unwrap();
     let ask = || async {
         let question = vrdp::reason::Question::English {
@@ -168,7 +168,7 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
         engine
             .ask(
                 &id,
-                &Choice { path: "", kind: ChoiceKind::Default },
+                &ModelSource { path: "", kind: ModelSourceKind::Default },
                 question,
                 AskOptions { rollouts: 2, seed: 0 },
             )
@@ -178,14 +178,14 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
     let first = ask().await;
     assert!(engine.trace(&first.traces[0]).await.is_ok());
     assert!(Arc::ptr_eq(&first, &ask().await), "it is in memory");
-    assert!(engine.retain(0).await.unwrap().contains(&first.traces[0]));
+    assert!(engine.remove_expired(0).await.unwrap().contains(&first.traces[0]));
     let again = ask().await;
     assert_eq!(again.traces, first.traces);
-    assert!(engine.trace(&again.traces[0]).await.is_ok(), "it was made anew");
+    assert!(engine.trace(&again.traces[0]).await.is_ok(), "it was computed again");
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_damaged_file_is_not_handed_out_and_is_mended_when_it_is_asked_for_again() {
+async fn a_damaged_file_is_not_handed_out_and_is_repaired_by_the_next_request() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let video = service.create(video("small", 20)).await.unwrap();

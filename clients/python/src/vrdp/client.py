@@ -1,4 +1,4 @@
-"""Posts tracks, fits, simulates, asks and discovers; tables go in and come out as pandas frames where pandas is there."""
+"""Posts tracks, fits, simulates, asks and discovers; tables are pandas frames if pandas is installed."""
 from __future__ import annotations
 
 import ipaddress
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     Tracks = Union[pandas.DataFrame, Iterable[Mapping[str, Any]]]
 
-#: Largest message that is taken: a long simulation, whole.
+#: Largest accepted message (bytes): a whole long simulation.
 MAX_MESSAGE = 64 << 20
 _SHAPES = {
     "sphere": lambda size: {"ball": {"radius": size}},
@@ -29,7 +29,7 @@ _SHAPES |= {"ball": _SHAPES["sphere"], "disc": _SHAPES["cylinder"], "square": _S
 
 
 class VrdpError(Exception):
-    """A refused call: the status, and what is wrong with which field."""
+    """A refused call: its status, the wrong field and the reason."""
 
     def __init__(self, error: grpc.RpcError):
         self.code: grpc.StatusCode = error.code()
@@ -38,9 +38,9 @@ class VrdpError(Exception):
 
 @dataclass(frozen=True)
 class Answer:
-    #: The open answer; None where choices were judged.
+    #: The open answer; None if choices were judged.
     text: str | None
-    #: Whether each choice is correct, and how probable that is.
+    #: Whether each choice is correct, and with which probability.
     choices: dict[str, tuple[bool, float]]
     probability: float
     explanation: str
@@ -49,7 +49,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Simulation:
-    #: The whole reply, as the interface has it.
+    #: The whole reply of the service.
     reply: reasoning_pb2.SimulateResponse
 
     @property
@@ -89,10 +89,11 @@ class Simulation:
 
 
 class Client:
-    """A connection to a service, such as ``Client("127.0.0.1:50051")``; close it, or use it in ``with``.
+    """A connection to a service, such as ``Client("127.0.0.1:50051")``; close it, or use ``with``.
 
-    ``https://HOST:PORT`` or a ``ca`` (PEM bytes: who signed the certificate; default: whom gRPC trusts) switches TLS on.
-    ``token`` is sent as a bearer token. Calls are sent again by the interface's policy, and end after ``timeout`` seconds.
+    ``https://HOST:PORT`` or a ``ca`` switches TLS on (``ca``: PEM bytes of the certificate authority; default: gRPC's own
+    authorities). ``token`` is sent as a bearer token. Failed calls are retried by the retry policy of the service, and end
+    after ``timeout`` seconds.
     """
 
     def __init__(self, server: str, *, ca: bytes | None = None, token: str | None = None, timeout: float = 300.0):
@@ -104,7 +105,7 @@ class Client:
         secure = ca is not None or server.startswith("https://")
         address = server.removeprefix("https://").removeprefix("http://")
         if token and not secure and not _is_here(address):
-            raise ValueError(f"the token would be sent to {address} for all to read; use https://")
+            raise ValueError(f"the token would be sent to {address} without encryption; use https://")
         if secure:
             self._channel = grpc.secure_channel(address, grpc.ssl_channel_credentials(ca), options)
         else:
@@ -151,7 +152,7 @@ class Client:
         name: str = "",
         setup: str = "",
     ) -> str:
-        """Stores a video and gives its name; the same tracks again give the same name.
+        """Stores a video and returns its name; equal tracks give the same name.
 
         ``tracks`` has a row an object and frame: ``id``, ``frame``, ``x``, ``y`` (m), and optional ``yaw`` (rad), ``shape``
         (sphere, cylinder, cube), ``size`` (radius or half side, m), ``mass`` (kg), ``color``, ``material``.
@@ -211,7 +212,7 @@ class Client:
         frames: int = 0,
         seed: int = 0,
     ) -> Simulation:
-        """Predicts, or imagines what would have been: objects removed, masses multiplied, velocities set (m/s), effects off."""
+        """Predicts, or simulates a counterfactual: objects removed, masses multiplied, velocities set (m/s), effects off."""
         edits: list[dict[str, Any]] = [{"remove": {"object_id": i}} for i in remove]
         edits += [{"scale_mass": {"object_id": i, "factor": f}} for i, f in (mass or {}).items()]
         edits += [{"set_velocity": {"object_id": i, "velocity": {"x": x, "y": y}}} for i, (x, y) in (velocity or {}).items()]
@@ -236,7 +237,7 @@ class Client:
         )
 
     def discover(self, videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.Discovery:
-        """Finds the physics that the model of a set-up's videos lacks."""
+        """Finds the effects that the model of a set-up lacks, from its videos."""
         study = discovery_pb2.StudyRequest(videos=videos)
         request = discovery_pb2.DiscoverEffectsRequest(study=study, max_effects=max_effects)
         return self._last(self._models.DiscoverEffects, request).discovery
@@ -258,7 +259,7 @@ def _choice(model: str | None) -> common_pb2.ModelChoice | None:
 
 
 def _retries() -> str:
-    """The interface's retry policy; but where nobody listens, a call ends soon."""
+    """The retry policy of the service, without waiting for a server that does not listen."""
     config = json.loads(files("vrdp.v1").joinpath("service_config.json").read_text())
     for method in config["methodConfig"]:
         method["waitForReady"] = False

@@ -1,0 +1,4 @@
+//! The HTTP port: health, metrics, dashboard, reports and trace files.
+
+mod pages;
+pub mod router;

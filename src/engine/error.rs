@@ -1,0 +1,81 @@
+//! The engine's errors, and how the errors of the rooms below become one of them.
+
+use crate::fit::FitError;
+use crate::reason::ReasonError;
+use crate::recording::RecordingError;
+use crate::scene::Violation;
+use crate::store::StoreError;
+
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum EngineError {
+    #[error("the request is not valid")]
+    Invalid(Vec<Violation>),
+    #[error("{name} does not exist")]
+    NotFound { name: String },
+    #[error("the queue is full ({capacity} jobs); try again later")]
+    Overloaded { capacity: usize },
+    #[error("cancelled by the caller")]
+    Cancelled,
+    #[error("the deadline passed before the work was done")]
+    DeadlineExceeded,
+    #[error(transparent)]
+    Store(StoreError),
+    #[error("internal error {id}")]
+    Internal { id: String, message: String },
+    #[error(transparent)]
+    Fit(FitError),
+    #[error(transparent)]
+    Reason(ReasonError),
+    #[error(
+        "object {object} has no finite state at frame {frame}: the numbers overflow; ask for fewer frames, smaller \
+         changes or another model"
+    )]
+    NotFinite { object: u32, frame: usize },
+    #[error("the trace cannot be written: {0}")]
+    Recording(String),
+    #[error(
+        "the file of trace {id} is damaged ({what}): restore it from a copy, or request its simulation again, which \
+         rewrites the file"
+    )]
+    Damaged { id: String, what: String },
+}
+
+impl EngineError {
+    /// One violation: the dotted path of a field, and what is wrong with its value.
+    pub fn invalid(path: impl Into<String>, message: impl Into<String>) -> Self {
+        EngineError::Invalid(vec![Violation { path: path.into(), message: message.into() }])
+    }
+
+    pub(super) fn no_video(id: &str) -> Self {
+        EngineError::NotFound { name: format!("videos/{id}") }
+    }
+
+    /// Whether the work ended because its stop token said so.
+    pub(super) fn is_stopped(&self) -> bool {
+        matches!(self, EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)))
+    }
+}
+
+impl From<FitError> for EngineError {
+    fn from(error: FitError) -> Self {
+        EngineError::Fit(error)
+    }
+}
+
+impl From<ReasonError> for EngineError {
+    fn from(error: ReasonError) -> Self {
+        EngineError::Reason(error)
+    }
+}
+
+impl From<StoreError> for EngineError {
+    fn from(error: StoreError) -> Self {
+        EngineError::Store(error)
+    }
+}
+
+impl From<RecordingError> for EngineError {
+    fn from(error: RecordingError) -> Self {
+        EngineError::Recording(error.to_string())
+    }
+}

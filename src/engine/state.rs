@@ -1,0 +1,192 @@
+//! The engine: what all jobs and tenants share, and how a job reaches it.
+
+use super::error::EngineError;
+use super::limits::MAX_REPLAYS;
+use super::metric_names;
+use super::pool::{JobContext, Load, Pool};
+use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
+use super::single_flight::{Job, SingleFlightCache};
+use super::traces::backlog::Backlog;
+use super::traces::retention::TraceRetention;
+use crate::scene::Scene;
+use crate::store::{Store, StoreError, TableKind, Tenant};
+use moka::future::Cache;
+use serde::Serialize;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use tokio::sync::Semaphore;
+
+/// Bytes of each kind of result in memory; all of them can be read or computed again.
+const CACHED_BYTES: u64 = 48 << 20;
+/// Bytes of a small result, and of one state or sample in a large one.
+const BASE_BYTES: usize = 16 * 1024;
+const STATE_BYTES: usize = 96;
+
+/// How much an engine may do at once.
+#[derive(Debug, Clone, Copy)]
+pub struct Capacity {
+    pub workers: usize,
+    /// Jobs that may wait for a worker.
+    pub queue: usize,
+    /// Longest duration of one job, its waiting time included.
+    pub job_timeout: Duration,
+}
+
+/// All tenants share one pool, one memory and one folder; an engine shows one tenant's part of it.
+#[derive(Clone)]
+pub struct Engine {
+    pub(super) store: Store,
+    pub(super) pool: Arc<Pool>,
+    /// Converts new videos, so that long jobs do not delay them.
+    pub(super) ingest_pool: Arc<Pool>,
+    capacity: Capacity,
+    start: Instant,
+    pub(super) scenes: Cache<String, Arc<Scene>>,
+    pub(super) fits: SingleFlightCache<StoredFit>,
+    pub(super) joint_fits: SingleFlightCache<Vec<StoredFit>>,
+    /// Fits with draws from their posteriors.
+    pub(super) draws: SingleFlightCache<StoredFit>,
+    pub(super) studies: SingleFlightCache<Study>,
+    pub(super) simulations: SingleFlightCache<PublishedSimulation>,
+    pub(super) answers: SingleFlightCache<PublishedAnswer>,
+    pub(super) backlog: Arc<Backlog>,
+    pub(super) retention: Arc<TraceRetention>,
+    pub(super) replays: Arc<Semaphore>,
+    /// Rises with every deletion and damage. It is part of every key in memory, so that nothing deleted is found there.
+    epoch: Arc<AtomicU64>,
+    fits_run: Arc<AtomicU64>,
+}
+
+impl Engine {
+    /// An engine on a data folder that no other process uses.
+    pub fn open(data_dir: &Path, capacity: Capacity) -> Result<Engine, EngineError> {
+        Ok(Engine {
+            store: Store::open(data_dir)?,
+            pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
+            ingest_pool: Arc::new(Pool::new(1, capacity.queue)?),
+            capacity,
+            start: Instant::now(),
+            scenes: Cache::builder()
+                .max_capacity(CACHED_BYTES)
+                .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
+                .build(),
+            fits: SingleFlightCache::new("fit", CACHED_BYTES, fit_bytes),
+            joint_fits: SingleFlightCache::new("joint_fit", CACHED_BYTES, |fits| {
+                fits.iter().map(fit_bytes).sum()
+            }),
+            draws: SingleFlightCache::new("draws", CACHED_BYTES, fit_bytes),
+            studies: SingleFlightCache::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
+            simulations: SingleFlightCache::new("simulation", CACHED_BYTES, |s| {
+                let best = &s.prediction.best;
+                BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
+            }),
+            answers: SingleFlightCache::new("answer", CACHED_BYTES, |a| {
+                let states = a.answer.simulations.iter().map(|s| s.best.states.len() * s.best.ids.len());
+                BASE_BYTES + STATE_BYTES * states.sum::<usize>()
+            }),
+            backlog: Arc::default(),
+            retention: Arc::default(),
+            replays: Arc::new(Semaphore::new(MAX_REPLAYS)),
+            epoch: Arc::default(),
+            fits_run: Arc::default(),
+        })
+    }
+
+    /// The engine as a tenant sees it: what belongs to another tenant does not exist.
+    pub fn of(self: &Arc<Self>, tenant: &Tenant) -> Arc<Engine> {
+        match tenant.is_nobody() {
+            true => self.clone(),
+            false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
+        }
+    }
+
+    /// Fits that were computed since the start, not read from the store.
+    pub fn fits_run(&self) -> u64 {
+        self.fits_run.load(Ordering::Relaxed)
+    }
+
+    /// How busy the pool is.
+    pub fn load(&self) -> Load {
+        self.pool.load()
+    }
+
+    pub fn capacity(&self) -> Capacity {
+        self.capacity
+    }
+
+    pub fn uptime(&self) -> Duration {
+        self.start.elapsed()
+    }
+
+    /// The running jobs of this tenant, the oldest first.
+    pub fn jobs(&self) -> Vec<Job> {
+        let ours = self.key("");
+        let mut jobs = self.fits.jobs(&ours);
+        jobs.extend(self.joint_fits.jobs(&ours));
+        jobs.extend(self.draws.jobs(&ours));
+        jobs.extend(self.studies.jobs(&ours));
+        jobs.extend(self.simulations.jobs(&ours));
+        jobs.extend(self.answers.jobs(&ours));
+        jobs.sort_by_key(|job| std::cmp::Reverse(job.age));
+        jobs
+    }
+
+    /// Runs work whose result is not stored on the CPU pool.
+    pub async fn compute<T, F>(&self, work: F) -> Result<T, EngineError>
+    where
+        T: Send + 'static,
+        F: FnOnce() -> Result<T, EngineError> + Send + 'static,
+    {
+        Ok(self.pool.run(self.uncancelled(), move |_| work()).await?.0)
+    }
+
+    /// The context of a job without progress that only its deadline ends.
+    pub(super) fn uncancelled(&self) -> JobContext {
+        JobContext { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) }
+    }
+
+    pub(super) fn count_fit(&self) {
+        self.fits_run.fetch_add(1, Ordering::Relaxed);
+        metrics::counter!(metric_names::FITS).increment(1);
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        Instant::now() + self.capacity.job_timeout
+    }
+
+    /// Drops all results in memory: they may name what no longer exists.
+    pub(super) fn forget(&self) {
+        self.epoch.fetch_add(1, Ordering::SeqCst);
+    }
+
+    /// The key in memory of one of the tenant's results.
+    pub(super) fn key(&self, id: &str) -> String {
+        self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
+    }
+
+    /// Stores a value that belongs to a video; an error if the video was deleted meanwhile.
+    pub(super) async fn put_of_video<T: Serialize>(
+        &self,
+        kind: TableKind,
+        video: &str,
+        key: &str,
+        value: &T,
+    ) -> Result<(), EngineError> {
+        self.store.put_of_video(kind, video, key, value).await.map_err(|error| match error {
+            StoreError::VideoGone => EngineError::no_video(video),
+            other => other.into(),
+        })
+    }
+}
+
+fn scene_bytes(scene: &Scene) -> usize {
+    let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
+    BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
+}
+
+/// A fit with draws has some of every parameter.
+fn fit_bytes(stored: &StoredFit) -> usize {
+    BASE_BYTES + 1024 * stored.fit.posterior.estimates.len()
+}

@@ -1,0 +1,189 @@
+//! Runs studies. Each is computed once and stored; the revisions that it makes become models of the videos, which can be
+//! simulated, asked and revised like any other.
+
+use super::input::{StudyInput, StudyKind, check_request};
+use super::revision;
+use crate::discover::{DiscoverOptions, compare, diagnose, discover};
+use crate::engine::error::EngineError;
+use crate::engine::joint::one_set_up;
+use crate::engine::limits;
+use crate::engine::metric_names;
+use crate::engine::model_source::{ModelSource, ModelSourceKind};
+use crate::engine::pool::JobContext;
+use crate::engine::predictions::DEFAULT_FUTURE_FRAMES;
+use crate::engine::results::{
+    Discovered, Findings, OptionalPose, StoredFit, Study, TrajectoryPair, result_digest,
+};
+use crate::engine::single_flight::JobHandle;
+use crate::engine::state::Engine;
+use crate::engine::traces::file;
+use crate::fit::{FitError, FitOptions};
+use crate::num::Stop;
+use crate::scene::Scene;
+use crate::store::TableKind;
+use crate::world::Model;
+use std::sync::Arc;
+
+impl Engine {
+    /// Studies the videos, unless a stored study has the same inputs; the result is stored before it is returned.
+    pub async fn study(
+        self: &Arc<Self>,
+        videos: &[String],
+        start: &ModelSource,
+        kind: StudyKind,
+    ) -> Result<JobHandle<Study>, EngineError> {
+        let key = self.key("");
+        check_request(videos, &kind)?;
+        let mut parents = self.parents(videos, start).await?.into_iter();
+        let mut parts = vec![];
+        for video in videos {
+            let scene = self.video(video).await?;
+            let parent = parents.next();
+            let fitted = parent.as_ref().and_then(|p| p.fit.scenes.first()).map(|s| s.model.clone());
+            let model = match fitted {
+                Some(model) => model,
+                None => start.unfitted(&scene)?,
+            };
+            if let StudyKind::Discover { frames: Some(frames), .. } = kind {
+                limits::size(&scene, frames, 0)?;
+            }
+            parts.push((video.clone(), Scene::clone(&scene), model, parent));
+        }
+        // Sums and ids depend on the order of the videos, so they are sorted: `scene_2` before `scene_10`.
+        parts.sort_by_key(|(video, scene, ..)| (scene.name.len(), scene.name.clone(), video.clone()));
+        let mut input = StudyInput { videos: vec![], scenes: vec![], models: vec![], parents: vec![] };
+        for (video, scene, model, parent) in parts {
+            input.videos.push(video);
+            input.scenes.push(scene);
+            input.models.push(model);
+            input.parents.extend(parent);
+        }
+        let StudyInput { videos, scenes, models, parents } = &input;
+        one_set_up("study.videos", scenes, models)?;
+        if let StudyKind::Change(change) = &kind {
+            change.check(models).map_err(|error| revision::refused(change, &error))?;
+        }
+        let names: Vec<&str> = parents.iter().map(|p| p.id.as_str()).collect();
+        let id = result_digest("study", &(videos, &names, models, &kind));
+        let first = videos.first().cloned().unwrap_or_default();
+        let engine = self.clone();
+        let work = {
+            let id = id.clone();
+            move |context| async move { engine.run_study(id, input, kind, context).await }
+        };
+        Ok(self.studies.join(format!("{key}{id}"), &first, self.deadline(), work).await)
+    }
+
+    /// The fitted models that the request names, one a video; none where it names none.
+    async fn parents(&self, videos: &[String], start: &ModelSource) -> Result<Vec<StoredFit>, EngineError> {
+        let ids = match &start.kind {
+            ModelSourceKind::Fitted(id) => std::slice::from_ref(id),
+            ModelSourceKind::FittedEach(ids) => ids,
+            _ => return Ok(vec![]),
+        };
+        if ids.len() != videos.len() {
+            let message =
+                format!("are {}; give one for each of the {} videos, in order", ids.len(), videos.len());
+            return Err(EngineError::invalid(start.path, message));
+        }
+        let mut parents = vec![];
+        for (video, id) in videos.iter().zip(ids) {
+            parents.push(self.model(video, id).await?);
+        }
+        let effects = |p: &StoredFit| -> Vec<String> {
+            p.fit.scenes.iter().flat_map(|s| &s.model.effects).map(|e| e.name.clone()).collect()
+        };
+        match parents.iter().all(|p| parents.first().is_some_and(|first| effects(first) == effects(p))) {
+            true => Ok(parents),
+            false => {
+                Err(EngineError::invalid(start.path, "have different effects; name those of one revision"))
+            }
+        }
+    }
+
+    async fn run_study(
+        &self,
+        id: String,
+        input: StudyInput,
+        kind: StudyKind,
+        context: JobContext,
+    ) -> Result<Study, EngineError> {
+        let videos = input.videos.clone();
+        let Some(first) = videos.first().cloned() else {
+            return Err(EngineError::invalid("study.videos", "is empty; give at least one"));
+        };
+        let key = format!("{first}/{id}");
+        if let Some(found) = self.store.get(TableKind::Studies, &key).await? {
+            metric_names::count_result("study", "store");
+            return Ok(found);
+        }
+        metric_names::count_result("study", "made");
+        let backlog = self.backlog.clone();
+        let job = move |stop: Stop| {
+            let (findings, revisions) = findings(&input, &kind, stop)?;
+            let files = match &findings {
+                Findings::Discovery(found) => file::discovery(&input.videos, &input.scenes, found)?,
+                _ => vec![],
+            };
+            Ok((findings, revisions, backlog.admit(files, stop)?))
+        };
+        let ((findings, revisions, batch), _slot) = self.pool.run(context, job).await?;
+        self.publish(batch).await?;
+        for fit in revisions {
+            let key = format!("{}/{}", fit.video, fit.id);
+            self.put_of_video(TableKind::Fits, &fit.video, &key, &fit).await?;
+        }
+        let study = Study { videos, findings };
+        self.put_of_video(TableKind::Studies, &first, &key, &study).await?;
+        Ok(study)
+    }
+}
+
+/// The findings, and the fits of the revisions that were made.
+fn findings(
+    input: &StudyInput,
+    kind: &StudyKind,
+    stop: Stop,
+) -> Result<(Findings, Vec<StoredFit>), FitError> {
+    let options = FitOptions::default();
+    let scenes = &input.scenes;
+    match kind {
+        StudyKind::Compare => {
+            let fit = input.fit(&options, stop)?;
+            Ok((Findings::Comparison(compare(scenes, &fit, &options, stop)?), vec![]))
+        }
+        StudyKind::Diagnose(formulas) => {
+            let fit = input.fit(&options, stop)?;
+            let diagnosis = diagnose(scenes, &fit, formulas, &DiscoverOptions::default(), stop)?;
+            Ok((Findings::Diagnosis(diagnosis), vec![]))
+        }
+        StudyKind::Change(change) => {
+            let (steps, fits) = revision::changed(input, change, stop)?;
+            Ok((Findings::Changed(Box::new(steps)), fits))
+        }
+        StudyKind::Discover { max_effects, frames } => {
+            let options = DiscoverOptions { max_effects: *max_effects, ..DiscoverOptions::default() };
+            let discovery = discover(scenes, &input.models, &options, stop)?;
+            let (steps, fits) = revision::discovered(input, &discovery);
+            let ends = discovery.revisions.first().zip(discovery.revisions.last());
+            let pair = |(k, scene): (usize, &Scene)| {
+                let (first, last) = ends?;
+                let frames = frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
+                let of = |model: &Model| observed_poses(scene, model, frames);
+                Some(TrajectoryPair {
+                    before: of(&first.fit.scenes[k].model),
+                    after: of(&last.fit.scenes[k].model),
+                })
+            };
+            let trajectories = scenes.iter().enumerate().filter_map(pair).collect();
+            Ok((Findings::Discovery(Box::new(Discovered { discovery, steps, trajectories })), fits))
+        }
+    }
+}
+
+fn observed_poses(scene: &Scene, model: &Model, frames: usize) -> Vec<Vec<OptionalPose>> {
+    let times: Vec<f64> = (0..frames).map(|f| scene.time_of(f)).collect();
+    let rows = crate::world::trace(model, &times).as_observed(model).states;
+    let pose = |s: &Option<crate::world::State>| s.map(|s| [s.position.x, s.position.y, s.yaw]);
+    rows.iter().map(|row| row.iter().map(pose).collect()).collect()
+}
