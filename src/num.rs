@@ -1,9 +1,11 @@
 //! Scalars and plane vectors: the model is written once over [`Real`] and compiled for `f64`, [`Jet`] and [`JetF32`]; numerics.
 
+mod hermite;
 mod lbfgs;
 mod least_squares;
 mod statistics;
 
+pub use hermite::{HermiteWeights, hermite};
 pub use lbfgs::{Descent, Objective};
 pub use least_squares::{
     AtBounds, Bounds, Ended, LeastSquares, Minimum, NormalEquations, Schedule, levenberg_marquardt,

@@ -1,6 +1,6 @@
 //! Position, velocity and acceleration of one body, and the formulas that integrate and interpolate them.
 
-use crate::num::{Real, Vec2};
+use crate::num::{Real, Vec2, hermite};
 use smallvec::SmallVec;
 
 /// A list with one entry for each body of an island; most islands are small.
@@ -114,12 +114,10 @@ impl<T: Real> Kinematics<T> {
     pub(in crate::world) fn between(&self, since: T, to: &Self, until: T, time: f64) -> Self {
         let h = until - since;
         let s = (-since + time) / h;
-        let (s2, s3) = (s * s, s * s * s);
-        let b1 = s2 * 3.0 - s3 * 2.0;
-        let (c0, c1) = ((s - s2 * 2.0 + s3) * h, (s3 - s2) * h);
-        let (d1, e0, e1) = ((s - s2) * 6.0 / h, -s * 4.0 + s2 * 3.0 + 1.0, s2 * 3.0 - s * 2.0);
-        let place = |x0: T, v0: T, x1: T, v1: T| x0 + b1 * (x1 - x0) + c0 * v0 + c1 * v1;
-        let speed = |x0: T, v0: T, x1: T, v1: T| d1 * (x1 - x0) + e0 * v0 + e1 * v1;
+        let w = hermite(s);
+        let (c0, c1, d1) = (w.v0 * h, w.v1 * h, w.rate_x / h);
+        let place = |x0: T, v0: T, x1: T, v1: T| x0 + w.x1 * (x1 - x0) + c0 * v0 + c1 * v1;
+        let speed = |x0: T, v0: T, x1: T, v1: T| d1 * (x1 - x0) + w.rate_v0 * v0 + w.rate_v1 * v1;
         let (x0, v0, x1, v1) = (self.position, self.velocity, to.position, to.velocity);
         Kinematics {
             position: Vec2 { x: place(x0.x, v0.x, x1.x, v1.x), y: place(x0.y, v0.y, x1.y, v1.y) },

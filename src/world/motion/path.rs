@@ -1,7 +1,7 @@
 //! Bounded path of one body over a segment: a cubic between its ends, with bounds on its accelerations and its box.
 
 use crate::effects::MOST_MARGIN;
-use crate::num::Vec2;
+use crate::num::{Vec2, hermite};
 use crate::scene::Shape;
 use crate::world::motion::kinematics::Kinematics;
 
@@ -53,12 +53,11 @@ impl BoundedPath {
             return self.from;
         }
         let s = ((time - self.start) / h).clamp(0.0, 1.0);
-        let (s2, s3) = (s * s, s * s * s);
-        let (b0, b1, c0, c1) = (1.0 - 3.0 * s2 + 2.0 * s3, 3.0 * s2 - 2.0 * s3, s - 2.0 * s2 + s3, s3 - s2);
-        let (d1, e0, e1) = (6.0 * (s - s2) / h, 1.0 - 4.0 * s + 3.0 * s2, 3.0 * s2 - 2.0 * s);
+        let w = hermite(s);
+        let d1 = w.rate_x / h;
         let (p, q) = (&self.from, &self.to);
-        let value = |x0: f64, v0: f64, x1: f64, v1: f64| b0 * x0 + b1 * x1 + h * (c0 * v0 + c1 * v1);
-        let slope = |x0: f64, v0: f64, x1: f64, v1: f64| d1 * (x1 - x0) + e0 * v0 + e1 * v1;
+        let value = |x0: f64, v0: f64, x1: f64, v1: f64| w.x0 * x0 + w.x1 * x1 + h * (w.v0 * v0 + w.v1 * v1);
+        let slope = |x0: f64, v0: f64, x1: f64, v1: f64| d1 * (x1 - x0) + w.rate_v0 * v0 + w.rate_v1 * v1;
         let vector = |f: &dyn Fn(f64, f64, f64, f64) -> f64| Vec2 {
             x: f(p.position.x, p.velocity.x, q.position.x, q.velocity.x),
             y: f(p.position.y, p.velocity.y, q.position.y, q.velocity.y),
