@@ -99,8 +99,9 @@ pub fn ask(
     let (mut program, choices) = programs(question)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
     if open_list && program.ops.contains(&Op::Negate) {
-        let expected = "choices, as the question has \"not\": give some";
-        return Err(ReasonError::ProgramResult { expected, found: "no choices".to_string() });
+        let expected = "a verdict on choices: give some, or ask without \"not\"";
+        let found = "a list of all events that do not happen".to_string();
+        return Err(ReasonError::ProgramResult { expected, found });
     }
     if open_list {
         // Without choices, the answer is the list of events.
@@ -209,7 +210,9 @@ fn result(program: &QuestionProgram, mut stack: Vec<Type>, wanted: Option<Type>)
         [one] if wanted.is_none_or(|w| w == one) => Ok(()),
         _ => {
             let expected = if wanted.is_some() { "yes or no for each choice" } else { "one value" };
-            Err(ReasonError::ProgramResult { expected, found: format!("{stack:?}") })
+            let names: Vec<&str> = stack.iter().map(|t| t.name()).collect();
+            let found = if names.is_empty() { "nothing".to_string() } else { names.join(", ") };
+            Err(ReasonError::ProgramResult { expected, found })
         }
     }
 }

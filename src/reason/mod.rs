@@ -44,16 +44,18 @@ pub enum ReasonError {
     UnknownToken { position: usize, token: String, nearest: String },
     #[error("token {position}, {token}: expected {expected}, found {found}")]
     ProgramType { position: usize, token: String, expected: &'static str, found: String },
-    #[error("the program leaves {found}; it must leave {expected}")]
+    #[error("the result of the program is {found}; it must be {expected}")]
     ProgramResult { expected: &'static str, found: String },
-    #[error("\"{phrase}\" fits no object; the scene has {}", .candidates.join(", "))]
+    #[error("\"{phrase}\" fits no object; name one of: {}", .candidates.join(", "))]
     NoSuchObject { phrase: String, candidates: Vec<String> },
-    #[error("\"{phrase}\" fits {} objects: {}; say which", .candidates.len(), .candidates.join(", "))]
+    #[error("\"{phrase}\" fits {} objects: {}; name one of them", .candidates.len(), .candidates.join(", "))]
     AmbiguousObject { phrase: String, candidates: Vec<String> },
-    #[error("the answer needs one event, but the video shows {found}")]
+    #[error(
+        "the answer needs one event, but the rollouts have {found}; ask about an event that happens once"
+    )]
     NoSingleEvent { found: String },
     #[error("not understood: \"{part}\"; the nearest supported form is: {nearest}")]
     NotUnderstood { part: String, nearest: String },
-    #[error("scene {index} is not in the fit, which has {scenes}")]
+    #[error("scene {index} is not in the fit; give an index below {scenes}")]
     NoSuchScene { index: usize, scenes: usize },
 }

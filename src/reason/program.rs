@@ -29,6 +29,30 @@ pub enum Type {
     Bool,
 }
 
+impl Type {
+    /// Its name in messages.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Type::Objects => "objects",
+            Type::Object => "an object",
+            Type::Events => "events",
+            Type::Event => "an event",
+            Type::Frame => "a frame",
+            Type::Color => "a color",
+            Type::Material => "a material",
+            Type::Shape => "a shape",
+            Type::Side => "a side",
+            Type::Order => "an order",
+            Type::Factor => "a number",
+            Type::Law => "a law",
+            Type::Change => "a change",
+            Type::Text => "a text",
+            Type::Number => "a count",
+            Type::Bool => "yes or no",
+        }
+    }
+}
+
 macro_rules! ops {
     ($($op:ident: $($token:literal)|+;)*) => {
         /// One operation; a word of the vocabulary is an operation that pushes itself.
@@ -133,7 +157,7 @@ impl QuestionProgram {
                 position,
                 token: self.tokens.get(position).cloned().unwrap_or_default(),
                 expected,
-                found: found.map_or("nothing".to_string(), |t| format!("{t:?}")),
+                found: found.map_or("nothing", Type::name).to_string(),
             })?;
         }
         Ok(())
