@@ -388,7 +388,7 @@ fn the_architecture_names_what_exists() {
     for (k, line) in page.prose().iter().enumerate() {
         for span in line.split('`').skip(1).step_by(2) {
             let exists = match span.contains('/') || span.ends_with(".rs") {
-                true => sources.iter().any(|(path, _)| path.ends_with(span)),
+                true => sources.iter().any(|(path, _)| path.ancestors().any(|folder| folder.ends_with(span))),
                 false => words(span).iter().all(|word: &String| known.contains(word)),
             };
             // A span with blanks is a command or a formula.
