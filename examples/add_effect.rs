@@ -15,7 +15,7 @@ use vrdp::api::v1::{
 };
 use vrdp::scene::{parse, parse_csv};
 
-/// Largest reply: the courses of long videos.
+/// Largest reply (bytes): the trajectories of long videos.
 const MAX_MESSAGE: usize = 64 << 20;
 
 #[tokio::main]

@@ -153,12 +153,12 @@ impl Tenant {
         fine.then(|| Tenant { prefix: format!("~{name}/").into() })
     }
 
-    pub fn is_nobody(&self) -> bool {
+    pub fn is_unnamed(&self) -> bool {
         self.prefix.is_empty()
     }
 
     fn owns(&self, key: &str) -> bool {
-        if self.is_nobody() { !key.starts_with('~') } else { key.starts_with(&*self.prefix) }
+        if self.is_unnamed() { !key.starts_with('~') } else { key.starts_with(&*self.prefix) }
     }
 }
 

@@ -371,7 +371,7 @@ fn quotations_stand_in_the_source() {
     assert!(count > 0, "no quotation was found");
 }
 
-/// A name of the source in ARCHITECTURE.md: `Jet`, `Engine::of`, `api/guard.rs`.
+/// A name of the source in ARCHITECTURE.md: `Jet`, `Engine::of`, `api/status.rs`.
 #[test]
 fn the_architecture_names_what_exists() {
     let sources: Vec<(PathBuf, String)> = ["src", "proto", "tests/tidy.rs"]

@@ -96,7 +96,7 @@ impl Engine {
 
     /// The engine as a tenant sees it: what belongs to another tenant does not exist.
     pub fn of(self: &Arc<Self>, tenant: &Tenant) -> Arc<Engine> {
-        match tenant.is_nobody() {
+        match tenant.is_unnamed() {
             true => self.clone(),
             false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
         }

@@ -32,16 +32,16 @@ async fn a_store_keeps_lists_and_deletes() {
 #[tokio::test]
 async fn a_tenant_sees_and_deletes_its_own_only() {
     let folder = tempfile::tempdir().unwrap();
-    let nobody = Store::open(folder.path()).unwrap();
-    let [a, b] = ["a", "b"].map(|name| nobody.of(&Tenant::new(name).unwrap()));
-    for (store, value) in [(&nobody, 0), (&a, 1), (&b, 2)] {
+    let unnamed = Store::open(folder.path()).unwrap();
+    let [a, b] = ["a", "b"].map(|name| unnamed.of(&Tenant::new(name).unwrap()));
+    for (store, value) in [(&unnamed, 0), (&a, 1), (&b, 2)] {
         store.put_video("v", &value).await.unwrap();
         let trace = serde_json::json!({ "video": "v" });
         store.put_of_video(TableKind::Traces, "v", "t", &trace).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
     }
     a.put_video("only", &3).await.unwrap();
-    for (store, values) in [(&nobody, vec![0]), (&a, vec![3, 1]), (&b, vec![2])] {
+    for (store, values) in [(&unnamed, vec![0]), (&a, vec![3, 1]), (&b, vec![2])] {
         let listed = store.list(TableKind::Videos, "", "", 9, |_: &i32| true).await.unwrap();
         assert_eq!(listed.iter().map(|(_, v)| *v).collect::<Vec<_>>(), values);
         assert!(listed.iter().all(|(key, _)| key == "v" || key == "only"));
@@ -50,15 +50,15 @@ async fn a_tenant_sees_and_deletes_its_own_only() {
     assert_eq!(b.put_of_video(TableKind::Fits, "only", "only/m", &1).await, Err(StoreError::VideoGone));
     assert!(a.delete_video("v").await.unwrap());
     assert!(a.read_blob("t", 0, 1).await.is_err());
-    for store in [&nobody, &b] {
+    for store in [&unnamed, &b] {
         assert!(store.get::<serde_json::Value>(TableKind::Traces, "t").await.unwrap().is_some());
         assert_eq!(store.read_blob("t", 0, 5).await.unwrap(), "whole");
     }
-    let all = nobody.of_everyone().list(TableKind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
+    let all = unnamed.of_everyone().list(TableKind::Traces, "", "", 9, |_: &serde_json::Value| true).await;
     let keys: Vec<String> = all.unwrap().into_iter().map(|(key, _)| key).collect();
     assert_eq!(keys, ["t", "~b/t"]);
-    nobody.of_everyone().delete_trace("~b/t").await.unwrap();
-    assert!(b.read_blob("t", 0, 1).await.is_err() && nobody.read_blob("t", 0, 1).await.is_ok());
+    unnamed.of_everyone().delete_trace("~b/t").await.unwrap();
+    assert!(b.read_blob("t", 0, 1).await.is_err() && unnamed.read_blob("t", 0, 1).await.is_ok());
     assert_eq!(["", "A", "a/b", "~a"].map(Tenant::new), [None, None, None, None]);
 }
 

@@ -11,12 +11,12 @@ use tonic::Code;
 use tonic::transport::Channel;
 use vrdp::api::v1;
 
-/// A connection of which every frame can be chosen.
+/// A connection on which a test can send any frame.
 async fn raw(program: &Program) -> SendRequest<bytes::Bytes> {
     let stream = TcpStream::connect(program.address()).await.unwrap();
     let (sender, connection) = h2::client::handshake(stream).await.unwrap();
     tokio::spawn(async move {
-        // The service may close it: that is what is tried.
+        // The service may close it: the test provokes that.
         let _ = connection.await;
     });
     sender
@@ -32,7 +32,7 @@ async fn honest(channel: &Channel) {
     VideosClient::new(channel.clone()).list_videos(request).await.unwrap();
 }
 
-/// MiB that the program has taken since.
+/// Growth of the program's memory (MiB).
 fn grown(program: &Program, before: f64) -> f64 {
     program.resident() - before
 }
@@ -92,9 +92,9 @@ async fn what_inflates_and_what_is_too_large_is_refused() {
         };
         Code::from_bytes(status.as_bytes())
     };
-    // A message that says that it is compressed: nothing is ever inflated.
+    // A message that is marked as compressed is refused without decompression.
     assert_eq!(refused("gzip", [1, 0, 0, 39, 16], 10_000).await, Code::Unimplemented);
-    // One byte more than the limit is refused by its head alone.
+    // A message one byte above the limit is refused before its body is read.
     let [a, b, c, d] = ((16u32 << 20) + 1).to_be_bytes();
     assert_eq!(refused("identity", [0, a, b, c, d], 0).await, Code::OutOfRange);
     honest(&channel).await;
@@ -112,7 +112,7 @@ async fn who_says_nothing_takes_nobodys_place() {
     for k in 0..strangers {
         let mut stream = TcpStream::connect(program.address()).await.unwrap();
         if k % 2 == 0 {
-            // Half a greeting.
+            // Half of the first bytes.
             let _ = stream.write_all(b"PRI * HT").await;
         }
         idle.push(stream);
@@ -121,14 +121,14 @@ async fn who_says_nothing_takes_nobodys_place() {
     honest(&program.channel().await).await;
     let grown = grown(&program, before);
     assert!(grown < 50.0, "{grown} MiB more");
-    // Those who came first had to go.
+    // The oldest connections were closed.
     let mut byte = [0];
     let gone = tokio::time::timeout(Duration::from_secs(60), idle[1].peek(&mut byte)).await;
     assert!(matches!(gone, Ok(Ok(0) | Err(_))), "{gone:?}");
     println!("{strangers} connections that say nothing: {grown:.1} MiB more");
 }
 
-/// Latencies (s) of what was done and of what was refused.
+/// Latencies (s) of completed and of refused calls.
 #[derive(Default)]
 struct Served {
     done: Vec<f64>,
@@ -143,7 +143,7 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
         .unwrap_or(0.0)
 }
 
-/// A simulation that nobody has asked for before.
+/// A simulation that is not in the cache.
 async fn simulate(channel: Channel, video: String, seed: u64) -> (f64, Result<(), Code>) {
     let began = Instant::now();
     let request = v1::SimulateRequest { video, seed, rollouts: Some(16), ..Default::default() };
@@ -151,7 +151,7 @@ async fn simulate(channel: Channel, video: String, seed: u64) -> (f64, Result<()
     (began.elapsed().as_secs_f64(), reply.map(|_| ()).map_err(|status| status.code()))
 }
 
-/// Offers `rate` simulations a second, whether or not they are answered.
+/// Sends `rate` simulations a second without waiting for replies.
 async fn offer(channels: &[Channel], video: &str, rate: f64, time: Duration, seed: u64) -> Served {
     let began = Instant::now();
     let mut calls = tokio::task::JoinSet::new();
@@ -175,7 +175,7 @@ async fn offer(channels: &[Channel], video: &str, rate: f64, time: Duration, see
     served
 }
 
-/// Ten times what the program can do, from clients that do not wait.
+/// Ten times the capacity of the program, from clients that do not wait.
 async fn overload(data: &Path, queue: &str) {
     let time = Duration::from_secs(count(60, 2) as u64);
     let program = Program::start_with(data, &[("VRDP_WORKERS", "1"), ("VRDP_QUEUE", queue)]);
@@ -195,7 +195,7 @@ async fn overload(data: &Path, queue: &str) {
     let mut served = offer(&channels, &video, 10.0 / usual, time, 1_000).await;
     let resident = program.resident();
     assert!(!served.done.is_empty() && !served.refused.is_empty(), "nothing was refused");
-    // One call at a time finds a free place on a machine of any speed, unless the load left something behind.
+    // One call at a time always finds a free slot, on a machine of any speed, unless the load left jobs behind.
     let mut after = vec![];
     for seed in 1_000_000..1_000_020 {
         let (seconds, done) = simulate(channels[0].clone(), video.clone(), seed).await;

@@ -1,4 +1,4 @@
-//! The loop on real engine data: a hidden effect is found and added, nothing is found where nothing hides.
+//! Discovery on data of other physics engines: a hidden effect is found and added; without one nothing is found.
 
 use crate::harness::*;
 use std::path::Path;
@@ -65,7 +65,7 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     assert_eq!(kinds, ["coriolis"]);
     let omega = &found.effects[0].parameters[0];
     assert_eq!((omega.name.as_str(), omega.unit.as_str()), ("Omega", "rad/s"));
-    // What the simulator was given: group.json.
+    // The simulator's value, from group.json.
     assert!(omega.low[0] < 0.0827 && 0.0827 < omega.high[0], "{omega:?}");
     let [before, after] = &found.revisions[..] else { panic!("{:?}", found.revisions) };
     assert!(before.rmse > 3.0 * found.noise_sigma && after.rmse < 1.2 * found.noise_sigma);
@@ -90,7 +90,7 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     assert!(page.traces.len() > videos.len(), "those of the answer are there too");
     let asked = page.traces.len() - videos.len();
 
-    // A revision is a model like any other, and all of it outlives the service.
+    // A revision is a model like any other, and is stored beyond a restart.
     service.stop().await;
     let service = start(folder.path(), CAPACITY).await;
     let model =
@@ -105,11 +105,11 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     };
     service.reasoning().simulate(simulate).await.unwrap();
     assert_eq!(discover(&service, &videos).await, found);
-    // One of each video's discovery, of the simulation and of the answer; none of the fits that the search tried.
+    // Traces of each video's discovery, of the simulation and of the answer; none of the fits of the search.
     assert_eq!(verified(&service).await.len(), videos.len() + asked + 1);
 }
 
-/// A drag along one axis, of another engine: the formula is a revision like any other.
+/// A drag along one axis, from another physics engine: the formula is a revision like any other.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_law_that_no_library_has_is_added_as_a_formula() {
     let folder = tempfile::tempdir().unwrap();
@@ -125,7 +125,7 @@ async fn a_law_that_no_library_has_is_added_as_a_formula() {
     assert_eq!(found.verdict(), v1::Verdict::OutsideLibrary, "{}", found.reason);
     let [law] = &found.effects[..] else { panic!("{:?}", found.effects) };
     assert_eq!((law.kind.as_str(), found.ranked[0].kind.as_str()), ("formula", "formula"));
-    // What the simulator was given: the head of the file names the generator.
+    // The simulator's value: the head of the file names the generator.
     let c1 = law.parameters.iter().find(|p| p.name == "c1").unwrap();
     assert!(c1.low[0] < -0.2793 && -0.2793 < c1.high[0], "{c1:?}");
     let [before, after] = &found.revisions[..] else { panic!("{:?}", found.revisions) };
@@ -137,7 +137,7 @@ async fn a_law_that_no_library_has_is_added_as_a_formula() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nothing_is_found_where_nothing_hides() {
+async fn nothing_is_found_where_nothing_is_hidden() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let videos = post(&service, "bullet_none_medium").await;

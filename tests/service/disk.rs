@@ -24,7 +24,7 @@ async fn simulate(channel: &Channel, video: &str) -> Result<v1::SimulateResponse
     Ok(ReasoningClient::new(channel.clone()).simulate(request).await?.into_inner())
 }
 
-/// Posts and simulates until a write fails; why it did.
+/// Posts and simulates until a write fails; returns the error.
 async fn fill(channel: &Channel, acknowledged: &mut Acknowledged) -> Option<tonic::Status> {
     for k in 0..40 {
         let posted = v1::Video { fps: 20.0 + f64::from(k), ..video("crammed", 200) };
@@ -61,7 +61,7 @@ async fn whichever_write_fails_nothing_partial_is_left() {
     let database = std::fs::metadata(sound.join("vrdp.redb")).unwrap().len() / 512;
     let (mut started, mut failed) = (0, 0);
     for step in 0..steps {
-        // From nothing fits to the database may double.
+        // Limits from "nothing fits" to "the database may double".
         let blocks = 2 * database * step / steps;
         let data = folder.path().join(format!("cramped {step}"));
         copy(&sound, &data);

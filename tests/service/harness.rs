@@ -24,12 +24,12 @@ pub struct Running {
 
 pub const CAPACITY: Capacity = Capacity { workers: 1, queue: 64, job_timeout: Duration::from_secs(600) };
 
-/// Starts a service; it serves when this returns.
+/// Starts a service that is ready when this returns.
 pub async fn start(folder: &Path, capacity: Capacity) -> Running {
     start_secured(folder, capacity, Security::default(), |url| Endpoint::from_shared(url).unwrap()).await
 }
 
-/// Starts a service that is reached by what `client` makes of its URL.
+/// Starts a service; `client` makes the endpoint for its URL.
 pub async fn start_secured(
     folder: &Path,
     capacity: Capacity,
@@ -47,10 +47,10 @@ pub async fn start_secured(
 }
 
 impl Running {
-    /// Drains and ends; the folder is free then. Every trace that is stored must give itself again.
+    /// Drains and stops the service; then its folder is free. Every stored trace must be reproduced bit for bit.
     pub async fn stop(self) {
         for record in self.engine.traces(Default::default(), "", REPLAYED).await.unwrap_or_default() {
-            // What a test damaged on purpose cannot be read.
+            // Traces that a test damaged on purpose cannot be read.
             let Ok(bytes) = whole(&self.engine, &record.id).await else { continue };
             let found = vrdp::recording::verify(std::io::Cursor::new(bytes), &vrdp::num::never).unwrap();
             assert!(found.holds() && found.identical, "{}: {found:?}", record.id);
@@ -104,7 +104,7 @@ impl Running {
         Ok(self.videos().create_video(request).await?.into_inner().name)
     }
 
-    /// Progress that was reported, and the model.
+    /// The reported progress, and the model.
     pub async fn fit(&self, video: &str) -> Result<(Vec<f64>, v1::Model), Status> {
         self.fit_with(v1::FitModelRequest { parent: video.into(), ..Default::default() }).await
     }
@@ -172,7 +172,7 @@ pub fn fields(status: &Status) -> Vec<String> {
     details.field_violations.into_iter().map(|v| v.field).collect()
 }
 
-/// Simulates every stored trace again from its file alone; their names, all bit for bit as they were.
+/// Simulates every stored trace again from its file alone and checks that all bits are equal; returns their names.
 pub async fn verified(service: &Running) -> Vec<String> {
     let request = v1::ListTracesRequest { page_size: 1000, ..Default::default() };
     let traces = service.traces().list_traces(request).await.unwrap().into_inner().traces;

@@ -1,4 +1,4 @@
-//! The service over a real channel: what it does, keeps, shares, and refuses.
+//! Tests of the service over a real channel: results, storage, sharing, refusals, robustness.
 
 mod camera;
 mod crowd;

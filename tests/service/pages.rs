@@ -72,7 +72,7 @@ async fn metrics_are_read_over_http_and_name_no_video() {
     assert_eq!((load.jobs[0].kind.as_str(), &load.jobs[0].video), ("simulation", &name));
     waiting.abort();
     let page = get(address, "/metrics").await;
-    // Other tests of this process are counted too.
+    // The metrics count other tests of this process too.
     for (begin, least) in [
         ("vrdp_calls_total{method=\"vrdp.v1.Reasoning/Simulate\",code=\"Ok\"}", 2.0),
         ("vrdp_calls_total{method=\"vrdp.v1.Videos/GetVideo\",code=\"NotFound\"}", 1.0),
@@ -122,7 +122,7 @@ async fn the_dashboard_leads_to_reports_and_traces() {
     let file = ask(address, &format!("/{}.mcap", done.trace), "127.0.0.1").await;
     assert!(file.ends_with(&bytes) && !bytes.is_empty());
     assert!(get(address, "/traces/abc.mcap").await.starts_with("HTTP/1.1 404"));
-    // Another site's name that was made to point to this machine.
+    // The name of another site that points to this machine (DNS rebinding).
     assert!(ask(address, "/", "rebound.example").await.starts_with(b"HTTP/1.1 421"));
 
     let tokens = Tokens::parse("secret-of-lab-a-00 = lab-a").unwrap();

@@ -1,4 +1,4 @@
-//! Who gets in, and what each sees: tokens and tenants, TLS, certificates of clients.
+//! Authentication and what each tenant sees: tokens, TLS, certificates of clients.
 
 use crate::harness::*;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
@@ -27,7 +27,7 @@ fn of<T>(lab: &str, message: T) -> Request<T> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_tenant_sees_its_own_only_and_strangers_nothing() {
+async fn a_tenant_sees_its_own_data_and_callers_without_token_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let service = start_secured(folder.path(), CAPACITY, with_tokens(), plainly).await;
     let health = HealthCheckRequest::default();
@@ -41,7 +41,7 @@ async fn a_tenant_sees_its_own_only_and_strangers_nothing() {
     let name = service.videos().create_video(of("lab-a", post())).await.unwrap().into_inner().name;
     let simulate = || v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
     let done = service.reasoning().simulate(of("lab-a", simulate())).await.unwrap().into_inner();
-    // What is in memory, what is in the store, the trace and its file: to the other there is none of it.
+    // Results in memory and in the store, the trace and its file do not exist for the other tenant.
     let get = || v1::GetVideoRequest { name: name.clone() };
     let delete = || v1::DeleteVideoRequest { name: name.clone() };
     let model = || v1::GetModelRequest { name: done.model.clone() };
@@ -61,7 +61,7 @@ async fn a_tenant_sees_its_own_only_and_strangers_nothing() {
     let traces = v1::ListTracesRequest::default;
     assert_eq!(service.traces().list_traces(of("lab-b", traces())).await.unwrap().into_inner().traces, []);
 
-    // The same video of the other is another one: it may go, and this one stays.
+    // The same video of the other tenant is a separate one: deleting it leaves this one.
     service.videos().create_video(of("lab-b", post())).await.unwrap();
     service.reasoning().simulate(of("lab-b", simulate())).await.unwrap();
     assert_eq!(
@@ -77,7 +77,7 @@ async fn a_tenant_sees_its_own_only_and_strangers_nothing() {
     service.stop().await;
 }
 
-/// An authority, and a certificate of it for `localhost` with its key.
+/// A certificate authority that signs certificates for `localhost`.
 struct Authority(CertifiedIssuer<'static, KeyPair>);
 
 impl Authority {
@@ -100,7 +100,7 @@ impl Authority {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn tls_lets_in_who_has_a_certificate_of_the_authority() {
+async fn tls_accepts_clients_with_a_certificate_of_the_authority() {
     let folder = tempfile::tempdir().unwrap();
     let (ours, other) = (Authority::new(), Authority::new());
     let tls = ServerTlsConfig::new().identity(ours.signs()).client_ca_root(ours.certificate());
@@ -122,7 +122,7 @@ async fn tls_lets_in_who_has_a_certificate_of_the_authority() {
         plainly(address.clone()).tls_config(trusting(&other).identity(ours.signs())).unwrap(),
     ];
     for (k, endpoint) in refused.into_iter().enumerate() {
-        // With TLS 1.3 a client may learn at its first call only that it was not let in.
+        // With TLS 1.3 a client may see the refusal only at its first call.
         let let_in = match endpoint.connect().await {
             Ok(channel) => HealthClient::new(channel).check(HealthCheckRequest::default()).await.is_ok(),
             Err(_) => false,

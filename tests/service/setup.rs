@@ -1,9 +1,9 @@
-//! Several videos of one set-up are fitted together; a simulation that ends early says so.
+//! Joint fits of the videos of a set-up; a simulation that ends early reports it.
 
 use crate::harness::*;
 use vrdp::api::v1;
 
-/// What glides brakes by so much (m/s^2).
+/// Gliding objects decelerate by `brake` (m/s^2).
 fn of_setup(name: &str, setup: &str, frames: u32, brake: f64) -> v1::Video {
     let mut video = v1::Video { setup: setup.into(), ..video(name, frames) };
     for sample in video.objects.iter_mut().flat_map(|o| &mut o.samples) {
@@ -47,13 +47,13 @@ async fn videos_of_a_set_up_are_fitted_together_and_share_its_physics() {
     };
     let (model, others) = fit(&service, request(&a, &[&b])).await.unwrap();
     assert!(model.name.starts_with(&a) && others.len() == 1 && others[0].name.starts_with(&b));
-    // What the set-up shares is the same in both; alone it is another.
+    // Shared parameters are equal in both models; a single fit has other values.
     let shared = |m: &v1::Model| m.shared.iter().find(|s| s.effect == "sliding_friction").cloned().unwrap();
     assert_eq!(shared(&model), shared(&others[0]));
     let (alone, none) = fit(&service, request(&a, &[])).await.unwrap();
     assert!(none.is_empty() && alone.name != model.name);
     assert!(shared(&alone) != shared(&model), "{:?} {:?}", shared(&alone), shared(&model));
-    // It is kept, and another that names the same videos finds it.
+    // It is stored, and a request that names the same videos in another way finds it.
     assert_eq!(service.engine.fits_run(), 2);
     let other = fit(&service, request(&b, &[&a])).await.unwrap();
     assert_eq!((&other.0, &other.1[0]), (&others[0], &model));

@@ -1,4 +1,4 @@
-//! Many callers at once: one fit for all, a caller who leaves, a full queue.
+//! Concurrent callers: one fit for all, a caller who leaves, a full queue.
 
 use crate::harness::*;
 use std::time::Duration;
@@ -48,7 +48,7 @@ async fn a_full_queue_refuses_with_advice_and_recovers_when_the_caller_leaves() 
     assert!(refused.get_details_retry_info().unwrap().retry_delay.unwrap() > Duration::ZERO);
     assert_eq!(refused.metadata().get("grpc-retry-pushback-ms").unwrap(), "1000");
     drop(worker);
-    // The place is free as soon as the job has ended, which is soon, and not at once; a call may be refused as a whole.
+    // The slot is free when the job has ended, which takes a moment; until then a call may be refused.
     let mut left = loop {
         let refused = match service.models().fit_model(request.clone()).await {
             Err(status) => status,
@@ -62,7 +62,7 @@ async fn a_full_queue_refuses_with_advice_and_recovers_when_the_caller_leaves() 
         };
         assert_eq!(refused.code(), Code::ResourceExhausted, "{refused:?}");
     };
-    // And here, as soon as the abandoned fit has noticed.
+    // Here too, when the abandoned fit has noticed its cancellation.
     assert!(left.message().await.is_ok());
     drop(left);
     while let Err(status) = service.fit(&small).await {

@@ -14,7 +14,7 @@ use tokio::sync::mpsc;
 use tonic::{Request, Response, Status};
 use vrdp::api::v1;
 
-/// Hands on each span that is sent to it.
+/// Forwards each span that it receives.
 struct Collector(mpsc::UnboundedSender<Span>);
 
 #[tonic::async_trait]
@@ -41,7 +41,7 @@ async fn a_collector_receives_the_spans_of_a_call() {
     tokio::spawn(collector.serve_with_incoming(incoming));
 
     let folder = tempfile::tempdir().unwrap();
-    // Whatever is logged.
+    // Spans do not depend on the log filter.
     let program = Program::start_with(folder.path(), &[("VRDP_OTLP", &url), ("VRDP_LOG", "off")]);
     let mut videos = VideosClient::new(program.channel().await);
     let created = v1::CreateVideoRequest { video: Some(fixture("scene_00000")), ..Default::default() };

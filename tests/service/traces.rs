@@ -227,7 +227,7 @@ async fn a_disk_that_fails_fails_the_request_with_the_reason_and_the_service_goe
     let video = service.create(video("small", 20)).await.unwrap();
     let kept = service.reasoning().simulate(simulate(&video, 0)).await.unwrap().into_inner();
     let (traces, away) = (folder.path().join("traces"), folder.path().join("away"));
-    // Whoever runs this may write into any folder that is one: so it is none.
+    // A test that runs as root may write into any folder, so the folder is replaced by a file.
     std::fs::rename(&traces, &away).unwrap();
     std::fs::write(&traces, b"").unwrap();
     let failed = service.reasoning().simulate(simulate(&video, 1)).await.unwrap_err();
