@@ -15,20 +15,7 @@ async fn a_real_video_is_fitted_predicted_asked_and_kept() {
     let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
     assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
 
-    let mut with_outlier = fixture("scene_00022");
-    if let Some(v1::sample::Place::Position(at)) = &mut with_outlier.objects[1].samples[30].place {
-        at.x += 1.5;
-    }
-    let video_with_outlier = service.create(with_outlier.clone()).await.unwrap();
-    let got = service
-        .videos()
-        .get_video(v1::GetVideoRequest { name: video_with_outlier })
-        .await
-        .unwrap()
-        .into_inner();
-    let named: Vec<(u32, u32)> = got.outliers.iter().map(|s| (s.object, s.frame)).collect();
-    assert_eq!(named, [(with_outlier.objects[1].id, with_outlier.objects[1].samples[30].frame)]);
-    assert_eq!(got.objects, with_outlier.objects, "what was posted is kept");
+    an_outlier_is_named_and_kept(&service).await;
 
     let (progress, model) = service.fit(&video).await.unwrap();
     assert!(!progress.is_empty() && progress.is_sorted(), "{progress:?}");
@@ -48,12 +35,58 @@ async fn a_real_video_is_fitted_predicted_asked_and_kept() {
     assert!(prediction.frames.iter().flat_map(|f| &f.objects).all(|o| o.object_id != 0));
     assert_eq!(prediction.model, model.name);
 
+    let (question, answer) = questions_are_answered(&service, &video).await;
+
+    let bytes = download(&service, &prediction.trace).await;
+    assert_eq!(vrdp::recording::read(&bytes).unwrap().frames.len(), prediction.frames.len());
+    let traces = listed(&service, &video).await;
+    assert!(traces.contains(&prediction.trace) && answer.traces.iter().all(|t| traces.contains(t)));
+    service.stop().await;
+
+    let service = start(folder.path(), CAPACITY).await;
+    let kept = service.models().get_model(v1::GetModelRequest { name: model.name.clone() }).await.unwrap();
+    assert_eq!(kept.into_inner(), model);
+    assert_eq!(service.fit(&video).await.unwrap().1, model);
+    assert_eq!(service.engine.fits_run(), 0, "a fit that was acknowledged is never done again");
+    assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), prediction);
+    assert_eq!(service.reasoning().ask(question).await.unwrap().into_inner(), answer);
+    assert_eq!(download(&service, &prediction.trace).await, bytes);
+    assert_eq!(listed(&service, &video).await, traces);
+    verified(&service).await;
+
+    service.videos().delete_video(v1::DeleteVideoRequest { name: video.clone() }).await.unwrap();
+    assert_eq!(service.fit(&video).await.unwrap_err().code(), Code::NotFound);
+    let gone = v1::DownloadTraceRequest { name: prediction.trace };
+    assert_eq!(service.traces().download_trace(gone).await.unwrap_err().code(), Code::NotFound);
+    service.stop().await;
+}
+
+/// A sample far from its track is named in the reply and stays in the video.
+async fn an_outlier_is_named_and_kept(service: &Running) {
+    let mut with_outlier = fixture("scene_00022");
+    if let Some(v1::sample::Place::Position(at)) = &mut with_outlier.objects[1].samples[30].place {
+        at.x += 1.5;
+    }
+    let video_with_outlier = service.create(with_outlier.clone()).await.unwrap();
+    let got = service
+        .videos()
+        .get_video(v1::GetVideoRequest { name: video_with_outlier })
+        .await
+        .unwrap()
+        .into_inner();
+    let named: Vec<(u32, u32)> = got.outliers.iter().map(|s| (s.object, s.frame)).collect();
+    assert_eq!(named, [(with_outlier.objects[1].id, with_outlier.objects[1].samples[30].frame)]);
+    assert_eq!(got.objects, with_outlier.objects, "what was posted is kept");
+}
+
+/// Asks by program, in English with a choice, and as a stream in which one question fails.
+async fn questions_are_answered(service: &Running, video: &str) -> (v1::AskRequest, v1::AskResponse) {
     let tokens: Vec<String> =
         ["events", "objects", "filter_collision", "events", "filter_start", "filter_after", "count"]
             .map(String::from)
             .into();
     let question = v1::AskRequest {
-        video: video.clone(),
+        video: video.into(),
         question: Some(v1::ask_request::Question::Program(v1::Program { tokens })),
         rollouts: Some(4),
         ..Default::default()
@@ -86,29 +119,7 @@ async fn a_real_video_is_fitted_predicted_asked_and_kept() {
         }
     }
     assert!(many.message().await.unwrap().is_none());
-
-    let bytes = download(&service, &prediction.trace).await;
-    assert_eq!(vrdp::recording::read(&bytes).unwrap().frames.len(), prediction.frames.len());
-    let traces = listed(&service, &video).await;
-    assert!(traces.contains(&prediction.trace) && answer.traces.iter().all(|t| traces.contains(t)));
-    service.stop().await;
-
-    let service = start(folder.path(), CAPACITY).await;
-    let kept = service.models().get_model(v1::GetModelRequest { name: model.name.clone() }).await.unwrap();
-    assert_eq!(kept.into_inner(), model);
-    assert_eq!(service.fit(&video).await.unwrap().1, model);
-    assert_eq!(service.engine.fits_run(), 0, "a fit that was acknowledged is never done again");
-    assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), prediction);
-    assert_eq!(service.reasoning().ask(question).await.unwrap().into_inner(), answer);
-    assert_eq!(download(&service, &prediction.trace).await, bytes);
-    assert_eq!(listed(&service, &video).await, traces);
-    verified(&service).await;
-
-    service.videos().delete_video(v1::DeleteVideoRequest { name: video.clone() }).await.unwrap();
-    assert_eq!(service.fit(&video).await.unwrap_err().code(), Code::NotFound);
-    let gone = v1::DownloadTraceRequest { name: prediction.trace };
-    assert_eq!(service.traces().download_trace(gone).await.unwrap_err().code(), Code::NotFound);
-    service.stop().await;
+    (question, answer)
 }
 
 /// Names of all traces of a video, page by page.

@@ -133,6 +133,40 @@ fn text(text: &str) -> Option<v1::ask_request::Question> {
     Some(v1::ask_request::Question::Text(text.into()))
 }
 
+fn remove(object_id: u32) -> v1::intervention::Kind {
+    v1::intervention::Kind::Remove(v1::intervention::Remove { object_id })
+}
+
+/// Second edits that cannot be made, with the fields that a refusal names.
+fn broken_edits() -> Vec<(Option<v1::intervention::Kind>, &'static str)> {
+    let heavy = v1::intervention::ScaleMass { object_id: 0, factor: f64::NAN };
+    let vector = |x, y| Some(v1::Vector { x, y });
+    let fast = v1::intervention::SetVelocity { object_id: 1, velocity: vector(1e300, 0.0) };
+    let far = v1::intervention::Place { object_id: 1, position: vector(0.0, 1e9), yaw: None };
+    let onto = v1::intervention::Place { object_id: 1, position: vector(0.0, 2.1), yaw: None };
+    let added = |radius, y| v1::intervention::Add {
+        object_id: 9,
+        shape: Some(v1::Shape { kind: Some(v1::shape::Kind::Disc(v1::shape::Disc { radius })) }),
+        position: vector(0.0, y),
+        ..Default::default()
+    };
+    // Object 1 comes by at x = 0.4 after half a second.
+    let late = v1::intervention::Add { start_time: 0.5, position: vector(0.4, 1.0), ..added(0.2, 0.0) };
+    let off = v1::intervention::SwitchEffect { effect: "magic".into(), on: false };
+    vec![
+        (Some(remove(77)), "interventions[1].remove.object_id"),
+        (Some(v1::intervention::Kind::ScaleMass(heavy)), "interventions[1].scale_mass.factor"),
+        (Some(v1::intervention::Kind::SwitchEffect(off)), "interventions[1].switch_effect.effect"),
+        (None, "interventions[1]"),
+        (Some(v1::intervention::Kind::SetVelocity(fast)), "interventions[1].set_velocity.velocity.x"),
+        (Some(v1::intervention::Kind::Place(far)), "interventions[1].place.position.y"),
+        (Some(v1::intervention::Kind::Place(onto)), "interventions[1].place.position"),
+        (Some(v1::intervention::Kind::Add(added(1e300, 9.0))), "interventions[1].add.shape.disc.radius"),
+        (Some(v1::intervention::Kind::Add(added(0.2, 1.1))), "interventions[1].add.position"),
+        (Some(v1::intervention::Kind::Add(late)), "interventions[1].add.position"),
+    ]
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn broken_questions_and_edits_are_refused_with_their_fields() {
     let folder = tempfile::tempdir().unwrap();
@@ -157,39 +191,12 @@ async fn broken_questions_and_edits_are_refused_with_their_fields() {
         assert_eq!(fields(&status), [field], "{asked}: {status:?}");
         assert_eq!(status.get_details_error_info().unwrap().reason, reason, "{asked}");
     }
-    let remove = |object_id| v1::intervention::Kind::Remove(v1::intervention::Remove { object_id });
-    let heavy = v1::intervention::ScaleMass { object_id: 0, factor: f64::NAN };
-    let vector = |x, y| Some(v1::Vector { x, y });
-    let fast = v1::intervention::SetVelocity { object_id: 1, velocity: vector(1e300, 0.0) };
-    let far = v1::intervention::Place { object_id: 1, position: vector(0.0, 1e9), yaw: None };
-    let onto = v1::intervention::Place { object_id: 1, position: vector(0.0, 2.1), yaw: None };
-    let added = |radius, y| v1::intervention::Add {
-        object_id: 9,
-        shape: Some(v1::Shape { kind: Some(v1::shape::Kind::Disc(v1::shape::Disc { radius })) }),
-        position: vector(0.0, y),
-        ..Default::default()
-    };
-    // Object 1 comes by at x = 0.4 after half a second.
-    let late = v1::intervention::Add { start_time: 0.5, position: vector(0.4, 1.0), ..added(0.2, 0.0) };
-    let off = v1::intervention::SwitchEffect { effect: "magic".into(), on: false };
-    let edits = [
-        (Some(remove(77)), "interventions[1].remove.object_id"),
-        (Some(v1::intervention::Kind::ScaleMass(heavy)), "interventions[1].scale_mass.factor"),
-        (Some(v1::intervention::Kind::SwitchEffect(off)), "interventions[1].switch_effect.effect"),
-        (None, "interventions[1]"),
-        (Some(v1::intervention::Kind::SetVelocity(fast)), "interventions[1].set_velocity.velocity.x"),
-        (Some(v1::intervention::Kind::Place(far)), "interventions[1].place.position.y"),
-        (Some(v1::intervention::Kind::Place(onto)), "interventions[1].place.position"),
-        (Some(v1::intervention::Kind::Add(added(1e300, 9.0))), "interventions[1].add.shape.disc.radius"),
-        (Some(v1::intervention::Kind::Add(added(0.2, 1.1))), "interventions[1].add.position"),
-        (Some(v1::intervention::Kind::Add(late)), "interventions[1].add.position"),
-    ];
     let simulate = |request: v1::SimulateRequest| {
         let mut client = service.reasoning();
         async move { client.simulate(request).await.unwrap_err() }
     };
     let good = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
-    for (kind, field) in edits {
+    for (kind, field) in broken_edits() {
         let first = v1::Intervention { kind: Some(remove(0)) };
         let interventions = vec![first, v1::Intervention { kind }];
         let status = simulate(v1::SimulateRequest { interventions, ..good.clone() }).await;

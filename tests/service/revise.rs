@@ -57,6 +57,18 @@ async fn history(service: &Running, video: &str) -> Vec<v1::Revision> {
     models.into_iter().filter_map(|m| m.history).collect()
 }
 
+async fn compare(service: &Running, study: v1::StudyRequest) -> v1::Comparison {
+    use v1::compare_models_response::Event;
+    let request = v1::CompareModelsRequest { study: Some(study) };
+    let mut stream = service.models().compare_models(request).await.unwrap().into_inner();
+    let mut last = None;
+    while let Some(message) = stream.message().await.unwrap() {
+        last = message.event;
+    }
+    let Some(Event::Comparison(comparison)) = last else { panic!("{last:?}") };
+    comparison
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -76,7 +88,7 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
     let omega = &added.parameters[0];
     assert_eq!(added.formula, text);
     assert_eq!((omega.name.as_str(), omega.unit.as_str()), ("w", "rad/s"));
-    // The simulator.s value, from group.json.
+    // The simulator's value, from group.json.
     assert!(omega.low[0] < 0.0827 && 0.0827 < omega.high[0], "{omega:?}");
 
     // The effect of the library on the same first revision, which is read from the store.
@@ -116,14 +128,7 @@ async fn the_error_falls_with_the_right_effect_and_rises_without_it() {
         v1::SimulateRequest { video, model: Some(choice), rollouts: Some(2), ..Default::default() };
     let simulated = service.reasoning().simulate(simulate).await.unwrap().into_inner();
     assert_eq!(simulated.model, written.models[0]);
-    use v1::compare_models_response::Event;
-    let asked = v1::CompareModelsRequest { study: Some(study(&reversed, &written.models)) };
-    let mut stream = service.models().compare_models(asked).await.unwrap().into_inner();
-    let mut last = None;
-    while let Some(message) = stream.message().await.unwrap() {
-        last = message.event;
-    }
-    let Some(Event::Comparison(c)) = last else { panic!("{last:?}") };
+    let c = compare(&service, study(&reversed, &written.models)).await;
     assert!(c.videos.iter().map(|v| &v.video).eq(&reversed), "each request has its own order: {c:?}");
     let chi_squares: Vec<f64> = c.videos.iter().map(|v| v.reduced_chi_square).collect();
     assert!(c.summary.starts_with("the noise explains the residuals"), "{}", c.summary);
