@@ -410,7 +410,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_an_earlier_build_wrote_has_the_parameters_that_its_laws_missing() {
+    fn an_effect_stored_by_an_earlier_version_has_the_parameters_that_its_law_gained_since() {
         let now = effect("contact_friction").map(|e| ActiveEffect::new(&e.spec, &[]));
         let now = now.expect("it is in the library");
         let mut before = now.clone();
