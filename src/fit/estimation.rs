@@ -17,7 +17,7 @@ pub(super) fn longest(scenes: &[Scene]) -> Horizon {
     scenes.iter().map(|s| s.times.len()).max().unwrap_or(0)
 }
 
-/// Fits the models to the scenes with a search over all frames; without draws and without the dear checks.
+/// Fits the models to the scenes by `search` over all frames; without draws from the posterior.
 ///
 /// The search runs with some parameters frozen ([`FitProblem::unfreeze`]) and, if wanted, with derivatives of single
 /// precision; then all parameters are refined from where it ended, in double precision.

@@ -3,7 +3,7 @@
 //! Of three samples a, b, c in near frames at times t_a < t_b < t_c, the middle one's distance from the straight line through
 //! the others is d = b - (1 - q) a - q c, with q = (t_b - t_a) / (t_c - t_a). Smooth motion leaves almost none, so that d is noise of
 //! covariance C_b + (1 - q)^2 C_a + q^2 C_c. The estimate of the standard deviation is the upper median of the whitened |d|,
-//! divided by that of a standard normal number (0.6745): the few impacts leave a median alone. Samples that state covariances
+//! divided by that of a standard normal number (0.6745): the few impacts hardly change a median. Samples that state covariances
 //! keep their ratios; their common scale is estimated.
 
 use crate::num::{NORMAL_MEDIAN_ABSOLUTE, quantile};
@@ -23,7 +23,7 @@ pub struct Noise {
     pub position: f64,
     /// Of a yaw (rad); `None` where no yaw that matters was measured.
     pub yaw: Option<f64>,
-    /// Mean variance of the covariances that samples state (m^2): `position` squared stands for it.
+    /// Mean variance of the covariances that samples state (m^2), whose estimate is `position` squared.
     stated: f64,
 }
 
@@ -38,8 +38,8 @@ pub(super) struct Whitener {
 impl Whitener {
     fn of(covariance: &Covariance) -> Whitener {
         // A covariance without a factor (validation refuses it) is replaced by its mean variance.
-        let alone = covariance.mean().abs().sqrt();
-        let [xx, yx, yy] = covariance.factor().unwrap_or([alone, 0.0, alone]);
+        let mean = covariance.mean().abs().sqrt();
+        let [xx, yx, yy] = covariance.factor().unwrap_or([mean, 0.0, mean]);
         Whitener { xx: 1.0 / xx, yx: -yx / (xx * yy), yy: 1.0 / yy }
     }
 

@@ -418,7 +418,7 @@ fn the_side_that_was_hit_is_found_without_measured_yaws() {
     }
     let scene = crate::scene::parse("pixels", &root.to_string()).expect("image points");
     let found = fitted(std::slice::from_ref(&scene));
-    // From the first yaws alone the cubes are hit on another side, which leaves 1.09.
+    // Without yaw restarts the cubes are hit on another side, which leaves 1.09.
     assert!(found.scenes[0].reduced_chi_square < 0.95, "{}", found.scenes[0].reduced_chi_square);
 }
 

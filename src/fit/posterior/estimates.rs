@@ -30,7 +30,7 @@ impl Fit {
         self.scenes.iter().map(|s| s.model.clone()).collect()
     }
 
-    /// The fit of one of its scenes alone.
+    /// The part of the fit that concerns one scene.
     pub fn of_scene(&self, scene: usize) -> Fit {
         Fit {
             scenes: self.scenes.get(scene).cloned().into_iter().collect(),

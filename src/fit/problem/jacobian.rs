@@ -3,7 +3,7 @@
 //! Forward differentiation gives J column by column: one pass carries [`LANES`] derivatives. Bodies that never met, directly or
 //! through others, form components with no parameters in common but the shared ones; a lane carries one parameter of each
 //! component at a time (column compression: Curtis, Powell and Reid, IMA Journal of Applied Mathematics 13 (1974) 117).
-//! Stored is, for each row, one derivative a lane, and for each body which parameter stands in which lane.
+//! Stored are one derivative a lane for each row, and for each body the parameter of each lane.
 
 use super::loss::{huber, weight};
 use super::scene_problem::{Horizon, LIMITS, ResidualId, SceneProblem, SimulatedScene};

@@ -78,7 +78,7 @@ impl<'a> SceneProblem<'a> {
         }
     }
 
-    /// The parameter that stands in a slot of the model, if it is free.
+    /// The search parameter at an index of [`Model::flatten`], if that value is free.
     pub fn parameter_at(&self, slot: usize) -> Option<usize> {
         self.slots.iter().find(|s| s.0 == slot).map(|s| s.1)
     }

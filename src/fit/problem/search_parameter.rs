@@ -47,10 +47,10 @@ impl SearchParameter {
     }
 }
 
-/// Index in [`Model::flatten`] and index of the parameter that stands there.
+/// Index in [`Model::flatten`], and index of the search parameter whose value it is.
 pub(super) type Slot = (usize, usize);
 
-/// Adds the free parameters of one scene to those of the scenes before it; shared ones that are known stay one. Gives their slots.
+/// Adds the free parameters of one scene to `all`; a shared parameter that is there already is not added again. Returns the slots.
 pub(super) fn add_parameters(
     index: usize,
     (scene, model, noise): (&Scene, &Model, &Noise),
@@ -153,7 +153,7 @@ impl ParameterList<'_> {
         self.push(b * BODY_VALUES.len() + MASS, parameter);
     }
 
-    /// The values of parameter `k` of an effect that are free; the first of them stands at `at`, which moves past them.
+    /// Adds the free values of parameter `k` of an effect; `at` is the index of the first in [`Model::flatten`] and moves past them.
     fn add_effect_parameter(&mut self, active: &ActiveEffect, k: usize, bodies: &[BodySpec], at: &mut usize) {
         let parameter: &Parameter = &active.parameters[k];
         let bounds = active.bounds(k);

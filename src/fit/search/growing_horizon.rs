@@ -58,7 +58,7 @@ pub(super) fn grow_horizon(
             followed_points.clear();
         }
         let diverges = first_divergence(problem, &point, frames).unwrap_or(frames);
-        // No later horizon mends a divergence that far behind.
+        // A later horizon does not correct a divergence that far behind.
         let is_behind = diverges + MAX_STEPS_BEHIND * ahead < horizon;
         horizon = if is_behind { frames } else { (diverges + ahead).max(horizon + ahead).min(frames) };
     }

@@ -13,7 +13,7 @@ const OF_CUSHIONS: (&str, &str) = ("cushion", "restitution");
 /// A restitution up to this share of its prior mean counts as inelastic.
 const INELASTIC: f64 = 0.5;
 
-/// Points of the search at which one contact before the divergence is elastic that is inelastic at this one, or the other way round.
+/// Points of the search at which one contact before the divergence is switched from inelastic to elastic, or back.
 pub(in super::super) fn points(
     problem: &FitProblem,
     point: &[f64],

@@ -1,4 +1,4 @@
-//! The whole search for one scene: from the cheapest attempt to the dearest, until one is good.
+//! The whole search for one scene: attempts in order of their cost in time, until one fits well.
 
 use super::super::options::StartPoint;
 use super::super::problem::{FitProblem, GOOD, worst_chi_square};

@@ -99,8 +99,8 @@ fn before_contact(scene: &Scene) -> Scene {
             b != a && pair.is_some_and(|(p, q)| (p.position - q.position).norm() < reach + NEAR)
         };
         let met = |frame: usize| (0..scene.tracks.len()).any(|b| near(frame, b));
-        let alone = track.samples.iter().take_while(|s| !met(s.frame)).count();
-        track.samples.truncate(alone.max(FEWEST_SAMPLES));
+        let free = track.samples.iter().take_while(|s| !met(s.frame)).count();
+        track.samples.truncate(free.max(FEWEST_SAMPLES));
     }
     cut
 }
