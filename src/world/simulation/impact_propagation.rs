@@ -1,7 +1,7 @@
 //! Propagation of an impulse through bodies in contact, and its reflection at what does not move.
 //!
 //! An impact on a body that touches others acts on these at the same instant. It is resolved as a sequence of pairwise impulses
-//! (sequential or Newton's-cradle rule): each round applies the impulse of every closed contact whose surfaces still approach,
+//! (sequential impulses): each round applies the impulse of every closed contact whose surfaces still approach,
 //! until none approaches faster than a limit (m/s) or [`MAX_ROUNDS`] are over. A body between an impact and a wall must in addition
 //! separate from the other body with the restitution of their contact ([`Simulation::enforce_separation`]). Source: Smith, Kaufman,
 //! Vouga, Tamstorf and Grinspun, Reflections on Simultaneous Impact, ACM Transactions on Graphics 31 (2012) 106.

@@ -39,7 +39,7 @@ pub(in crate::world) struct Simulation<'m, T: Scalar> {
     pub recorder: Recorder<'m, T>,
     /// s.
     pub step_end: f64,
-    /// Longest next segment of bodies with pair forces, from the error of the last one (s).
+    /// Longest next segment of bodies with pair forces, from the error of the last one (s); changed by `island_motion` only.
     pub segment_length: f64,
 }
 
