@@ -61,7 +61,7 @@ pub fn run(args: Args) -> Result<(), Failure> {
 pub fn failure(path: &Path, error: RecordingError) -> Failure {
     let message = format!("{}: {error}", path.display());
     match error {
-        RecordingError::NoTrace | RecordingError::Lacks { .. } => Failure::input(message),
+        RecordingError::NoTrace | RecordingError::Missing { .. } => Failure::input(message),
         _ => Failure::other(message),
     }
 }

@@ -54,7 +54,7 @@ impl Engine {
         let backlog = self.backlog.clone();
         let job = move |stop: Stop| {
             let fit = estimate_one(&scene, &model, &options, stop)?;
-            let stored = StoredFit { video, id, revision: 0, fit, step: None };
+            let stored = StoredFit { video, id, revision: 0, fit, record: None };
             let file = file::fit(&scene, &model, &options, &stored)?;
             Ok((stored, backlog.admit(vec![file], stop)?))
         };

@@ -122,7 +122,7 @@ impl Engine {
         let job = move |stop: Stop| {
             let joint = fit(&scenes, &models, &options, stop)?;
             let one =
-                |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), step: None };
+                |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), record: None };
             let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
             let inputs = scenes.iter().zip(&models).zip(&fits);
             let files = inputs.map(|((scene, model), stored)| file::fit(scene, model, &options, stored));

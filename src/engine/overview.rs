@@ -35,7 +35,8 @@ impl Engine {
                 models => models?,
             };
             let best = models.iter().max_by_key(|m| m.revision);
-            let effects = best.and_then(|m| m.step.as_ref()?.added.as_ref()).map(|found| found.kind.clone());
+            let effects =
+                best.and_then(|m| m.record.as_ref()?.added.as_ref()).map(|found| found.kind.clone());
             let fitted = best.and_then(|m| m.fit.scenes.first());
             videos.push(VideoRow {
                 frames: scene.times.len(),

@@ -41,7 +41,7 @@ impl Engine {
         let Findings::Discovery(found) = &study.findings else {
             return Err(EngineError::invalid("study", "is no discovery"));
         };
-        let last = found.steps.last().map(|s| s.models.clone()).unwrap_or_default();
+        let last = found.records.last().map(|r| r.models.clone()).unwrap_or_default();
         let mut scenes = vec![];
         let (mut ids, mut links) = (vec![], vec![]);
         for (k, video) in study.videos.iter().enumerate() {

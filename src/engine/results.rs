@@ -29,8 +29,8 @@ pub struct StoredFit {
     /// Of one scene, the video.
     pub fit: Fit,
     /// The revision that it belongs to; `None` for a plain fit.
-    #[serde(default)]
-    pub step: Option<RevisionRecord>,
+    #[serde(default, rename = "step")]
+    pub record: Option<RevisionRecord>,
 }
 
 /// A revision of the models of a set-up: its parent, the change, and the errors; the same for all its videos.
@@ -47,12 +47,14 @@ pub struct RevisionRecord {
     pub removed: Option<String>,
     /// Root mean square position residual on all frames (m).
     pub rmse: f64,
-    pub unseen: PredictionErrors,
+    #[serde(rename = "unseen")]
+    pub prediction_errors: PredictionErrors,
     pub reduced_chi_square: f64,
     /// Measurement noise of a position, all videos pooled (m).
     pub noise_sigma: f64,
-    /// Against its parent.
-    pub weight: Option<ChangeEvidence>,
+    /// The evidence for the change, against its parent.
+    #[serde(rename = "weight")]
+    pub evidence: Option<ChangeEvidence>,
     /// Why its videos do not determine whether the change is worth making, and what to record instead.
     #[serde(default, rename = "too_little")]
     pub not_identifiable_reason: Option<String>,
@@ -79,7 +81,8 @@ pub enum Findings {
 pub struct Discovered {
     pub discovery: Discovery,
     /// One a revision.
-    pub steps: Vec<RevisionRecord>,
+    #[serde(rename = "steps")]
+    pub records: Vec<RevisionRecord>,
     /// One a video.
     #[serde(rename = "courses")]
     pub trajectories: Vec<TrajectoryPair>,

@@ -73,7 +73,7 @@ pub enum RecordingError {
     )]
     Damaged { from: u64, to: u64, what: String },
     #[error("the trace has no {what}; only traces of vrdp can be simulated again")]
-    Lacks { what: &'static str },
+    Missing { what: &'static str },
     #[error("the recorded request cannot be simulated: {0}")]
     Simulate(#[from] crate::reason::ReasonError),
 }

@@ -121,7 +121,7 @@ impl<R: Read + Seek> TraceReader<R> {
     }
 
     /// Whether the file has exactly these bytes.
-    pub fn is(&mut self, bytes: &[u8]) -> Result<bool, RecordingError> {
+    pub fn has_content(&mut self, bytes: &[u8]) -> Result<bool, RecordingError> {
         if self.file.size != bytes.len() as u64 {
             return Ok(false);
         }

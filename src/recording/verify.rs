@@ -81,7 +81,7 @@ pub fn verify<R: Read + Seek>(source: R, stop: Stop) -> Result<Verification, Rec
         origin_difference: origin_difference(&metadata),
         messages: 0,
         differing: 0,
-        identical: recorded.is(&bytes)?,
+        identical: recorded.has_content(&bytes)?,
         worst: None,
         unmatched: 0,
     };
@@ -117,16 +117,16 @@ fn recomputed<R: Read + Seek>(
 ) -> Result<Vec<u8>, RecordingError> {
     let scene: Scene = json(trace, "scene.json")?;
     let fit: Fit = {
-        let bytes = trace.attachment("fit.cbor")?.ok_or(RecordingError::Lacks { what: "fit.cbor" })?;
+        let bytes = trace.attachment("fit.cbor")?.ok_or(RecordingError::Missing { what: "fit.cbor" })?;
         ciborium::from_reader(bytes.as_slice()).map_err(|e| RecordingError::Cbor(e.to_string()))?
     };
     let request_json = text(trace, "request.json")?;
     let word =
-        |what: &'static str| metadata.get(what).map(String::as_str).ok_or(RecordingError::Lacks { what });
-    let number = |what: &'static str| word(what)?.parse().map_err(|_| RecordingError::Lacks { what });
+        |what: &'static str| metadata.get(what).map(String::as_str).ok_or(RecordingError::Missing { what });
+    let number = |what: &'static str| word(what)?.parse().map_err(|_| RecordingError::Missing { what });
     let (video, model) = (word("video")?, word("model")?);
     if fit.scenes.first().is_none_or(|s| s.model.bodies.len() != scene.objects.len()) {
-        return Err(RecordingError::Lacks { what: "model of its scene" });
+        return Err(RecordingError::Missing { what: "model of its scene" });
     }
     if word("kind")? != "simulation" {
         let before: Model = json(trace, "before.json")?;
@@ -146,10 +146,10 @@ fn recomputed<R: Read + Seek>(
         interventions: serde_json::from_str(word("interventions")?)?,
         frames: number("frames")?,
         rollouts: number("rollouts")?,
-        seed: word("seed")?.parse().map_err(|_| RecordingError::Lacks { what: "seed" })?,
+        seed: word("seed")?.parse().map_err(|_| RecordingError::Missing { what: "seed" })?,
     };
     if request.rollouts > MAX_ROLLOUTS {
-        return Err(RecordingError::Lacks { what: "number of rollouts that can be simulated" });
+        return Err(RecordingError::Missing { what: "number of rollouts that can be simulated" });
     }
     let prediction = predict(&scene, &fit, 0, &request, stop)?;
     let seed = request.seed;
@@ -158,8 +158,8 @@ fn recomputed<R: Read + Seek>(
 }
 
 fn text<R: Read + Seek>(trace: &mut TraceReader<R>, what: &'static str) -> Result<String, RecordingError> {
-    let bytes = trace.attachment(what)?.ok_or(RecordingError::Lacks { what })?;
-    String::from_utf8(bytes).map_err(|_| RecordingError::Lacks { what })
+    let bytes = trace.attachment(what)?.ok_or(RecordingError::Missing { what })?;
+    String::from_utf8(bytes).map_err(|_| RecordingError::Missing { what })
 }
 
 fn json<T: DeserializeOwned, R: Read + Seek>(

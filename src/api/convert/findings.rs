@@ -96,7 +96,7 @@ fn ranking(r: &RankedEffect) -> v1::RankedEffect {
 
 pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> {
     let Findings::Discovery(found) = &study.findings else { return None };
-    let Discovered { discovery, steps, trajectories } = found.as_ref();
+    let Discovered { discovery, records, trajectories } = found.as_ref();
     let verdict = match discovery.verdict {
         Verdict::EffectFound => v1::Verdict::EffectFound,
         Verdict::Ambiguous => v1::Verdict::Ambiguous,
@@ -137,20 +137,20 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
             })
             .collect(),
         noise_sigma: discovery.noise_sigma,
-        revisions: steps.iter().map(revision).collect(),
+        revisions: records.iter().map(revision).collect(),
         trajectories: in_request_order(trajectories, requested, |c: &v1::TrajectoryPair| &c.video),
     })
 }
 
 pub fn revised(study: &Study) -> Option<v1::RevisedModels> {
-    let Findings::Changed(steps) = &study.findings else { return None };
-    let [before, after] = steps.as_ref();
+    let Findings::Changed(records) = &study.findings else { return None };
+    let [before, after] = records.as_ref();
     Some(v1::RevisedModels { before: Some(revision(before)), after: Some(revision(after)) })
 }
 
-pub fn revision(step: &RevisionRecord) -> v1::Revision {
-    let names = |ids: &[String]| step.videos.iter().zip(ids).map(|(v, m)| model_name(v, m)).collect();
-    let worth = match step.weight.map(|w| w.worth) {
+pub fn revision(record: &RevisionRecord) -> v1::Revision {
+    let names = |ids: &[String]| record.videos.iter().zip(ids).map(|(v, m)| model_name(v, m)).collect();
+    let worth = match record.evidence.map(|w| w.worth) {
         Some(ChangeVerdict::Better) => v1::Worth::Better,
         Some(ChangeVerdict::NoDifference) => v1::Worth::NoDifference,
         Some(ChangeVerdict::Worse) => v1::Worth::Worse,
@@ -158,20 +158,20 @@ pub fn revision(step: &RevisionRecord) -> v1::Revision {
         None => v1::Worth::Unspecified,
     };
     v1::Revision {
-        revision: step.number,
-        effect: step.added.as_ref().map(|f| f.effect.clone()).unwrap_or_default(),
-        rmse: step.rmse,
-        held_out_rmse: step.unseen.held_out_rmse,
-        left_out_rmse: step.unseen.left_out_rmse,
-        reduced_chi_square: step.reduced_chi_square,
-        models: names(&step.models),
-        parents: names(&step.parents),
-        removed: step.removed.clone().unwrap_or_default(),
-        added: step.added.as_ref().map(|f| found_effect(f, &step.videos)),
-        noise_sigma: step.noise_sigma,
-        log_evidence: step.weight.map_or(0.0, |w| w.log_evidence),
+        revision: record.number,
+        effect: record.added.as_ref().map(|f| f.effect.clone()).unwrap_or_default(),
+        rmse: record.rmse,
+        held_out_rmse: record.prediction_errors.held_out_rmse,
+        left_out_rmse: record.prediction_errors.left_out_rmse,
+        reduced_chi_square: record.reduced_chi_square,
+        models: names(&record.models),
+        parents: names(&record.parents),
+        removed: record.removed.clone().unwrap_or_default(),
+        added: record.added.as_ref().map(|f| found_effect(f, &record.videos)),
+        noise_sigma: record.noise_sigma,
+        log_evidence: record.evidence.map_or(0.0, |w| w.log_evidence),
         worth: worth.into(),
-        not_identifiable_reason: step.not_identifiable_reason.clone().unwrap_or_default(),
+        not_identifiable_reason: record.not_identifiable_reason.clone().unwrap_or_default(),
     }
 }
 

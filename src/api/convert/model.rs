@@ -72,7 +72,7 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         shared: shared.collect(),
         // A model is plain data with string keys, which JSON always takes.
         model_json: serde_json::to_string(&scene.model).unwrap_or_default(),
-        history: stored.step.as_ref().map(revision),
+        history: stored.record.as_ref().map(revision),
     }
 }
 

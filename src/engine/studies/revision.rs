@@ -38,9 +38,9 @@ pub fn changed(
     let ours: BTreeSet<_> = named.collect();
     // The parent's record counts only if it is of exactly these videos: its errors are of all its videos.
     let same = |s: &RevisionRecord| s.videos.iter().zip(&s.models).collect::<BTreeSet<_>>() == ours;
-    let known = input.parents.first().and_then(|p| p.step.clone()).filter(same);
+    let known = input.parents.first().and_then(|p| p.record.clone()).filter(same);
     let origin = match &known {
-        Some(step) => Origin::Revision(&fits, step.unseen),
+        Some(record) => Origin::Revision(&fits, record.prediction_errors),
         None => Origin::Start(&input.models),
     };
     // The options of a discovery, so that the same change by both ways is the same revision.
@@ -48,45 +48,45 @@ pub fn changed(
     let made = change(&input.scenes, &origin, requested, &options, stop)?;
     let mut stored = vec![];
     let before = match (known, &made.before) {
-        (Some(step), _) => step,
+        (Some(record), _) => record,
         (None, Some(first)) => {
-            let (step, fits) = step(input, first, None);
+            let (record, fits) = record(input, first, None);
             stored.extend(fits);
-            step
+            record
         }
         (None, None) => return Err(FitError::NoScene),
     };
-    let (mut after, mut fits) = step(input, &made.after, Some(&before));
+    let (mut after, mut fits) = record(input, &made.after, Some(&before));
     after.added = made.added;
-    after.weight = Some(made.weight);
+    after.evidence = Some(made.weight);
     after.not_identifiable_reason = made.too_little;
     if let ModelChange::Remove(name) = requested {
         after.removed = Some(name.clone());
     }
-    fits.iter_mut().for_each(|f| f.step = Some(after.clone()));
+    fits.iter_mut().for_each(|f| f.record = Some(after.clone()));
     stored.extend(fits);
     Ok(([before, after], stored))
 }
 
 /// The revisions of a discovery, and their fits.
 pub fn discovered(input: &StudyInput, discovery: &Discovery) -> (Vec<RevisionRecord>, Vec<StoredFit>) {
-    let (mut steps, mut stored): (Vec<RevisionRecord>, Vec<StoredFit>) = (vec![], vec![]);
+    let (mut records, mut stored): (Vec<RevisionRecord>, Vec<StoredFit>) = (vec![], vec![]);
     for (k, revision) in discovery.revisions.iter().enumerate() {
-        let (mut next, mut fits) = step(input, revision, steps.last());
+        let (mut next, mut fits) = record(input, revision, records.last());
         if let Some(before) = k.checked_sub(1).and_then(|k| discovery.revisions.get(k)) {
             let scenes: Vec<&SceneFit> = before.fit.scenes.iter().collect();
-            next.weight = Some(weigh(&scenes, before.unseen(), revision));
+            next.evidence = Some(weigh(&scenes, before.unseen(), revision));
             next.added = discovery.effects.get(k - 1).cloned();
         }
-        fits.iter_mut().for_each(|f| f.step = Some(next.clone()));
-        steps.push(next);
+        fits.iter_mut().for_each(|f| f.record = Some(next.clone()));
+        records.push(next);
         stored.extend(fits);
     }
-    (steps, stored)
+    (records, stored)
 }
 
 /// The record of a revision, and the fit of each video.
-fn step(
+fn record(
     input: &StudyInput,
     revision: &Revision,
     parent: Option<&RevisionRecord>,
@@ -99,7 +99,7 @@ fn step(
     let id = |video: &String| result_digest("revision", &(video, videos, &parents, &models));
     let ids: Vec<String> = videos.iter().map(id).collect();
     let squares: f64 = scenes.iter().map(|s| estimate_noise(s).position.powi(2)).sum();
-    let step = RevisionRecord {
+    let record = RevisionRecord {
         number: parent.map_or(0, |p| p.number + 1),
         videos: videos.clone(),
         models: ids.clone(),
@@ -107,19 +107,19 @@ fn step(
         added: None,
         removed: None,
         rmse: revision.rmse,
-        unseen: revision.unseen(),
+        prediction_errors: revision.unseen(),
         reduced_chi_square: revision.reduced_chi_square,
         noise_sigma: (squares / scenes.len().max(1) as f64).sqrt(),
-        weight: None,
+        evidence: None,
         not_identifiable_reason: None,
     };
     let one = |(k, (video, id)): (usize, (&String, &String))| StoredFit {
         video: video.clone(),
         id: id.clone(),
-        revision: step.number,
+        revision: record.number,
         fit: revision.fit.of_scene(k),
-        step: Some(step.clone()),
+        record: Some(record.clone()),
     };
     let fits = videos.iter().zip(&ids).enumerate().map(one).collect();
-    (step, fits)
+    (record, fits)
 }

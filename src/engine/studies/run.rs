@@ -158,13 +158,13 @@ fn findings(
             Ok((Findings::Diagnosis(diagnosis), vec![]))
         }
         StudyKind::Change(change) => {
-            let (steps, fits) = revision::changed(input, change, stop)?;
-            Ok((Findings::Changed(Box::new(steps)), fits))
+            let (records, fits) = revision::changed(input, change, stop)?;
+            Ok((Findings::Changed(Box::new(records)), fits))
         }
         StudyKind::Discover { max_effects, frames } => {
             let options = DiscoverOptions { max_effects: *max_effects, ..DiscoverOptions::default() };
             let discovery = discover(scenes, &input.models, &options, stop)?;
-            let (steps, fits) = revision::discovered(input, &discovery);
+            let (records, fits) = revision::discovered(input, &discovery);
             let ends = discovery.revisions.first().zip(discovery.revisions.last());
             let pair = |(k, scene): (usize, &Scene)| {
                 let (first, last) = ends?;
@@ -176,7 +176,7 @@ fn findings(
                 })
             };
             let trajectories = scenes.iter().enumerate().filter_map(pair).collect();
-            Ok((Findings::Discovery(Box::new(Discovered { discovery, steps, trajectories })), fits))
+            Ok((Findings::Discovery(Box::new(Discovered { discovery, records, trajectories })), fits))
         }
     }
 }

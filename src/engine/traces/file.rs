@@ -93,7 +93,7 @@ pub fn discovery(
     found: &Discovered,
 ) -> Result<Vec<TraceFile>, EngineError> {
     let revisions = &found.discovery.revisions;
-    let steps: Vec<RecordedRevision> = revisions
+    let recorded: Vec<RecordedRevision> = revisions
         .iter()
         .map(|r| RecordedRevision {
             effect: r.effect.clone().unwrap_or_default(),
@@ -102,17 +102,18 @@ pub fn discovery(
             reduced_chi_square: r.reduced_chi_square,
         })
         .collect();
-    let Some(((first, last), step)) = revisions.first().zip(revisions.last()).zip(found.steps.last()) else {
+    let Some(((first, last), record)) = revisions.first().zip(revisions.last()).zip(found.records.last())
+    else {
         return Ok(vec![]);
     };
     let request = serde_json::json!({ "discover": { "videos": videos } }).to_string();
     let mut files = vec![];
-    for (k, ((scene, video), id)) in scenes.iter().zip(videos).zip(&step.models).enumerate() {
+    for (k, ((scene, video), id)) in scenes.iter().zip(videos).zip(&record.models).enumerate() {
         let Some(before) = first.fit.scenes.get(k) else { continue };
-        let (video, id, revision) = (video.clone(), id.clone(), step.number);
-        let (fit, step) = (last.fit.of_scene(k), Some(step.clone()));
-        let fitted = StoredFit { video, id, revision, fit, step };
-        files.push(changed(TraceKind::Discovery, scene, &before.model, &fitted, &steps, &request)?);
+        let (video, id, revision) = (video.clone(), id.clone(), record.number);
+        let (fit, record) = (last.fit.of_scene(k), Some(record.clone()));
+        let fitted = StoredFit { video, id, revision, fit, record };
+        files.push(changed(TraceKind::Discovery, scene, &before.model, &fitted, &recorded, &request)?);
     }
     Ok(files)
 }
