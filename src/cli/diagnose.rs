@@ -81,7 +81,7 @@ fn to_json(found: &Diagnosis, names: &[String]) -> Value {
     let videos = found.comparison.as_ref().map_or(&[][..], |c| &c.videos);
     let scenes: Map<String, Value> =
         names.iter().zip(videos).map(|(name, v)| (name.clone(), compare::to_json(v))).collect();
-    let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
+    let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "contact_log_evidence": r.contact_log_evidence, "held_out_rmse_m": r.held_out_rmse });
     let jump = |j: &crate::api::v1::ChangePoint| {
         let scene = videos.iter().position(|v| v.video == j.video).and_then(|k| names.get(k));
         let (at, change) = (j.position.unwrap_or_default(), j.change.unwrap_or_default());

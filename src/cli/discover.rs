@@ -110,7 +110,10 @@ pub fn text(found: &Discovery) -> String {
 
 /// Where nothing is missing though a candidate looked strong: why it was not added.
 fn refused(found: &Discovery) -> &'static str {
-    let strong = found.ranked.first().is_some_and(|r| r.log_evidence > STRONG);
+    let strong = found
+        .ranked
+        .first()
+        .is_some_and(|r| r.log_evidence.into_iter().chain(r.contact_log_evidence).any(|e| e > STRONG));
     match found.verdict() {
         Verdict::Adequate if strong => {
             "  candidates are seen in free motion and at contacts; with these, whole trajectories are not nearer to what was filmed\n"
@@ -186,7 +189,7 @@ fn verdict(found: &Discovery) -> &'static str {
 
 fn to_json(found: &Discovery, names: &[String]) -> Value {
     let effect = |e: &crate::api::v1::FoundEffect| json!({ "kind": e.kind, "parameters": parameters(e) });
-    let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "held_out_rmse_m": r.held_out_rmse });
+    let ranked = |r: &RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "contact_log_evidence": r.contact_log_evidence, "held_out_rmse_m": r.held_out_rmse });
     let revision = |r: &Revision| {
         let effect = if r.effect.is_empty() { Value::Null } else { json!(r.effect) };
         json!({

@@ -73,13 +73,17 @@ pub fn ranking(ranked: &[RankedEffect], most: usize, videos: usize) -> String {
     if ranked.is_empty() {
         return String::new();
     }
-    let columns = if videos > 1 { 3 } else { 2 };
+    let columns = if videos > 1 { 4 } else { 3 };
     let row = |r: &RankedEffect| {
-        let cells =
-            [r.effect.clone(), format!("{:.1}", r.log_evidence), format!("{:.2}", 1e3 * r.held_out_rmse)];
+        let evidence = |value: Option<f64>| value.map(|e| format!("{e:.1}")).unwrap_or_default();
+        let error = r.held_out_rmse.map(|e| format!("{:.2}", 1e3 * e)).unwrap_or_default();
+        let cells = [r.effect.clone(), evidence(r.log_evidence), evidence(r.contact_log_evidence), error];
         cells[..columns].to_vec()
     };
     let told = ranked.iter().enumerate().filter(|(k, r)| *k < most || r.kind == FORMULA);
     let rows: Vec<Vec<String>> = told.map(|(_, r)| row(r)).collect();
-    format!("\n{}", output::table(&["candidate", "log evidence", "other videos mm"][..columns], &rows))
+    format!(
+        "\n{}",
+        output::table(&["candidate", "log evidence", "at contacts", "other videos mm"][..columns], &rows)
+    )
 }

@@ -1,7 +1,7 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
 use super::contact::screen_contacts;
-use super::contact_law::{estimates_of, shows_at_contacts, with_contact};
+use super::contact_law::{estimates_of, with_contact};
 use super::discovery::{nearest, readings, too_little};
 use super::free::at_values;
 use super::intervals::{by_object, plausible};
@@ -54,16 +54,16 @@ pub enum ModelChange {
 /// Why a change cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ChangeError {
-    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` have all", alike(.name))]
+    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` list all", alike(.name))]
     Unknown { name: String },
     #[error(
-        "{name} is in the model already; build on a revision without it (`--on`), remove it first, or give another law another `--name`"
+        "{name} is already in the model; start from a revision without it (`--on`), remove it first, or give a new law another `--name`"
     )]
     There { name: String },
-    #[error("{name:?} is not in the model, which has {present}")]
+    #[error("{name:?} is not in the model, whose effects are {present}")]
     Absent { name: String, present: String },
     #[error(
-        "{name:?} is no name for a law: letters, digits and _, at most {LONGEST_NAME}, and no effect's name"
+        "{name:?} cannot name a law: use letters, digits and _, at most {LONGEST_NAME} bytes, and no name of an effect"
     )]
     Name { name: String },
     #[error(transparent)]
@@ -329,10 +329,10 @@ fn with_library(
     }
     let begun = &fitted.models;
     let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
-    if entry.spec.name == "sticky_contact" {
+    if entry.all_or_nothing().is_some() {
         return Ok((0.0, stuck(begun, entry, &region)));
     }
-    if !shows_at_contacts(entry) {
+    if !entry.shows_at_contacts() {
         return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
     }
     let (found, _) =
@@ -358,12 +358,8 @@ pub fn rank_formulas(
         // A law without a number of its own has a price too.
         let added = (free.len() - base.0.len().min(free.len())).max(1);
         let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();
-        RankedEffect {
-            kind: FORMULA.into(),
-            effect: name.clone(),
-            log_evidence: 0.5 * score,
-            held_out_rmse: pooled_noise(lens) * (left_out / degrees).max(0.0).sqrt(),
-        }
+        let held_out_rmse = pooled_noise(lens) * (left_out / degrees).max(0.0).sqrt();
+        RankedEffect::of_free_motion(FORMULA, name, 0.5 * score, held_out_rmse)
     };
     formulas.iter().map(one).collect()
 }

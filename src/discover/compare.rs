@@ -169,7 +169,7 @@ fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual],
         (SLOW_FREE.into(), Box::new(move |i, f| free(i, f) && speed(i, f) < FAST)),
         ("near another object".into(), Box::new(near)),
         ("after a contact".into(), Box::new(after)),
-        ("after a jump that no object explains".into(), Box::new(hit)),
+        ("after an unexplained change of velocity".into(), Box::new(hit)),
         (
             "at rest".into(),
             Box::new(move |i, f| !near(i, f) && !after(i, f) && !hit(i, f) && speed(i, f) <= REST),

@@ -1,18 +1,18 @@
 //! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
-use super::contact_law::{HEAVIER, SCALE, estimates_of, pooled, with_contact};
+use super::contact_law::{estimates_of, is_scale, pooled, with_contact};
 use super::cost::Cost;
 use super::hidden_geometry::{discs_behind, walls};
 use super::jackknife::{numbers_of, scatter};
 use super::negligible::is_slight;
 use super::outcome::widened;
-use super::restitution_decay::{FADING, as_met};
+use super::restitution_decay::{as_met, decays};
 use super::revise::{TRIED_BUDGET_FRACTION, agree_on, chi_squares, lower, sum, without_effect};
 use super::screen::certain;
 use super::window_fits::{AT_NOISE, FOLLOWED, OPTIONS, WindowFits};
 use super::windows::ContactWindows;
-use crate::effects::{EffectEntry, Hook, Region};
+use crate::effects::{EffectEntry, Hook, ObstacleForm, Region};
 use crate::fit::{self, Fit, FitError, FitOptions, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::world::Model;
@@ -21,7 +21,7 @@ use std::collections::BTreeSet;
 
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
 /// bring: engines differ in their contacts by more than the noise.
-const PROOF: f64 = 40.0;
+pub const PROOF: f64 = 40.0;
 /// One short film alone proves a law when it brings this many times as much.
 const STRONG: f64 = 3.0;
 /// Reduced chi-square of the short films up to which a law explains them, and the share of what is beyond noise that will do:
@@ -32,8 +32,6 @@ const MOSTLY: f64 = 0.9;
 const NEARER: f64 = 0.05;
 /// Fall of one short film's chi-square that is more than chance, in units of what remains.
 const CHANCE: f64 = 6.0;
-/// Laws of one object.
-const OF_ONE: [&str; 3] = [HEAVIER, "wrong_size", "off_centre_marker"];
 /// Places, or objects, that one law is tried at with all short films.
 const FINALISTS: usize = 2;
 /// Iterations of the fit of all films together, the same of all laws at first, and how many laws are followed further.
@@ -82,7 +80,7 @@ impl ContactCandidate {
     pub fn proven(&self) -> bool {
         let law = !self.entry.uses(Hook::Bodies);
         let often = self.gained > 1 || self.strong();
-        if self.object.is_some() || self.entry.spec.name == SCALE {
+        if self.object.is_some() || is_scale(self.entry) {
             // A mass takes up much of what engines do at that object's contacts, and all of what is odd at one of them; a scale,
             // of what they do at all.
             return self.strong() && self.gained > 1 && self.certain();
@@ -119,27 +117,27 @@ pub fn screen_contacts(
     let anew = unfollowed(&base);
     let mut trials: Vec<(&'static EffectEntry, Vec<f64>, Option<u32>)> = vec![];
     for &entry in candidates {
-        match entry.spec.name {
-            "hidden_wall" => trials.extend(
+        match entry.obstacle() {
+            Some(ObstacleForm::Wall) => trials.extend(
                 walls(&films.jumps, &films.models).into_iter().take(WALLS).map(|p| (entry, p.values, None)),
             ),
-            "hidden_object" => trials.extend(
+            Some(ObstacleForm::Disc) => trials.extend(
                 discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
             ),
             // One object at a time: masses that are all free take up much of what engines do at contacts.
-            name if OF_ONE.contains(&name) => {
+            None if entry.of_objects() => {
                 let ids = odd_ones(&films, &ended, &before, entry, region, &near, stop)?;
                 let none = vec![0.0; entry.spec.params.len()];
                 trials.extend(ids.into_iter().map(|id| (entry, none.clone(), Some(id))));
             }
-            name if entry.uses(Hook::Contact) || name == SCALE => {
+            None if entry.uses(Hook::Contact) || is_scale(entry) => {
                 trials.extend(entry.seeds(region).into_iter().map(|values| (entry, values, None)));
             }
-            _ => {}
+            None => {}
         }
     }
     let (plain, mut met) = (trials.len(), vec![]);
-    if let Some(entry) = candidates.iter().find(|entry| entry.spec.name == FADING)
+    if let Some(entry) = candidates.iter().find(|entry| decays(entry))
         && let Some((inverse_v0, models)) = as_met(&films, &ended)
     {
         trials.push((entry, vec![inverse_v0], None));
@@ -480,9 +478,9 @@ mod tests {
             least: vec![],
         };
         let all = vec![
-            begun(HEAVIER, 1, 5.0),
-            begun(HEAVIER, 2, -3.0),
-            begun(HEAVIER, 3, 9.0),
+            begun("mass_change", 1, 5.0),
+            begun("mass_change", 2, -3.0),
+            begun("mass_change", 3, 9.0),
             begun("contact_friction", 4, -50.0),
         ];
         let stay: Vec<Option<u32>> = finalists(all).iter().map(|b| b.object).collect();

@@ -1,27 +1,18 @@
 //! Laws of contact, and what is wrong with an object, as models take them, and as fits tell them.
 
 use super::screen::with_effect;
-use crate::effects::{EffectEntry, Hook, Region, Scope};
+use crate::effects::{EffectEntry, ParamId, ParamRole, Region, Role, Scope};
 use crate::fit::{Estimate, Fit};
 use crate::world::{Model, Parameter, Prior};
 
-/// What one object may be, other than believed: it shows in contacts only.
-pub const HEAVIER: &str = "mass_change";
-/// The rival that is seen where objects touch: friction of another size makes it good elsewhere.
-pub const SCALE: &str = "wrong_scale";
-/// The law that holds touching surfaces.
-pub const RUBBING: &str = "contact_friction";
-/// The law of contacts that take time.
-pub const SOFT: &str = "soft_contact";
 /// Values of shapes agree within this many deviations.
 const SAME_VALUE: f64 = 3.0;
 /// Prior deviations of a wall's restitution and angle.
 const RESTITUTION_SD: f64 = 0.3;
 
-/// Whether a law shows where objects touch each other, or something.
-pub fn shows_at_contacts(entry: &EffectEntry) -> bool {
-    let acts = [Hook::Contact, Hook::Bodies, Hook::Matter].iter().any(|hook| entry.uses(*hook));
-    acts || entry.spec.name == SCALE
+/// Whether a candidate is a wrong scale of lengths, which all contacts show and every video shares.
+pub fn is_scale(entry: &EffectEntry) -> bool {
+    entry.profile.role == Role::Camera && entry.shows_at_contacts() && !entry.of_objects()
 }
 
 /// The models with a law of contact or an unseen thing, which is there or not: its presence is no parameter. What befalls
@@ -40,12 +31,12 @@ pub fn with_contact(
         for p in
             model.effects.iter_mut().filter(|e| e.name == entry.spec.name).flat_map(|e| &mut e.parameters)
         {
-            match p.name.as_str() {
-                "presence" => p.prior = Prior { mean: 1.0, sd: 0.0 },
+            match entry.profile.param_role(&p.name) {
+                Some(ParamRole::Presence) => p.prior = Prior { mean: 1.0, sd: 0.0 },
                 // One or the other: between them is nothing.
-                "planar" => p.prior.sd = 0.0,
+                Some(ParamRole::Choice) => p.prior.sd = 0.0,
                 // Faces and edges rebound differently, and an engine's cylinders may not rebound at all.
-                "restitution" => {
+                Some(ParamRole::WallRestitution) => {
                     let prior = Prior { mean: p.values.first().copied().unwrap_or(0.5), sd: RESTITUTION_SD };
                     *p = Parameter::new(&p.name, Scope::Shape, prior, &bodies);
                 }
@@ -63,8 +54,7 @@ pub fn with_contact(
 
 /// What the fit says of one parameter of an effect, for each label.
 pub fn estimates_of<'f>(fit: &'f Fit, effect: &str, parameter: &str) -> Vec<&'f Estimate> {
-    let stem = format!("{effect}.{parameter}");
-    let own = |e: &&Estimate| e.name.strip_prefix(&stem).is_some_and(|r| r.is_empty() || r.starts_with('['));
+    let own = |e: &&Estimate| ParamId::parse(&e.name).is_some_and(|id| id.is_of(effect, parameter));
     fit.posterior.estimates.iter().filter(own).collect()
 }
 

@@ -14,11 +14,11 @@ use super::search::{FreeMotion, fewer, search, search_on};
 use super::smooth_track::ChangePoint;
 use super::verdict::{BaseModel, DiscoverOptions, conclude, law_of};
 use super::weak_form::WeakFormRegression;
-use super::whole_trajectory::{STICKING, spinning, stuck};
+use super::whole_trajectory::{spinning, stuck};
 use super::window_fits::WindowFits;
 use super::windows::contacts;
 use crate::effects::formula::Formula;
-use crate::effects::{Hook, effect};
+use crate::effects::{Hook, effect, effect_with};
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::{Stop, progress_within};
 use crate::scene::Scene;
@@ -191,8 +191,8 @@ fn reread(
         let law = best.effects.last().and_then(|e| effect(&e.effect));
         let mut tried = vec![(with_laws, law)];
         // What sticks may look like another law of contact.
-        if law.is_some_and(|law| law.uses(Hook::Contact) && law.spec.name != STICKING) {
-            let sticking = effect(STICKING);
+        if law.is_some_and(|law| law.uses(Hook::Contact) && law.all_or_nothing().is_none()) {
+            let sticking = effect_with(|e| e.all_or_nothing().is_some());
             tried.extend(sticking.map(|law| (stuck(&reading.models, law, &region(lens.scenes)), sticking)));
         }
         let mut nearer = false;
@@ -285,11 +285,11 @@ pub fn diagnose(
     let motion = search(&lens, &begun, stop)?;
     let films = WindowFits::of(&contacts(&lens, &motion.models), stop)?;
     let (of_contacts, _) = screen_contacts(&films, &region(scenes), &candidates(&models, scenes), stop)?;
-    let mut ranked = ranked(&motion, &of_contacts, &[], pooled_noise(&lens));
-    if !formulas.is_empty() {
-        ranked.extend(rank_formulas(&lens, &begun, formulas, motion.unit()));
-        ranked.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    }
+    let formulas = match formulas {
+        [] => vec![],
+        _ => rank_formulas(&lens, &begun, formulas, motion.unit()),
+    };
+    let mut ranked = ranked(&motion, formulas, &of_contacts, &[], pooled_noise(&lens));
     let too_little = too_little(&lens);
     if too_little.is_some() {
         ranked.clear();
@@ -311,7 +311,7 @@ pub fn too_little(lens: &WeakFormRegression) -> Option<String> {
 fn film_instead(lens: &WeakFormRegression) -> String {
     let seen = lens.degrees_of_freedom();
     format!(
-        "only {seen} free-motion residuals, {FEWEST} are needed: film objects that move, for longer and apart"
+        "only {seen} free-motion residuals, {FEWEST} are needed: record objects that move, for longer and apart from each other"
     )
 }
 

@@ -1,6 +1,6 @@
 //! Free parameters of a set-up's models as the force lens moves them: one a name, wherever it stands; and masses that nobody gave.
 
-use crate::effects::{EffectEntry, Hook, effect};
+use crate::effects::{EffectEntry, ParamId, ParamRole, effect};
 use crate::scene::{Object, Scene};
 use crate::world::{BODY_VALUES, MASS, MASS_BOUNDS, Model};
 
@@ -9,14 +9,14 @@ const STEP_SHARE: f64 = 1e-4;
 pub const STEP: f64 = 1e-3;
 /// Step for lengths that a search begins with (m): the edge of a patch lies between two frames.
 const STRIDE: f64 = 0.04;
-/// Parameters to which the force lens is blind: what turns bodies and moves none, and a scale, which friction of another size
-/// makes good between contacts.
-const BLIND: [(&str, &str); 2] = [("friction_offset", "lever"), ("wrong_scale", "excess")];
 
 /// One parameter that the lens can move, and where it stands in each model.
 #[derive(Debug, Clone)]
 pub struct FreeParameter {
+    /// As [`ParamId`] prints it; of a mass `objects[3].mass`.
     pub name: String,
+    /// The scene that has it for itself; `None`: all share it.
+    pub scene: Option<usize>,
     pub slots: Vec<(usize, usize)>,
     pub min: f64,
     pub max: f64,
@@ -31,9 +31,7 @@ pub struct FreeParameter {
 impl FreeParameter {
     /// Whether it is this parameter of an effect, whoever shares it.
     pub fn is(&self, entry: &EffectEntry, parameter: &str) -> bool {
-        let rest = self.name.strip_prefix(entry.spec.name).and_then(|rest| rest.strip_prefix('.'));
-        let whose = rest.and_then(|rest| rest.strip_prefix(parameter));
-        whose.is_some_and(|whose| whose.is_empty() || whose.starts_with(['[', '@']))
+        ParamId::parse(&self.name).is_some_and(|id| id.is_of(entry.spec.name, parameter))
     }
 
     /// The number that a model has for this value.
@@ -46,14 +44,8 @@ impl FreeParameter {
     }
 }
 
-/// Whether an effect shows between contacts.
-pub fn shows(entry: &EffectEntry) -> bool {
-    let acts = [Hook::Force, Hook::Pair, Hook::Observe].iter().any(|hook| entry.uses(*hook));
-    acts && entry.spec.params.iter().any(|p| !blind(entry.spec.name, p.name))
-}
-
-fn blind(effect: &str, parameter: &str) -> bool {
-    BLIND.contains(&(effect, parameter))
+fn is_unseen(entry: Option<&EffectEntry>, parameter: &str) -> bool {
+    entry.is_some_and(|e| e.profile.param_role(parameter) == Some(ParamRole::UnseenInFreeMotion))
 }
 
 /// Free parameters of all effects that show between contacts, and the masses that laws of force may tell.
@@ -63,7 +55,8 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<FreeParameter>
         let unknown = |o: &Object| o.mass.is_none() && model.mass_sd > 0.0;
         for (body, object) in filmed.objects.iter().enumerate().filter(|(_, o)| unknown(o)) {
             free.push(FreeParameter {
-                name: format!("objects[{}].mass@{scene}", object.id),
+                name: format!("objects[{}].mass", object.id),
+                scene: Some(scene),
                 slots: vec![(scene, body * BODY_VALUES.len() + MASS)],
                 min: MASS_BOUNDS[0].ln(),
                 max: MASS_BOUNDS[1].ln(),
@@ -76,18 +69,19 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<FreeParameter>
         let mut at = BODY_VALUES.len() * model.bodies.len();
         for active in &model.effects {
             let entry = effect(&active.name);
-            let acts = active.on && (active.formula.is_some() || entry.is_some_and(shows));
+            let acts = active.on
+                && (active.formula.is_some() || entry.is_some_and(EffectEntry::shows_in_free_motion));
             for (k, parameter) in active.parameters.iter().enumerate() {
                 let bounds = active.bounds(k);
                 for (label, mean) in parameter.labels.iter().zip(&parameter.means) {
-                    if acts && parameter.prior.sd > 0.0 && !blind(&active.name, &parameter.name) {
-                        let place =
-                            if !active.shares(parameter) { format!("@{scene}") } else { String::new() };
-                        let name = parameter.full_name(active, label) + &place;
-                        match free.iter_mut().find(|f| f.name == name) {
+                    if acts && parameter.prior.sd > 0.0 && !is_unseen(entry, &parameter.name) {
+                        let own = (!active.shares(parameter)).then_some(scene);
+                        let name = parameter.full_name(active, label);
+                        match free.iter_mut().find(|f| f.name == name && f.scene == own) {
                             Some(known) => known.slots.push((scene, at)),
                             None => free.push(FreeParameter {
                                 name,
+                                scene: own,
                                 slots: vec![(scene, at)],
                                 min: bounds.map_or(f64::NEG_INFINITY, |b| b.1),
                                 max: bounds.map_or(f64::INFINITY, |b| b.2),
@@ -108,8 +102,8 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<FreeParameter>
 
 /// Wide differences by lengths, for the beginning of a search.
 pub fn stride(free: &mut [FreeParameter], entry: &EffectEntry) {
-    for (k, p) in entry.spec.params.iter().enumerate().skip(entry.amplitudes) {
-        let name = format!("{}.{}", entry.spec.name, entry.spec.params[k].name);
+    for p in entry.spec.params.iter().skip(entry.amplitudes) {
+        let name = ParamId { effect: entry.spec.name, parameter: p.name, label: "" }.to_string();
         if p.unit == "m"
             && let Some(f) = free.iter_mut().find(|f| f.name == name)
         {

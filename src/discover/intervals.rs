@@ -1,6 +1,6 @@
 //! The account of a search: what was found with its intervals, the ranking, what would have been seen, and why.
 
-use super::contact::ContactCandidate;
+use super::contact::{self, ContactCandidate};
 use super::contact_law::estimates_of;
 use super::free::free_parameters;
 use super::jackknife::SharedEstimate;
@@ -13,9 +13,8 @@ use super::revise::Revision;
 use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
-use crate::effects::{EffectEntry, ParamSpec};
+use crate::effects::{EffectEntry, ParamId, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
-use std::collections::BTreeSet;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -28,40 +27,66 @@ const SURFACE: f64 = 0.5;
 /// derivatives grow without end, and a fit's own deviation says what nobody can know.
 const NO_NEARER: f64 = 0.02;
 
+/// Proof that windows around contacts ask for, as that of free motion.
+const CONTACT_PROOF: f64 = contact::PROOF;
+
 /// How many times better than free motion trajectories may tell a number. Beyond, it hangs on a contact whose derivatives grow
 /// without end: a narrow minimum, one of many.
 const NARROW: f64 = 10.0;
 
-/// What was added first, then the others by evidence.
+/// What was added first, then the others by evidence; `formulas` are the users' laws, as free motion has them.
 pub fn ranked(
     motion: &FreeMotion,
+    formulas: Vec<RankedEffect>,
     contacts: &[ContactCandidate],
     added: &[&str],
     sigma: f64,
 ) -> Vec<RankedEffect> {
     let degrees = motion.degrees_of_freedom;
-    let mut ranked: Vec<RankedEffect> = motion
-        .ranked
-        .iter()
-        .map(|(score, c)| RankedEffect {
-            kind: c.entry.kind.to_string(),
-            effect: c.entry.spec.name.to_string(),
-            log_evidence: 0.5 * score,
-            held_out_rmse: sigma * (c.left_out / degrees).max(0.0).sqrt(),
-        })
-        .collect();
-    ranked.extend(contacts.iter().map(|c| RankedEffect {
-        kind: c.entry.kind.to_string(),
-        effect: c.entry.spec.name.to_string(),
-        log_evidence: 0.5 * c.score,
-        held_out_rmse: sigma * c.remains.sqrt(),
-    }));
-    let place = |r: &RankedEffect| added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
-    ranked.sort_by(|a, b| place(a).cmp(&place(b)).then(b.log_evidence.total_cmp(&a.log_evidence)));
-    // Of a law that both lenses see, what the one says that sees more of it.
-    let mut seen = BTreeSet::new();
-    ranked.retain(|r| seen.insert(r.effect.clone()));
-    ranked
+    let of_motion = motion.ranked.iter().map(|(score, c)| {
+        let held_out_rmse = sigma * (c.left_out / degrees).max(0.0).sqrt();
+        RankedEffect::of_free_motion(c.entry.kind, c.entry.spec.name, 0.5 * score, held_out_rmse)
+    });
+    let of_contacts =
+        contacts.iter().map(|c| RankedEffect::of_contacts(c.entry.kind, c.entry.spec.name, 0.5 * c.score));
+    merged(of_motion.chain(formulas).collect(), of_contacts.collect(), added)
+}
+
+/// One row an effect, with what either data set says of it. Evidence is compared within one data set only: of the two, those
+/// come first that have the proof that their own data set asks for, then those that it speaks for, free motion before contacts.
+fn merged(motion: Vec<RankedEffect>, contacts: Vec<RankedEffect>, added: &[&str]) -> Vec<RankedEffect> {
+    let mut rows: Vec<RankedEffect> = vec![];
+    for row in motion.into_iter().chain(contacts) {
+        match rows.iter_mut().find(|known| known.effect == row.effect) {
+            Some(known) => {
+                let most = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::max);
+                if row.log_evidence > known.log_evidence {
+                    known.held_out_rmse = row.held_out_rmse;
+                }
+                known.log_evidence = most(known.log_evidence, row.log_evidence);
+                known.contact_log_evidence = most(known.contact_log_evidence, row.contact_log_evidence);
+            }
+            None => rows.push(row),
+        }
+    }
+    let class = |evidence: f64, proof: f64| match evidence {
+        e if e > 0.5 * proof => 0,
+        e if e > 0.0 => 1,
+        _ => 2,
+    };
+    let key = |r: &RankedEffect| {
+        let motion = r.log_evidence.map(|e| (class(e, PROOF), 0, e));
+        let contacts = r.contact_log_evidence.map(|e| (class(e, CONTACT_PROOF), 1, e));
+        let best = motion.into_iter().chain(contacts).min_by_key(|(class, data, _)| (*class, *data));
+        let place = added.iter().position(|n| *n == r.effect).unwrap_or(added.len());
+        let (class, data, evidence) = best.unwrap_or((2, 2, 0.0));
+        (place, class, data, evidence)
+    };
+    rows.sort_by(|a, b| {
+        let (a, b) = (key(a), key(b));
+        (a.0, a.1, a.2).cmp(&(b.0, b.1, b.2)).then(b.3.total_cmp(&a.3))
+    });
+    rows
 }
 
 /// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
@@ -81,7 +106,7 @@ pub fn found(
     let scatter = lens.scatter(&motion.models, &motion.free, &motion.seen.values);
     let followed = proof::follows(revision);
     for (k, p) in c.entry.spec.params.iter().enumerate() {
-        let name = format!("{}.{}", c.entry.spec.name, p.name);
+        let name = ParamId { effect: c.entry.spec.name, parameter: p.name, label: "" }.to_string();
         if let Some(at) = motion.free.iter().position(|f| f.name == name) {
             values[k] = motion.seen.values[at];
             sd[k] = scatter.as_ref().map_or(sd[k], |all| widened(sd[k], all[at]));
@@ -107,7 +132,8 @@ pub fn plausible(
     told: &[(f64, f64)],
 ) -> Vec<f64> {
     let models = fit.models();
-    let own: Vec<String> = names.iter().map(|name| format!("{law}.{name}")).collect();
+    let id = |parameter| ParamId { effect: law, parameter, label: "" };
+    let own: Vec<String> = names.iter().map(|name| id(name).to_string()).collect();
     // Of a law of contact free motion has no number.
     if !free_parameters(lens.scenes, &models).iter().any(|f| own.contains(&f.name)) {
         return told.iter().map(|t| t.1).collect();
@@ -132,11 +158,12 @@ pub fn by_object(fit: &Fit, entry: &EffectEntry) -> Vec<ParameterEstimate> {
     let first: Vec<&Estimate> =
         entry.spec.params.first().map_or(vec![], |p| estimates_of(fit, entry.spec.name, p.name));
     let one = |e: &&Estimate| -> Option<(f64, Vec<ParameterEstimate>)> {
-        let object: u32 = e.name.rsplit_once('[')?.1.strip_suffix(']')?.parse().ok()?;
-        let label = format!("[{object}]");
+        let object = ParamId::parse(&e.name)?.object()?;
         let of = |name: &str| {
             let mut all = estimates_of(fit, entry.spec.name, name).into_iter();
-            all.find(|o| o.scene == e.scene && o.name.ends_with(&label))
+            all.find(|o| {
+                o.scene == e.scene && ParamId::parse(&o.name).is_some_and(|id| id.object() == Some(object))
+            })
         };
         let own: Vec<Option<&Estimate>> = entry.spec.params.iter().map(|p| of(p.name)).collect();
         let number =
@@ -239,37 +266,36 @@ pub fn reason(
             format!("{} {explain} {what}; {left} remains", names.join(" and "))
         }
         Verdict::Ambiguous => format!(
-            "{} explain the motion equally well; film the launch given as experiment",
+            "{} explain the motion equally well; record the launch given as experiment",
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate if mostly_lost => {
             format!(
-                "between contacts nothing is missing that the library has; {left}, but contacts are not explained: film single ones"
+                "between contacts no effect of the library is missing; {left}, but the contacts are not explained: record isolated contacts"
             )
         }
         Verdict::Adequate if off && motion.reduced_chi_square() > super::MISFIT => format!(
-            "nothing is missing that more than one object shows; {left}, as one object moves as nothing explains: it may have \
-             met something; diagnose shows where"
+            "no effect is missing that more than one object shows; {left}, because one object moves in a way no effect explains \
+             (perhaps an unseen contact); run `diagnose` to see where"
         ),
         Verdict::Adequate if off => format!(
-            "nothing is proven to be missing; {left}, but past contacts more remains: film more, and single contacts"
+            "no effect is proven to be missing; {left}, but more remains after contacts: record more videos, and isolated contacts"
         ),
         Verdict::Adequate => format!("nothing is missing at this noise; {left}"),
         Verdict::OutsideLibrary if written && motion.trimmed_chi_square <= super::MISFIT => {
-            "the formula explains the motion better than any law of the library, and is as simple".into()
+            "the formula explains the motion better than any effect of the library, with no more parameters"
+                .into()
         }
         Verdict::OutsideLibrary if motion.trimmed_chi_square <= super::MISFIT => {
-            "between contacts the motion is explained, what contacts do is not; film single contacts".into()
+            "the motion is explained between contacts, but not at contacts: record isolated contacts".into()
         }
         Verdict::OutsideLibrary => {
             let formula = match written {
-                true => "the formula says more",
-                false => {
-                    "no formula that was tried halves_excess_error the error on frames that it has not seen"
-                }
+                true => "the formula explains more",
+                false => "no formula tried halves the error on held-out frames",
             };
-            let after = if effects.is_empty() { "" } else { " after its best" };
-            format!("no law of the library is the one; {left} remains{after}, and {formula}")
+            let after = if effects.is_empty() { "" } else { " after the best of them" };
+            format!("no effect of the library explains the motion; {left} remains{after}, and {formula}")
         }
         Verdict::NotIdentifiable => String::new(),
     }
@@ -285,8 +311,8 @@ pub fn unfollowed(last: &Revision) -> String {
         n => format!(" and {} more", n - 1),
     };
     format!(
-        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): its contacts are chaotic or unlike the \
-         model's, or its law is another; compare shows where",
+        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): its contacts are chaotic or differ from \
+         the model's, or another law acts; run `compare` to see where",
         worst.name, worst.reduced_chi_square
     )
 }
@@ -298,6 +324,54 @@ mod tests {
     use super::super::verdict::DiscoverOptions;
     use super::*;
     use crate::num::never;
+
+    fn row(effect: &str, motion: Option<f64>, contacts: Option<f64>) -> RankedEffect {
+        let (kind, effect) = (effect.into(), effect.into());
+        RankedEffect {
+            kind,
+            effect,
+            log_evidence: motion,
+            contact_log_evidence: contacts,
+            held_out_rmse: None,
+        }
+    }
+
+    #[test]
+    fn evidence_of_free_motion_and_of_contacts_is_never_compared() {
+        let of_motion = |effect: &str, e: f64| row(effect, Some(e), None);
+        let of_contacts = |effect: &str, e: f64| row(effect, None, Some(e));
+        let names = |motion: &[RankedEffect], contacts: &[RankedEffect], added: &[&str]| -> Vec<String> {
+            merged(motion.to_vec(), contacts.to_vec(), added).into_iter().map(|r| r.effect).collect()
+        };
+        let motion = [of_motion("drag", 30.0), of_motion("wind", 4.0), of_motion("tilt", -3.0)];
+        let contacts = [of_contacts("mass", 900.0), of_contacts("size", 19.0), of_contacts("size", 12.0)];
+        assert_eq!(names(&motion, &contacts, &[]), ["drag", "mass", "wind", "size", "tilt"]);
+        // However large the numbers of one data set are, they move nothing of the other.
+        let larger = contacts.clone().map(|r| RankedEffect {
+            contact_log_evidence: r.contact_log_evidence.map(|e| if e > 20.0 { 1e6 * e } else { e }),
+            ..r
+        });
+        assert_eq!(names(&motion, &larger, &[]), names(&motion, &contacts, &[]));
+        assert_eq!(names(&motion, &contacts, &["size"])[0], "size");
+        let both = merged(vec![of_motion("marker", 1.0)], vec![of_contacts("marker", 50.0)], &[]);
+        assert_eq!(both, [row("marker", Some(1.0), Some(50.0))]);
+    }
+
+    /// Windows around contacts are all fitted: none is held out. Whole trajectories give no priced evidence.
+    #[test]
+    fn what_was_not_measured_is_left_empty() {
+        let contacts = RankedEffect::of_contacts("mass_change", "mass_change", 50.0);
+        assert_eq!((contacts.log_evidence, contacts.held_out_rmse), (None, None));
+        let launch = vec![(DISC, 0.6, [-1.5, 0.0], [1.0, 0.2])];
+        let scenes = film(&[launch], None);
+        let options = DiscoverOptions::default().fit;
+        let lens = WeakFormRegression::new(&scenes);
+        let revision = super::super::revise::revise(&lens, &models(&scenes), None, &options, &never);
+        let revision = revision.expect("it can be fitted");
+        let spin = RankedEffect::of_trajectories("ball_spin", "ball_spin", &revision);
+        assert_eq!((spin.log_evidence, spin.contact_log_evidence), (None, None));
+        assert_eq!(spin.held_out_rmse, Some(revision.left_out_rmse));
+    }
 
     #[test]
     fn a_number_that_trajectories_know_far_too_well_is_as_uncertain_as_by_free_motion() {

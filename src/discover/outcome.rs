@@ -115,10 +115,51 @@ pub enum ParameterValue {
 pub struct RankedEffect {
     pub kind: String,
     pub effect: String,
-    /// Against the model without it, the price of its parameters paid (nats).
-    pub log_evidence: f64,
-    /// In free motion, each video left out in turn (m).
-    pub held_out_rmse: f64,
+    /// In free motion, against the model without it, the price of its parameters paid (nats); `None`: not measured there.
+    pub log_evidence: Option<f64>,
+    /// The same in windows around contacts. The two are of different data and are never compared.
+    #[serde(default)]
+    pub contact_log_evidence: Option<f64>,
+    /// In free motion, each video left out in turn (m); `None`: not measured.
+    pub held_out_rmse: Option<f64>,
+}
+
+impl RankedEffect {
+    /// What free motion says of an effect.
+    pub fn of_free_motion(kind: &str, effect: &str, log_evidence: f64, held_out_rmse: f64) -> RankedEffect {
+        let (log_evidence, held_out_rmse) = (Some(log_evidence), Some(held_out_rmse));
+        RankedEffect {
+            kind: kind.into(),
+            effect: effect.into(),
+            log_evidence,
+            contact_log_evidence: None,
+            held_out_rmse,
+        }
+    }
+
+    /// What windows around contacts say of an effect: they were all fitted, so that no error is of data left out.
+    pub fn of_contacts(kind: &str, effect: &str, log_evidence: f64) -> RankedEffect {
+        let contact_log_evidence = Some(log_evidence);
+        RankedEffect {
+            kind: kind.into(),
+            effect: effect.into(),
+            log_evidence: None,
+            contact_log_evidence,
+            held_out_rmse: None,
+        }
+    }
+
+    /// An effect that whole trajectories alone show, as `revision` has it: neither free motion nor contacts give its evidence.
+    pub fn of_trajectories(kind: &str, effect: &str, revision: &Revision) -> RankedEffect {
+        let held_out_rmse = Some(revision.left_out_rmse);
+        RankedEffect {
+            kind: kind.into(),
+            effect: effect.into(),
+            log_evidence: None,
+            contact_log_evidence: None,
+            held_out_rmse,
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

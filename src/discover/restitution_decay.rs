@@ -1,20 +1,30 @@
 //! Restitution that falls with speed, for which numbers of pairs stand in: each pair is seen at a few speeds only.
 
 use super::windows::ContactWindows;
-use crate::world::{EventKind, Model, trace};
+use crate::effects::{EffectEntry, ParamRole, SearchStart, effect};
+use crate::world::{EventKind, Model, Parameter, trace};
 use std::collections::BTreeMap;
 
-pub const FADING: &str = "speed_dependent_restitution";
-/// What it takes from, and what pairs have of their own there: a factor of the coefficient, within such bounds.
-const BOUNCE: &str = "restitution";
-const COMMON: &str = "coefficient";
-const OF_PAIR: &str = "deviation";
+/// Bounds of the ratio of a pair's restitution to the common one.
 const BOUNDS: [f64; 2] = [0.25, 4.0];
 /// Contacts from which a fall with speed is told, and the least that one is taken to rebound.
 const FEWEST: usize = 3;
 const LEAST: f64 = 0.02;
 /// Steepest fall that the law knows (s/m): contacts of about one speed say nothing.
 const STEEPEST: f64 = 20.0;
+
+/// Whether restitution falls with speed by this law.
+pub fn decays(entry: &EffectEntry) -> bool {
+    entry.profile.start == Some(SearchStart::RestitutionDecay)
+}
+
+/// The parameters of a model that have a meaning, with it.
+fn roles(model: &mut Model) -> impl Iterator<Item = (ParamRole, &mut Parameter)> {
+    model.effects.iter_mut().flat_map(|active| {
+        let profile = effect(&active.name).map(|e| e.profile);
+        active.parameters.iter_mut().filter_map(move |p| Some((profile?.param_role(&p.name)?, p)))
+    })
+}
 
 /// A first contact of two objects in a film: its speed of approach (m/s) and its coefficient of restitution.
 struct FirstContact {
@@ -41,10 +51,10 @@ pub fn as_met(films: &ContactWindows, models: &[Model]) -> Option<(f64, Vec<Mode
     let at_rest = |m: &FirstContact| m.restitution * (m.speed * inverse_v0).exp();
     let mut models = models.to_vec();
     for (film, model) in models.iter_mut().enumerate() {
-        for p in model.effects.iter_mut().filter(|e| e.name == BOUNCE).flat_map(|e| &mut e.parameters) {
-            match p.name.as_str() {
-                COMMON => p.values.fill(common),
-                OF_PAIR => {
+        for (role, p) in roles(model) {
+            match role {
+                ParamRole::CommonRestitution => p.values.fill(common),
+                ParamRole::PairRestitution => {
                     p.values.clone_from(&p.means);
                     for m in meetings.iter().filter(|m| m.film == film) {
                         p.values[m.label] = (at_rest(m) / common).clamp(BOUNDS[0], BOUNDS[1]);
@@ -60,8 +70,11 @@ pub fn as_met(films: &ContactWindows, models: &[Model]) -> Option<(f64, Vec<Mode
 /// The first contact of each pair in a film, as its model has it.
 fn met(films: &ContactWindows, models: &[Model], film: usize) -> Vec<FirstContact> {
     let model = &models[film];
-    let parameter = |name: &str| model.effect(BOUNCE)?.parameters.iter().find(|p| p.name == name);
-    let (Some(common), Some(of_pair)) = (parameter(COMMON), parameter(OF_PAIR)) else { return vec![] };
+    let parameter = |role: ParamRole| model.effects.iter().find_map(|e| e.parameter(role));
+    let common = parameter(ParamRole::CommonRestitution);
+    let (Some(common), Some(of_pair)) = (common, parameter(ParamRole::PairRestitution)) else {
+        return vec![];
+    };
     let mut first = BTreeMap::new();
     for event in trace(model, &films.scenes[film].times).events {
         let ([a, b], EventKind::Collision, Some(impulse)) = (&event.objects[..], event.kind, event.impulse)
@@ -87,10 +100,9 @@ mod tests {
     use super::*;
     use crate::effects::effect;
 
-    fn set(models: &mut [Model], name: &str, values: &[f64]) {
+    fn set(models: &mut [Model], wanted: ParamRole, values: &[f64]) {
         for (model, value) in models.iter_mut().zip(values) {
-            let of = model.effects.iter_mut().filter(|e| e.name == BOUNCE).flat_map(|e| &mut e.parameters);
-            of.filter(|p| p.name == name).for_each(|p| p.values.fill(*value));
+            roles(model).filter(|(role, _)| *role == wanted).for_each(|(_, p)| p.values.fill(*value));
         }
     }
 
@@ -100,7 +112,7 @@ mod tests {
         let scenes = film(&speeds.iter().map(launch).collect::<Vec<_>>(), None);
         let mut models = models(&scenes);
         for model in &mut models {
-            model.effects.retain(|e| e.name == BOUNCE);
+            model.effects.retain(|e| e.name == "restitution");
         }
         for (model, v) in models.iter_mut().zip(speeds) {
             for (body, (_, _, [x, y], [vx, vy])) in model.bodies.iter_mut().zip(launch(v)) {
@@ -108,8 +120,12 @@ mod tests {
                 body.start.state.velocity = crate::num::vec2(vx, vy);
             }
         }
-        set(&mut models, COMMON, &vec![0.5; speeds.len()]);
-        set(&mut models, OF_PAIR, &speeds.iter().map(|v| restitution(*v) / 0.5).collect::<Vec<_>>());
+        set(&mut models, ParamRole::CommonRestitution, &vec![0.5; speeds.len()]);
+        set(
+            &mut models,
+            ParamRole::PairRestitution,
+            &speeds.iter().map(|v| restitution(*v) / 0.5).collect::<Vec<_>>(),
+        );
         let meetings = vec![vec![]; speeds.len()];
         (ContactWindows { scenes, models: models.clone(), meetings, jumps: vec![] }, models)
     }
@@ -119,7 +135,7 @@ mod tests {
         let (films, models) = meeting(&[0.4, 0.9, 1.4, 2.0], |v| 0.8 * (-v / 1.3).exp());
         let (inverse_v0, begun) = as_met(&films, &models).expect("slow ones rebound more");
         assert!((inverse_v0 - 1.0 / 1.3).abs() < 0.01, "{inverse_v0}");
-        let fading = effect(FADING).expect("it is there");
+        let fading = effect("speed_dependent_restitution").expect("it is there");
         let begun = with_contact(&begun, fading, &[inverse_v0], None, &region(&films.scenes));
         for (film, (model, known)) in begun.iter().zip(&models).enumerate() {
             let last = |model: &Model| {

@@ -3,6 +3,7 @@
 use super::free::{FreeParameter, at_values};
 use super::proof;
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
+use crate::effects::ParamId;
 use crate::fit::{self, Fit, FitError, FitOptions, Posterior, SceneFit, StartPoint, estimate, estimate_one};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -68,9 +69,8 @@ pub fn believing(models: &[Model], free: &[FreeParameter], seen: &LensFit) -> Ve
             let shares: Vec<bool> = active.parameters.iter().map(|p| active.shares(p)).collect();
             let free_ones = active.parameters.iter_mut().zip(shares).filter(|(p, _)| p.prior.sd > 0.0);
             for (p, shared) in free_ones {
-                let stem = format!("{name}.{}", p.name);
                 let own = |f: &&(&FreeParameter, &f64)| {
-                    f.0.name == stem || f.0.name.strip_prefix(&stem).is_some_and(|r| r.starts_with('['))
+                    ParamId::parse(&f.0.name).is_some_and(|id| id.is_of(&name, &p.name))
                 };
                 let pairs: Vec<(&FreeParameter, &f64)> = free.iter().zip(&seen.sd).collect();
                 let widest = pairs.iter().filter(own).map(|(_, sd)| **sd).fold(0.0, f64::max);

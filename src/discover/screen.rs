@@ -1,19 +1,14 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
-use super::free::{FreeParameter, at_values, flats, free_parameters, shows, stride, values_of};
+use super::free::{FreeParameter, at_values, flats, free_parameters, stride, values_of};
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
-use crate::effects::{EFFECTS, EffectEntry, Hook, Region, Seed, effect};
+use crate::effects::{ActsOn, EFFECTS, EffectEntry, Hook, ParamId, Region, Seed};
 use crate::num::{Vec2, quantile, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Effects that are never sought: what an engine does beside physics, and other readings of friction.
-const NEVER_SOUGHT: [&str; 4] = ["friction_offset", "gliding_friction", "damping", "contact_distance"];
-/// Effects that another one already stands for.
-const COVERED: [(&str, &[&str]); 1] =
-    [("gliding_friction", &["sliding_friction", "rolling_resistance", "ball_spin"])];
 /// Seeds along each coordinate of a place: half a metre apart on a field of four, as a source that is soft within 0.3 m is
 /// felt.
 const PLACES: usize = 8;
@@ -33,8 +28,6 @@ const PROBE: f64 = 1e-3;
 const WIDE: f64 = 10.0;
 /// An amplitude differs from zero by this many deviations.
 pub const CERTAIN: f64 = 4.0;
-/// Prior deviation of a friction's angle from the velocity (rad).
-const SKEW: f64 = 0.02;
 const REFINEMENTS: usize = 15;
 
 /// One candidate as the force lens sees it.
@@ -65,10 +58,14 @@ pub struct ForceCandidate {
 pub fn with_nuisance(models: &[Model]) -> Vec<Model> {
     let one = |model: &Model| {
         let mut model = model.clone();
-        if let (None, Some(entry)) = (model.effect("friction_offset"), effect("friction_offset")) {
+        for entry in EFFECTS.iter().filter(|e| !e.profile.nuisance_priors.is_empty()) {
+            if model.effect(entry.spec.name).is_some() {
+                continue;
+            }
             let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
-            for p in active.parameters.iter_mut().filter(|p| p.name == "skew") {
-                p.prior.sd = SKEW;
+            for (name, sd) in entry.profile.nuisance_priors {
+                let own = active.parameters.iter_mut().filter(|p| p.name == *name);
+                own.for_each(|p| p.prior.sd = *sd);
             }
             model.effects.push(active);
         }
@@ -102,13 +99,14 @@ pub fn certain(values: &[f64], sd: &[f64], amplitudes: usize) -> bool {
 /// Effects that the models lack.
 pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
     let active = |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on));
-    let covered = |name: &str| COVERED.iter().any(|(by, names)| active(by) && names.contains(&name));
+    let covered =
+        |name: &str| EFFECTS.iter().any(|by| by.profile.covers.contains(&name) && active(by.spec.name));
     let several = scenes.iter().any(|s| s.objects.len() > 1);
     let open = |e: &&EffectEntry| {
         let name = e.spec.name;
         let alone = !several && (e.uses(Hook::Pair) || e.uses(Hook::Contact));
-        let no_wall = name == "cushion" && models.iter().all(|m| m.walls.is_empty());
-        !no_wall && !NEVER_SOUGHT.contains(&name) && !active(name) && !covered(name) && !alone
+        let no_wall = e.profile.acts_on == ActsOn::TableWalls && models.iter().all(|m| m.walls.is_empty());
+        !no_wall && e.is_candidate() && !active(name) && !covered(name) && !alone
     };
     EFFECTS.iter().filter(open).collect()
 }
@@ -214,7 +212,7 @@ pub fn beginnings(
     entry: &'static EffectEntry,
     region: &Region,
 ) -> Option<Vec<ScreenSeed>> {
-    if !shows(entry) {
+    if !entry.shows_in_free_motion() {
         return None;
     }
     let projector = stand.projector.as_ref()?;
@@ -393,7 +391,7 @@ fn climb(
 }
 
 fn of(free: &FreeParameter, entry: &EffectEntry) -> bool {
-    free.name.strip_prefix(entry.spec.name).is_some_and(|rest| rest.starts_with('.'))
+    ParamId::parse(&free.name).is_some_and(|id| id.effect == entry.spec.name)
 }
 
 fn refine(

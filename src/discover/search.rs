@@ -5,7 +5,7 @@ use super::screen::{
     ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, region, rescreen_from_prior, screen,
 };
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
-use crate::effects::EffectEntry;
+use crate::effects::{EffectEntry, ParamId};
 use crate::num::{Stop, Stopped};
 use crate::world::Model;
 use rayon::prelude::*;
@@ -209,7 +209,7 @@ fn steady(lens: &WeakFormRegression, free: &FreeMotion) -> usize {
     };
     let agreed = |c: &&ForceCandidate| {
         c.entry.spec.params.iter().take(c.entry.amplitudes).any(|p| {
-            let name = format!("{}.{}", c.entry.spec.name, p.name);
+            let name = ParamId { effect: c.entry.spec.name, parameter: p.name, label: "" }.to_string();
             let at = free.free.iter().position(|f| f.name == name);
             at.is_none_or(|at| free.seen.values[at].abs() > AGREED * scatter[at])
         })

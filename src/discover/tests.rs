@@ -256,7 +256,7 @@ fn what_rests_says_nothing_and_is_told_what_to_film() {
     let scenes = film(&[vec![(DISC, 1.0, [0.0, 0.0], [0.0, 0.0])]], None);
     let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("it runs");
     assert_eq!(found.verdict, Verdict::NotIdentifiable);
-    assert!(found.reason.contains("film objects that move"), "{}", found.reason);
+    assert!(found.reason.contains("record objects that move"), "{}", found.reason);
 }
 
 #[test]

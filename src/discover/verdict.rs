@@ -3,7 +3,7 @@
 use super::alternatives::{as_good, keeps, otherwise};
 use super::change::{self, FORMULA, rank_formulas};
 use super::contact::ContactCandidate;
-use super::contact_law::{SCALE, estimates_of, pooled, with_contact};
+use super::contact_law::{estimates_of, is_scale, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
@@ -19,11 +19,11 @@ use super::search::{CLEAN, FreeMotion, fewer, instead};
 use super::trajectory_check::heard;
 use super::user_formula::with_numbers;
 use super::weak_form::WeakFormRegression;
-use super::whole_trajectory::{STICKING, asked, recovers, sticking, sticks};
+use super::whole_trajectory::{asked, recovers, sticking, sticks};
 use super::window_fits::WindowFits;
 use super::windows::contacts;
 use crate::effects::formula::Formula;
-use crate::effects::{Hook, ParamSpec, effect};
+use crate::effects::{Hook, ParamSpec, effect_with};
 use crate::fit::{FitError, FitOptions};
 use crate::num::{Stop, progress_of_jobs, progress_within};
 use crate::world::Model;
@@ -200,7 +200,9 @@ pub fn conclude(
     };
     if let Some(stuck) = stuck.filter(|r| sticks(told, r)) {
         proven = None;
-        effects.extend(effect(STICKING).map(|entry| FoundEffect::of(entry, vec![])));
+        effects.extend(
+            effect_with(|e| e.all_or_nothing().is_some()).map(|entry| FoundEffect::of(entry, vec![])),
+        );
         revisions.truncate(motion.found.len() + 1);
         revisions.push(stuck);
     }
@@ -216,7 +218,7 @@ pub fn conclude(
         let (values, sd) = contact_numbers(c, noise_sigma, videos.as_deref());
         let as_believed = values.first().zip(sd.first()).is_some_and(|(&v, &sd)| may_be_none(v, sd));
         if (doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter)))
-            || (c.entry.spec.name == SCALE && as_believed)
+            || (is_scale(c.entry) && as_believed)
         {
             // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or the scale that was
             // believed is as likely.
@@ -227,7 +229,7 @@ pub fn conclude(
         }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
-    let mut ranked = ranked(&motion, &of_contacts, &names, noise_sigma);
+    let mut ranked = ranked(&motion, vec![], &of_contacts, &names, noise_sigma);
     let ambiguous: Vec<Vec<String>> =
         motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
@@ -314,7 +316,7 @@ pub fn conclude(
         && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())
     {
         aside += &format!(
-            "; short films speak for {}, whole trajectories do not: film more contacts",
+            "; windows around contacts support {}, but it does not improve the full-trajectory fit: record more contacts",
             c.entry.kind
         );
     }

@@ -1,14 +1,14 @@
 //! Laws that leave no small trace in a lens, or too few of them: each is tried whole, and trajectories alone judge it.
 
 use super::contact::ContactCandidate;
-use super::contact_law::{HEAVIER, RUBBING, SCALE, SOFT, estimates_of, pooled, with_contact};
+use super::contact_law::{estimates_of, pooled, with_contact};
 use super::hidden_geometry::{HiddenPlace, discs_between, walls};
 use super::intervals::FOLLOWED;
 use super::jackknife::{LawParameters, numbers_of};
-use super::negligible::{frame, is_slight, time_by_softness};
+use super::negligible::{frame, is_slight, longest_contact};
 use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict, reported};
 use super::proof;
-use super::restitution_decay::FADING;
+use super::restitution_decay::decays;
 use super::revise::{
     Revision, TRIED_BUDGET_FRACTION, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
     trajectories_from, without_effect,
@@ -18,28 +18,23 @@ use super::unexplained_impacts::unexplained_impacts;
 use super::weak_form::WeakFormRegression;
 use super::window_fits::{films_stick, meet};
 use super::windows::contacts;
-use crate::effects::{EffectEntry, Hook, ParamSpec, Region, effect};
+use crate::effects::{
+    EFFECTS, EffectEntry, Hook, ObstacleForm, ParamId, ParamSpec, Region, SearchStart, effect, effect_with,
+};
 use crate::fit::{Estimate, Fit, FitError, FitOptions, SceneFit, StartPoint, estimate, estimate_each};
 use crate::num::{Stop, quantile};
 use crate::scene::Scene;
-use crate::world::{Model, Preset};
+use crate::world::{Model, PRESETS};
 use rayon::prelude::*;
 use std::f64::consts::LN_2;
 
-/// The law that is tried whole where trajectories are not followed, and how many times its chi-square must be less.
-pub const STICKING: &str = "sticky_contact";
+/// How many times less the chi-square of a law that acts fully or not at all must be.
 const STICKING_PROOF: f64 = 9.0;
 /// Reduced chi-square of a scene from which fading restitution is asked for beside a law of force: a force that is not quite the
 /// right one looks like it.
 const MISSED: f64 = 1.15;
 /// Share of the restitution that it takes at a usual speed, at least: less is what any engine's contacts do.
 const FADES: f64 = 0.15;
-/// A coefficient of friction with which most touching surfaces do not slip.
-const GRIP: f64 = 0.3;
-/// Frames that the longest contacts take with a softness that is tried.
-const SOFT_FRAMES: f64 = 2.0;
-/// Share by which a scale that is tried is wrong.
-const LENGTHENED: f64 = 0.1;
 /// A fall of the distance from which a law is worth a search of its own (twice a log likelihood).
 const PROMISING: f64 = 10.0;
 /// The same from which it need not foretell later frames.
@@ -50,8 +45,7 @@ const TRIED_ITERATIONS: usize = 30;
 /// Objects whose masses are tried, and walls and discs.
 const HEAVIEST: usize = 2;
 const PLACES: usize = 2;
-/// The preset in which balls have spins of their own, the effect that it stands for, and the same for it.
-const SPINNING: (&str, &str) = ("billiards", "ball_spin");
+/// How many times less the chi-square must be with spins of the balls' own.
 const SPINNING_PROOF: f64 = 2.0;
 
 /// The revision with a law that short films speak for but do not prove, if it follows trajectories that are lost without, and
@@ -122,7 +116,7 @@ pub fn asked(
             };
             let tried: Result<Vec<_>, FitError> = starts.into_par_iter().zip(&with_law).map(of).collect();
             near.extend(tried?.into_iter().flatten());
-        } else if promises(lens, base, &with_law, &few, stop)? {
+        } else if promises(lens, base, starts[0].entry, &with_law, &few, stop)? {
             trials.extend(starts);
         }
     }
@@ -130,9 +124,8 @@ pub fn asked(
     // half of them off their noise are too many, too.
     let lost = proof::losses(&base.fit) > usize::from(base.effect.is_some());
     if lost || (base.effect.is_none() && proof::astray(&base.fit)) {
-        trials.extend(rubbing(models, &region));
+        trials.extend(of_some_size(models, &region));
         trials.extend(softened(lens, models));
-        trials.extend(scaled(models));
         trials.extend(heavier(lens, base, models, &few, stop)?);
         trials.extend(unseen(lens, models));
     }
@@ -149,7 +142,7 @@ pub fn asked(
     // Less of a fading restitution than contacts differ by anyway is none.
     let fades = |t: &LawTrial, fit: &Fit| {
         let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
-        t.entry.spec.name != FADING || usual_speed(base).is_some_and(faded)
+        !decays(t.entry) || usual_speed(base).is_some_and(faded)
     };
     let mends = |(t, fit): &&(LawTrial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
     let Some((best, fit)) = nearest.filter(mends) else { return Ok(None) };
@@ -161,7 +154,7 @@ pub fn asked(
     // What an object is may show in the one video in which it meets others; what contacts share may show a little in each.
     let often = gained >= found.fit.scenes.len().min(2)
         || (best.object.is_some() && proof::finds(&base.fit.scenes, &found.fit.scenes))
-        || (best.entry.spec.name == FADING && shows_in_other_scenes(base, &found));
+        || (decays(best.entry) && shows_in_other_scenes(base, &found));
     let LawParameters { law, names } = numbers_of(best.entry);
     let added = names.iter().map(|name| estimates_of(&found.fit, law, name).len()).sum();
     // One late contact that goes another way makes all later frames worse.
@@ -171,9 +164,7 @@ pub fn asked(
     if !certain
         || is_slight(best.entry, &values, lens.scenes, models)
         || !fades(best, &found.fit)
-        || (best.entry.spec.name == FADING
-            && !gathers(base, &found)
-            && !proof::lessens(&base.fit, &found.fit))
+        || (decays(best.entry) && !gathers(base, &found) && !proof::lessens(&base.fit, &found.fit))
         || proof::loses_most(&found.fit)
         || !often
         || (found.held_out_rmse > base.held_out_rmse && !beyond_doubt)
@@ -216,16 +207,20 @@ fn numbers(fit: &Fit, trial: &LawTrial) -> Vec<(f64, f64)> {
     trial.entry.spec.params.iter().zip(&trial.start).map(of).collect()
 }
 
-/// An effect that the models lack.
-fn absent(models: &[Model], name: &str) -> Option<&'static EffectEntry> {
-    effect(name).filter(|_| models.iter().all(|m| m.effect(name).is_none()))
+/// Effects that the models lack and that a search starts in a certain way.
+fn absent(
+    models: &[Model],
+    start: impl Fn(SearchStart) -> bool,
+) -> impl Iterator<Item = &'static EffectEntry> {
+    let lacking = move |e: &&'static EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
+    EFFECTS.iter().filter(move |e| e.profile.start.is_some_and(&start)).filter(lacking)
 }
 
 /// Restitution that fades, where objects meet: from none, and from half at a usual speed, as contacts change in between.
 fn fading(lens: &WeakFormRegression, base: &Revision, models: &[Model]) -> Option<[LawTrial; 2]> {
     let missed = base.fit.scenes.iter().filter(|s| s.reduced_chi_square > MISSED).count();
     let some = base.effect.is_none() || missed > 1;
-    let entry = absent(models, FADING).filter(|_| some)?;
+    let entry = absent(models, |s| s == SearchStart::RestitutionDecay).next().filter(|_| some)?;
     let met = lens.scenes.iter().zip(&base.fit.scenes).any(|(s, fitted)| meet(&fitted.model, &s.times));
     let usual = usual_speed(base).filter(|_| met)?;
     Some([0.0, LN_2 / usual].map(|start| LawTrial { entry, start: vec![start], object: None }))
@@ -242,34 +237,32 @@ fn gathers(base: &Revision, found: &Revision) -> bool {
     !base.unpooled.is_empty() && found.unpooled.is_empty()
 }
 
-/// Whether a ball rolls, which shows whether rolling rubs at contacts.
+/// Whether a ball rolls, which shows whether rolling causes slip at contacts.
 pub fn balls_roll(models: &[Model]) -> bool {
     models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball() && b.start.rolling)
 }
 
-/// Friction between objects, of a size that holds most surfaces: from none, where contacts change at once, no search leads to it.
-fn rubbing(models: &[Model], region: &Region) -> Vec<LawTrial> {
+/// Laws that are tried with an amplitude of a usual size: from none, where contacts change at once, no search leads to them.
+fn of_some_size(models: &[Model], region: &Region) -> Vec<LawTrial> {
     let choices = if balls_roll(models) { usize::MAX } else { 1 };
     let trials = |entry: &'static EffectEntry| -> Vec<LawTrial> {
-        let seeds = entry.seeds(region).into_iter().take(choices);
-        let start = |seed: Vec<f64>| [&[GRIP], &seed[1..]].concat();
-        seeds.map(|seed| LawTrial { entry, start: start(seed), object: None }).collect()
+        let Some(SearchStart::Amplitudes(amplitudes)) = entry.profile.start else { return vec![] };
+        let seeds: Vec<Vec<f64>> = entry.seeds(region).into_iter().take(choices).collect();
+        let start = |amplitude: f64, seed: &Vec<f64>| [&[amplitude], &seed[1..]].concat();
+        let of = |seed| amplitudes.iter().map(move |&amplitude| start(amplitude, seed));
+        seeds.iter().flat_map(of).map(|start| LawTrial { entry, start, object: None }).collect()
     };
-    absent(models, RUBBING).map(trials).unwrap_or_default()
+    absent(models, |s| matches!(s, SearchStart::Amplitudes(_))).flat_map(trials).collect()
 }
 
-/// Contacts that take a few frames.
+/// Contacts that take a few frames: the first parameter makes them longer, the others are none.
 fn softened(lens: &WeakFormRegression, models: &[Model]) -> Option<LawTrial> {
-    let start = SOFT_FRAMES * frame(lens.scenes) / time_by_softness(models);
-    let entry = absent(models, SOFT).filter(|_| start.is_finite())?;
-    Some(LawTrial { entry, start: vec![start, 0.0], object: None })
-}
-
-/// Lengths that are all wrong: too long, and too short.
-fn scaled(models: &[Model]) -> Vec<LawTrial> {
-    let trial =
-        |start: f64| Some(LawTrial { entry: absent(models, SCALE)?, start: vec![start], object: None });
-    [LENGTHENED, -LENGTHENED].into_iter().filter_map(trial).collect()
+    let entry = absent(models, |s| matches!(s, SearchStart::ContactFrames(_))).next()?;
+    let Some(SearchStart::ContactFrames(frames)) = entry.profile.start else { return None };
+    let mut start = vec![0.0; entry.spec.params.len()];
+    start[0] = 1.0;
+    start[0] = frames * frame(lens.scenes) / longest_contact(entry, &start, models);
+    start[0].is_finite().then_some(LawTrial { entry, start, object: None })
 }
 
 /// Whether a law brings the scenes nearer, begun from none or from much of it. Where no force acts it may take a search: what
@@ -277,6 +270,7 @@ fn scaled(models: &[Model]) -> Vec<LawTrial> {
 fn promises(
     lens: &WeakFormRegression,
     base: &Revision,
+    law: &EffectEntry,
     [none, much]: &[Vec<Model>; 2],
     options: &FitOptions,
     stop: Stop,
@@ -287,7 +281,7 @@ fn promises(
     if base.effect.is_some() {
         return Ok(false);
     }
-    let (found, _) = trajectories_from(lens, much, &begun(&base.fit), Some(FADING), options, stop)?;
+    let (found, _) = trajectories_from(lens, much, &begun(&base.fit), Some(law.spec.name), options, stop)?;
     Ok(proof::deviance(&found) < proof::deviance(&base.fit) - PROMISING)
 }
 
@@ -338,10 +332,10 @@ fn heavier(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Vec<LawTrial>, FitError> {
-    let Some(entry) = absent(models, HEAVIER) else { return Ok(vec![]) };
+    let Some(entry) = absent(models, |s| s == SearchStart::RatioToMedian).next() else { return Ok(vec![]) };
     let all = with_contact(models, entry, &[0.0], None, &region(lens.scenes));
-    let (found, _) = trajectories_from(lens, &all, &begun(&base.fit), Some(HEAVIER), options, stop)?;
-    let id = |e: &Estimate| e.name.strip_suffix(']')?.rsplit_once('[')?.1.parse().ok();
+    let (found, _) = trajectories_from(lens, &all, &begun(&base.fit), Some(entry.spec.name), options, stop)?;
+    let id = |e: &Estimate| ParamId::parse(&e.name)?.object();
     let masses = estimates_of(&found, entry.spec.name, entry.spec.params[0].name);
     let mut masses: Vec<(f64, u32)> =
         masses.into_iter().filter_map(|e| Some((1.0 + e.value, id(e)?))).collect();
@@ -358,13 +352,15 @@ fn heavier(
 /// Walls and discs that explain more than one blow that nothing in sight dealt.
 fn unseen(lens: &WeakFormRegression, models: &[Model]) -> Vec<LawTrial> {
     let jumps = unexplained_impacts(lens, models);
-    let trials = |name: &str, places: Vec<HiddenPlace>| -> Vec<LawTrial> {
-        let Some(entry) = absent(models, name) else { return vec![] };
+    let trials = |form: ObstacleForm, places: Vec<HiddenPlace>| -> Vec<LawTrial> {
+        let Some(entry) = absent(models, |s| s == SearchStart::BehindImpacts(form)).next() else {
+            return vec![];
+        };
         let told = places.into_iter().filter(|p| p.agree > 1).take(PLACES);
         told.map(|p| LawTrial { entry, start: p.values, object: None }).collect()
     };
-    let mut all = trials("hidden_wall", walls(&jumps, models));
-    all.extend(trials("hidden_object", discs_between(&jumps, models)));
+    let mut all = trials(ObstacleForm::Wall, walls(&jumps, models));
+    all.extend(trials(ObstacleForm::Disc, discs_between(&jumps, models)));
     all
 }
 
@@ -376,13 +372,13 @@ pub fn sticking(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    let Some(entry) = effect(STICKING) else { return Ok(None) };
+    let Some(entry) = effect_with(|e| e.all_or_nothing().is_some()) else { return Ok(None) };
     let region = region(lens.scenes);
     let films = contacts(lens, models);
     if !films_stick(&films, &stuck(&films.models, entry, &region), stop)? {
         return Ok(None);
     }
-    revise(lens, &stuck(models, entry, &region), Some(STICKING), options, stop).map(Some)
+    revise(lens, &stuck(models, entry, &region), Some(entry.spec.name), options, stop).map(Some)
 }
 
 /// Whether that is what the trajectories need.
@@ -399,9 +395,10 @@ pub fn spinning(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Discovery>, FitError> {
-    let (Some(preset), Some(entry)) = (Preset::named(SPINNING.0), effect(SPINNING.1)) else {
+    let Some((preset, spin)) = PRESETS.iter().find_map(|p| Some((p, p.finds.as_ref()?))) else {
         return Ok(None);
     };
+    let Some(entry) = effect(spin.effect) else { return Ok(None) };
     let plain =
         |m: &Model| !m.walls.is_empty() && m.spin_sd == 0.0 && m.bodies.iter().all(|b| b.shape.is_ball());
     if !models.iter().all(plain) {
@@ -420,23 +417,16 @@ pub fn spinning(
     }
     revision.effect = Some(entry.spec.name.into());
     // The same numbers by the names that the preset's effects have.
-    let number = |effect: &str| {
-        let name = format!("{effect}.mu");
+    let number = |(effect, parameter): &(&str, &str)| {
+        let name = ParamId { effect, parameter, label: "" }.to_string();
         let known = revision.fit.posterior.estimates.iter().find(|e| e.name == name);
         known.map_or((0.0, 0.0), |e| (e.value, e.sd))
     };
-    let (slide, roll) = (number("sliding_friction"), number("rolling_resistance"));
-    let found = FoundEffect::of(entry, reported(entry, &[slide.0, roll.0], &[slide.1, roll.1]));
-    let degrees: usize = revision.fit.scenes.iter().map(|s| s.degrees_of_freedom).sum();
-    let gain = 0.5 * degrees as f64 * (base.reduced_chi_square / revision.reduced_chi_square).ln();
+    let (values, sd): (Vec<f64>, Vec<f64>) = spin.parameters.iter().map(number).unzip();
+    let found = FoundEffect::of(entry, reported(entry, &values, &sd));
     Ok(Some(Discovery {
         verdict: Verdict::EffectFound,
-        ranked: vec![RankedEffect {
-            kind: found.kind.clone(),
-            effect: found.effect.clone(),
-            log_evidence: gain,
-            held_out_rmse: revision.held_out_rmse,
-        }],
+        ranked: vec![RankedEffect::of_trajectories(&found.kind, &found.effect, &revision)],
         effects: vec![found],
         ambiguous: vec![],
         experiment: None,
@@ -444,7 +434,7 @@ pub fn spinning(
         smallest: vec![],
         noise_sigma: pooled_noise(lens),
         reason: format!(
-            "the balls spin: with spins of their own reduced chi-square falls from {:.1} to {:.1}",
+            "the balls have spins of their own: with them, reduced chi-square falls from {:.1} to {:.1}",
             base.reduced_chi_square, revision.reduced_chi_square
         ),
         revisions: vec![base, revision],
@@ -453,7 +443,7 @@ pub fn spinning(
 
 /// The models in which objects stick for good, which is no parameter.
 pub fn stuck(models: &[Model], entry: &EffectEntry, region: &Region) -> Vec<Model> {
-    let mut models = with_contact(models, entry, &[1.0, 0.0], None, region);
+    let mut models = with_contact(models, entry, entry.all_or_nothing().unwrap_or_default(), None, region);
     for active in models.iter_mut().flat_map(|m| &mut m.effects).filter(|e| e.name == entry.spec.name) {
         active.parameters.iter_mut().for_each(|p| p.prior.sd = 0.0);
     }
@@ -480,7 +470,8 @@ mod tests {
         let launches = [(1.4, 0.97), (1.4, 0.0), (1.9, 0.0), (2.6, 0.0)].map(meeting);
         let options = DiscoverOptions::default().fit;
         let asked = |inverse_v0: f64| {
-            let scenes = film(&launches, Some((FADING, &[("inverse_v0", inverse_v0)])));
+            let scenes =
+                film(&launches, Some(("speed_dependent_restitution", &[("inverse_v0", inverse_v0)])));
             let (lens, models) = (WeakFormRegression::new(&scenes), with_nuisance(&models(&scenes)));
             let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
             assert!(base.fit.scenes.iter().all(|s| s.reduced_chi_square < MISSED));
@@ -501,13 +492,13 @@ mod tests {
         let launches = [0.9, 1.2, 1.5].map(meeting);
         let options = DiscoverOptions::default().fit;
         let asked = |softness: f64| {
-            let scenes = film(&launches, Some((SOFT, &[("softness", softness)])));
+            let scenes = film(&launches, Some(("soft_contact", &[("softness", softness)])));
             let (lens, models) = (WeakFormRegression::new(&scenes), with_nuisance(&models(&scenes)));
             let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
             asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
         };
         let (law, _) = asked(0.12).expect("contacts take .2 s");
-        assert_eq!(law.entry.spec.name, SOFT);
+        assert_eq!(law.entry.spec.name, "soft_contact");
         assert!((law.values[0] - 0.12).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
         assert!(asked(0.0).is_none());
     }

@@ -1,9 +1,8 @@
 //! Short films around each contact and each jump without a partner, with models of what they show.
 
-use super::free::shows;
 use super::smooth_track::{ChangePoint, SmoothTrack, started};
 use super::weak_form::WeakFormRegression;
-use crate::effects::{Scope, effect};
+use crate::effects::{EffectEntry, ParamRole, Scope, effect};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
 use std::ops::Range;
@@ -205,8 +204,11 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
     part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
     for active in &mut part.effects {
         let entry = effect(&active.name);
-        let between = active.formula.is_some() || entry.is_some_and(shows);
+        let between = active.formula.is_some() || entry.is_some_and(EffectEntry::shows_in_free_motion);
+        // What acts in another way after a contact is not known from the motion before it.
+        let again = entry.is_some_and(|e| e.profile.changes_after_contact);
         for p in &mut active.parameters {
+            let role = entry.and_then(|e| e.profile.param_role(&p.name));
             let mut own = Parameter::new(&p.name, p.scope, p.prior, &part.bodies);
             for (label, (value, mean)) in own.labels.iter().zip(own.values.iter_mut().zip(&mut own.means)) {
                 if let Ok(at) = p.labels.binary_search(label) {
@@ -215,10 +217,10 @@ fn part(model: &Model, bodies: &[usize]) -> Model {
             }
             // Engines scatter from pair to pair; a law must say more than that.
             let scatters = p.scope == Scope::Pair && p.prior.sd > 0.0;
-            if active.name == "restitution" && p.name == "deviation" && !scatters {
+            if role == Some(ParamRole::PairRestitution) && !scatters {
                 own = Parameter::new(&p.name, Scope::Pair, Prior { mean: 1.0, sd: SCATTER }, &part.bodies);
             }
-            let known = between && active.name != "ball_spin" && p.scope != Scope::Object;
+            let known = between && !again && p.scope != Scope::Object;
             if known {
                 own.prior = Prior { sd: 0.0, ..own.prior };
             }

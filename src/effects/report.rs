@@ -1,6 +1,6 @@
 //! Parameters as reports give them: vectors joined, internal amplitudes turned into the quantities of the field.
 
-use super::ParamSpec;
+use super::param::ParamSpec;
 
 /// A value in a report.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,9 +1,8 @@
-//! Where a search for a missing effect begins: values of the parameters that no derivative at "absent" can find.
+//! First values of parameters in a search for a missing effect: those that no derivative at "absent" can find.
 
-use super::EffectEntry;
 use crate::num::Vec2;
 
-/// How a search seeds one parameter.
+/// The first values of one parameter in a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seed {
     /// These values.
@@ -17,11 +16,11 @@ pub enum Seed {
     Reach,
     /// Directions all around (rad).
     Angle,
-    /// Frequencies that the film can tell apart (Hz).
+    /// Frequencies that the video can resolve (Hz).
     Frequency,
 }
 
-/// Seeds by name of parameter; what is not named begins at its default.
+/// Seeds by name of parameter; a parameter without one starts at its default.
 pub type Seeds = &'static [(&'static str, Seed)];
 
 /// What a search has to know of the data.
@@ -30,13 +29,13 @@ pub struct Region {
     /// Corners of the box that all tracks lie in (m).
     pub low: Vec2,
     pub high: Vec2,
-    /// Of the longest film (s).
+    /// Of the longest video (s).
     pub duration: f64,
     /// Seeds along each coordinate of a place.
     pub places: usize,
 }
 
-/// Highest frequency that is sought (Hz): above it a shaken table moves things less than a camera sees.
+/// Highest frequency of a search (Hz): above it a shaken table moves things less than a camera resolves.
 const HIGHEST_FREQUENCY: f64 = 5.0;
 /// Directions around the circle.
 const ANGLES: usize = 8;
@@ -65,42 +64,10 @@ impl Seed {
             }
             Seed::Angle => (0..ANGLES).map(|k| std::f64::consts::TAU * k as f64 / ANGLES as f64).collect(),
             Seed::Frequency => {
-                // Half the film's resolution, so that none falls between two seeds.
+                // Half the video's resolution, so that none falls between two seeds.
                 let step = 0.5 / region.duration.max(0.1);
                 (1..).map(|k| k as f64 * step).take_while(|f| *f <= HIGHEST_FREQUENCY).collect()
             }
         }
-    }
-}
-
-impl EffectEntry {
-    /// The parameters with those that a law of contact has seeds for, which are choices, chosen otherwise.
-    pub fn choices(&self, parameters: &[f64], region: &Region) -> Vec<Vec<f64>> {
-        let chosen = |name: &str| self.seeds.iter().any(|(seeded, _)| *seeded == name);
-        let one = |seed: Vec<f64>| -> Vec<f64> {
-            let of = self.spec.params.iter().zip(seed).zip(parameters);
-            of.map(|((p, seed), &value)| if chosen(p.name) { seed } else { value }).collect()
-        };
-        self.seeds(region).into_iter().map(one).filter(|values| values != parameters).collect()
-    }
-
-    /// Every combination of the seeds, as parameter values in the spec's order with the amplitudes at zero.
-    pub fn seeds(&self, region: &Region) -> Vec<Vec<f64>> {
-        let mut all = vec![self.spec.params.iter().map(|p| p.default).collect::<Vec<f64>>()];
-        for (k, p) in self.spec.params.iter().enumerate() {
-            let Some((_, seed)) = self.seeds.iter().find(|(name, _)| *name == p.name) else { continue };
-            let values = seed.values(region);
-            all = all
-                .iter()
-                .flat_map(|start| {
-                    values.iter().map(|v| {
-                        let mut next = start.clone();
-                        next[k] = v.clamp(p.min, p.max);
-                        next
-                    })
-                })
-                .collect();
-        }
-        all
     }
 }

@@ -1,8 +1,8 @@
 //! What holds for every effect in the table, also for those nobody has written yet.
 
 use super::*;
-use crate::body::ObstacleShape;
-use crate::num::{Differential, vec2};
+use crate::body::{Body, BodyCorrection, Contact, ContactLaw, Observation, ObstacleShape, Wrench};
+use crate::num::{Differential, Jet, Real, Vec2, vec2};
 use crate::scene::Shape;
 
 /// Numbers of a body's state: x, y, yaw, vx, vy, spin, roll_x, roll_y, mass.
@@ -346,6 +346,53 @@ fn what_knows_no_place_and_no_time_adds_no_energy() {
             assert!(bounds.iter().all(|v| *v >= 0.0), "{}: {bounds:?}", entry.spec.name);
         }
     }
+}
+
+#[test]
+fn profiles_name_effects_and_parameters_that_exist() {
+    for entry in EFFECTS {
+        let (name, profile) = (entry.spec.name, entry.profile);
+        assert!(profile.covers.iter().all(|covered| effect(covered).is_some()), "{name}");
+        let roles = profile.param_roles.iter().map(|(parameter, _)| parameter);
+        let priors = profile.nuisance_priors.iter().map(|(parameter, _)| parameter);
+        for parameter in roles.chain(priors) {
+            assert!(entry.spec.params.iter().any(|p| p.name == *parameter), "{name}: {parameter}");
+        }
+        if let Some(values) = entry.all_or_nothing() {
+            assert_eq!(values.len(), entry.spec.params.len(), "{name}");
+        }
+        if entry.obstacle().is_some() {
+            let roles =
+                [0, entry.spec.params.len() - 1].map(|k| profile.param_role(entry.spec.params[k].name));
+            assert_eq!(roles, [Some(ParamRole::Presence), Some(ParamRole::WallRestitution)], "{name}");
+        }
+        let is_matter = entry.uses(Hook::Matter);
+        let is_camera = entry.uses(Hook::Observe) || entry.uses(Hook::Clock);
+        assert_eq!(profile.role == Role::Matter, is_matter, "{name}");
+        assert_eq!(profile.role == Role::Camera, is_camera, "{name}");
+    }
+}
+
+#[test]
+fn a_room_finds_effects_by_what_they_do() {
+    let named = |found: Vec<&EffectEntry>| -> Vec<&str> { found.iter().map(|e| e.spec.name).collect() };
+    let all = |property: fn(&&EffectEntry) -> bool| named(EFFECTS.iter().filter(property).collect());
+    assert_eq!(
+        all(|e| !e.is_candidate()),
+        ["friction_offset", "gliding_friction", "damping", "contact_distance"]
+    );
+    assert_eq!(all(|e| e.of_objects()), ["mass_change", "wrong_size", "off_centre_marker"]);
+    assert_eq!(all(|e| e.profile.holds_at_rest), ["sliding_friction", "gliding_friction"]);
+    assert_eq!(all(|e| e.all_or_nothing().is_some()), ["sticky_contact"]);
+    assert_eq!(all(|e| e.profile.acts_on == ActsOn::SlidingFeet), ["friction_offset"]);
+    assert_eq!(all(|e| e.profile.acts_on == ActsOn::TableWalls), ["cushion"]);
+    assert_eq!(all(|e| e.profile.changes_after_contact), ["ball_spin"]);
+    let parameter = |role| parameter_with(role).map(|(e, p)| (e.spec.name, p.name));
+    assert_eq!(parameter(ParamRole::ObjectRestitution), Some(("restitution", "object")));
+    assert_eq!(
+        effect_with(|e| e.obstacle() == Some(ObstacleForm::Disc)).map(|e| e.spec.name),
+        Some("hidden_object")
+    );
 }
 
 #[test]

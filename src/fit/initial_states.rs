@@ -1,9 +1,10 @@
 //! Initial states: position, velocity, yaw and spin of each body from a line through the first frames of its track.
 
 use super::noise::Noise;
+use crate::effects::effect;
 use crate::num::{Vec2, vec2, wrap_angle};
 use crate::scene::{Sample, Scene, Track};
-use crate::world::Model;
+use crate::world::{ActiveEffect, Model};
 
 /// Most and fewest samples of a track that the line goes through.
 const MOST_SAMPLES: usize = 10;
@@ -12,8 +13,6 @@ const FEWEST_SAMPLES: usize = 4;
 const BENT: f64 = 4.0;
 /// A velocity within this many standard deviations of zero is rest, if friction can keep a body at rest.
 const REST_DEVIATIONS: f64 = 3.5;
-/// Effects that can keep a body at rest.
-const DRY_FRICTION: [&str; 2] = ["sliding_friction", "gliding_friction"];
 
 /// The model as a fit from tracks starts with it.
 pub fn initial_model(scene: &Scene, start: &Model) -> Model {
@@ -25,7 +24,8 @@ pub fn initial_model(scene: &Scene, start: &Model) -> Model {
 /// Sets the state of each body at its first sample. A body that neither moves nor turns there is at rest: friction keeps it, and
 /// its velocity is no parameter.
 pub(super) fn set_initial_states(scene: &Scene, model: &mut Model, noise: &Noise) {
-    let has_dry_friction = DRY_FRICTION.iter().any(|name| model.effect(name).is_some_and(|e| e.on));
+    let holds = |e: &ActiveEffect| e.on && effect(&e.name).is_some_and(|e| e.profile.holds_at_rest);
+    let has_dry_friction = model.effects.iter().any(holds);
     for (body, track) in model.bodies.iter_mut().zip(&scene.tracks) {
         let Some(first) = track.samples.first() else { continue };
         let noise = &noise.of_track(track);

@@ -31,6 +31,7 @@ use super::problem::{FitProblem, GOOD, Horizon, reduced_chi_squares, worst_chi_s
 use super::result::Fit;
 use super::search::{Solution, better, minimise};
 use super::single::{estimate_each, estimate_one};
+use crate::effects::ParamId;
 use crate::num::{Stop, Stopped};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter};
@@ -211,7 +212,7 @@ fn consensus(
             break;
         }
         for (name, value) in shared.iter_mut().filter(|_| step > 0) {
-            if let Some(penalty) = penalties.get(parameter_of(name)) {
+            if let Some(penalty) = penalties.get(&parameter_of(name)) {
                 value.step(penalty.sd);
             }
         }
@@ -332,6 +333,6 @@ fn each_shared(model: &mut Model, mut f: impl FnMut(&str, &mut Parameter, &[Stri
 }
 
 /// The parameter's name in the full name of one of its values.
-fn parameter_of(name: &str) -> &str {
-    name.split_once('[').map_or(name, |(parameter, _)| parameter)
+fn parameter_of(name: &str) -> String {
+    ParamId::parse(name).map_or_else(|| name.to_string(), |id| id.stem().to_string())
 }

@@ -2,6 +2,7 @@
 
 use super::ReasonError;
 use super::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
+use crate::effects::effect;
 use crate::num::{Vec2, vec2};
 use crate::scene::{Object, Scene};
 use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
@@ -180,8 +181,8 @@ pub fn towards(side: &str, length: f64) -> Vec2 {
 
 /// Switches off the effects of the model that together are what people call friction, or drag.
 pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, ReasonError> {
-    let also = if law == "friction" { "rolling_resistance" } else { "damping" };
-    let off = effects.iter().filter(|name| name.contains(law) || *name == also);
+    let called = |name: &&String| effect(name).is_some_and(|e| e.profile.common_name == Some(law));
+    let off = effects.iter().filter(|name| name.contains(law) || called(name));
     let off: Vec<Intervention> =
         off.map(|name| Intervention::SwitchEffect { name: name.clone(), on: false }).collect();
     if off.is_empty() {

@@ -274,6 +274,11 @@ fn regimes(views: &Views) -> Markup {
     }
 }
 
+/// A number as text; nothing where it was not measured.
+fn shown(value: Option<f64>, text: fn(f64) -> String) -> String {
+    value.map(text).unwrap_or_default()
+}
+
 fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
     let found = report.discovery;
     if found.ranked.is_empty() && found.smallest.is_empty() {
@@ -286,9 +291,9 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
                 div class="figures wide" {
                     (figures(pictures, "candidates"))
                     div class="scroll" { table {
-                        thead { tr { th { "Candidate" } th { "log evidence" } th { "other videos, between contacts" } } }
+                        thead { tr { th { "Candidate" } th { "log evidence" } th { "log evidence at contacts" } th { "other videos, between contacts" } } }
                         tbody { @for r in found.ranked.iter().take(12) {
-                            tr { th { (label(&r.effect)) } td { (number(r.log_evidence)) } td { (mm(r.held_out_rmse)) } }
+                            tr { th { (label(&r.effect)) } td { (shown(r.log_evidence, number)) } td { (shown(r.contact_log_evidence, number)) } td { (shown(r.held_out_rmse, mm)) } }
                         } }
                     } }
                 }

@@ -338,23 +338,25 @@ fn causes(first: &Stage) -> Vec<Picture> {
 }
 
 fn candidates(report: &Report) -> Picture {
-    let shown: Vec<_> = report.discovery.ranked.iter().take(CANDIDATES).collect();
-    let most = shown.iter().map(|r| r.log_evidence).fold(1.0, f64::max);
+    // Bars of one data set only.
+    let measured = report.discovery.ranked.iter().filter_map(|r| Some((r, r.log_evidence?)));
+    let shown: Vec<_> = measured.take(CANDIDATES).collect();
+    let most = shown.iter().map(|r| r.1).fold(1.0, f64::max);
     let height = 10.0 + 24.0 * shown.len() as f64 + 4.0;
     let body = html! {
-        @for (k, r) in shown.iter().enumerate() {
+        @for (k, (r, evidence)) in shown.iter().enumerate() {
             @let y = 8.0 + 24.0 * k as f64;
-            @let width = (WIDTH - NAMES - 62.0) * (r.log_evidence / most).clamp(0.0, 1.0);
+            @let width = (WIDTH - NAMES - 62.0) * (evidence / most).clamp(0.0, 1.0);
             @let chosen = report.discovery.effects.iter().any(|e| e.effect == r.effect);
             text class=[chosen.then_some("bold")] x="4" y=(px(y + 12.0)) { (label(&r.effect)) }
             rect class={ "filled after" @if !chosen { " pale" } } x=(px(NAMES)) y=(px(y)) width=(px(width)) height="15" {}
-            text class="small" x=(px(NAMES + width + 5.0)) y=(px(y + 12.0)) { (number(r.log_evidence)) }
+            text class="small" x=(px(NAMES + width + 5.0)) y=(px(y + 12.0)) { (number(*evidence)) }
         }
     };
     Picture {
         name: "candidates".into(),
         title: "Which law explains it best".into(),
-        caption: "Log evidence (nats) of each candidate against the model without it, the price of its parameters paid; 5 \
+        caption: "Log evidence (nats) between contacts of each candidate against the model without it, the price of its parameters paid; 5 \
                   is strong, and between two candidates only the difference counts. Bold: what was added."
             .into(),
         size: [WIDTH, height],

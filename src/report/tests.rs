@@ -66,8 +66,13 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
     };
     let parameters = vec![parameter];
     let effect = FoundEffect { kind: "vortex".into(), effect: "vortex".into(), parameters, text: None };
-    let ranked =
-        RankedEffect { kind: HOSTILE.into(), effect: "x".into(), log_evidence: f64::NAN, held_out_rmse: 0.0 };
+    let ranked = RankedEffect {
+        kind: HOSTILE.into(),
+        effect: "x".into(),
+        log_evidence: Some(f64::NAN),
+        contact_log_evidence: None,
+        held_out_rmse: Some(0.0),
+    };
     let discovery = Discovery {
         verdict,
         effects: if revisions > 1 { vec![effect] } else { vec![] },

@@ -1,7 +1,7 @@
 //! Accelerations that a model predicts for bodies in free motion, without simulation. Fits of force laws compare them.
 
 use crate::body::Wrench;
-use crate::effects::program::Push;
+use crate::effects::formula::ForceAndTorque;
 use crate::num::Vec2;
 use crate::world::model::Model;
 use crate::world::motion::dynamics::Dynamics;
@@ -30,7 +30,7 @@ pub struct AccelerationField<'m> {
 pub struct FormulaForces<'f, 'm> {
     of: &'f AccelerationField<'m>,
     /// By body, in the order of the instants that contain it.
-    pushes: Vec<Vec<Push>>,
+    pushes: Vec<Vec<ForceAndTorque>>,
 }
 
 impl<'m> AccelerationField<'m> {
@@ -60,7 +60,7 @@ impl<'m> AccelerationField<'m> {
     }
 
     /// On body `i`, at the instants that contain it; empty without formulas.
-    fn formula_forces_on(&self, i: usize, instants: &[Snapshot]) -> Vec<Push> {
+    fn formula_forces_on(&self, i: usize, instants: &[Snapshot]) -> Vec<ForceAndTorque> {
         if !self.dynamics.has_formulas() {
             return vec![];
         }
@@ -83,7 +83,7 @@ impl<'m> AccelerationField<'m> {
             Some(known) if dynamics.same_formulas(&known.of.dynamics, i) => Cow::from(&known.pushes[i]),
             _ => Cow::from(self.formula_forces_on(i, instants)),
         };
-        let forces: Vec<Cow<[Push]>> = (0..self.model.bodies.len()).map(forces).collect();
+        let forces: Vec<Cow<[ForceAndTorque]>> = (0..self.model.bodies.len()).map(forces).collect();
         let mut forces: Vec<_> = forces.iter().map(|pushes| pushes.iter()).collect();
         let rate = |i: usize, k: &Kinematics<f64>, w: &Wrench<f64>| {
             let rolls = self.model.bodies[i].start.rolling;

@@ -1,6 +1,6 @@
 //! Interventions: changes of a model for a counterfactual simulation.
 
-use crate::effects::Scope;
+use crate::effects::{ParamRole, Scope, parameter_with};
 use crate::num::Vec2;
 use crate::world::model::{BodySpec, Model};
 use serde::{Deserialize, Serialize};
@@ -104,7 +104,8 @@ fn unknown_effect(model: &Model, name: &str) -> InterventionError {
 fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), InterventionError> {
     find_index(model, id)?;
     check(factor.is_finite() && factor >= 0.0, "restitution factor", factor, " and at least 0")?;
-    let own = model.effects.iter_mut().filter(|e| e.on && e.name == "restitution");
+    let law = parameter_with(ParamRole::ObjectRestitution).map_or("", |(effect, _)| effect.spec.name);
+    let own = model.effects.iter_mut().filter(|e| e.on && e.name == law);
     let own = own.flat_map(|e| &mut e.parameters).find(|p| p.scope == Scope::Object);
     let value = own.and_then(|p| {
         let at = p.labels.binary_search(&id.to_string()).ok()?;
@@ -112,7 +113,7 @@ fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), Inte
     });
     match value {
         Some(value) => *value *= factor,
-        None => return Err(unknown_effect(model, "restitution")),
+        None => return Err(unknown_effect(model, law)),
     }
     Ok(())
 }

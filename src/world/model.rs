@@ -1,7 +1,7 @@
 //! The model: bodies, walls and active effects with their parameters, as plain data.
 
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
-use crate::effects::{EffectEntry, EffectSpec, Hook, ParamSpec, Scope, effect};
+use crate::effects::{EffectEntry, EffectSpec, Hook, ParamId, ParamRole, ParamSpec, Scope, effect};
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 use crate::world::trace::State;
@@ -301,6 +301,16 @@ impl ActiveEffect {
         !own || effect(&self.name).is_some_and(|e| e.uses(Hook::Matter) || e.uses(Hook::Observe))
     }
 
+    /// The meaning of one of its parameters, if it has one for the code that handles all effects alike.
+    pub fn role_of(&self, parameter: &Parameter) -> Option<ParamRole> {
+        effect(&self.name)?.profile.param_role(&parameter.name)
+    }
+
+    /// Its parameter with this meaning.
+    pub fn parameter(&self, role: ParamRole) -> Option<&Parameter> {
+        self.parameters.iter().find(|p| self.role_of(p) == Some(role))
+    }
+
     /// The effect as its spec gives it, with a value for every body.
     pub fn new(spec: &EffectSpec, bodies: &[BodySpec]) -> Self {
         let parameters = spec.params.iter().map(|p| {
@@ -359,8 +369,7 @@ impl Parameter {
 
     /// Name of one value in reports: `sliding_friction.mu[rubber]`.
     pub fn full_name(&self, of: &ActiveEffect, label: &str) -> String {
-        let place = if label.is_empty() { String::new() } else { format!("[{label}]") };
-        format!("{}.{}{place}", of.name, self.name)
+        ParamId { effect: &of.name, parameter: &self.name, label }.to_string()
     }
 
     /// Index of the value that applies to body `a` (in contact with `b`, or the same body without contact).

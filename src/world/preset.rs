@@ -19,7 +19,17 @@ pub struct Preset {
     pub mass_sd: f64,
     /// See [`Model::spin_sd`].
     pub spin_sd: f64,
+    /// What is found if this preset explains videos that another does not.
+    pub finds: Option<PresetFinding>,
     pub effects: &'static [PresetEffect],
+}
+
+/// The effect that a preset models by its bodies' states and effects of other names.
+#[derive(Debug, Clone, Copy)]
+pub struct PresetFinding {
+    pub effect: &'static str,
+    /// The preset's effect and parameter for each parameter of that effect, in the order of its spec.
+    pub parameters: &'static [(&'static str, &'static str)],
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -73,6 +83,7 @@ pub static PRESETS: &[Preset] = &[
         rival: None,
         mass_sd: 0.4,
         spin_sd: 0.0,
+        finds: None,
         effects: &[
             with("sliding_friction", &[set("mu", 0.03, 0.0015, Scope::Setup)]),
             with(
@@ -106,6 +117,7 @@ pub static PRESETS: &[Preset] = &[
         rival: None,
         mass_sd: 1.0,
         spin_sd: 0.0,
+        finds: None,
         effects: &[
             with(
                 "gliding_friction",
@@ -128,6 +140,7 @@ pub static PRESETS: &[Preset] = &[
         rival: Some("table_glide"),
         mass_sd: 0.5,
         spin_sd: 0.0,
+        finds: None,
         effects: &[
             with("gliding_friction", &[set("sliding", 0.03, 0.05, Scope::Material)]),
             with("friction_offset", UNEVEN_PATCH),
@@ -148,6 +161,7 @@ pub static PRESETS: &[Preset] = &[
         balls_roll: false,
         rival: Some("table"),
         spin_sd: 0.0,
+        finds: None,
         mass_sd: 0.5,
         effects: &[
             with(
@@ -173,6 +187,7 @@ pub static PRESETS: &[Preset] = &[
         rival: None,
         mass_sd: 0.5,
         spin_sd: 0.0,
+        finds: None,
         effects: &[
             with("damping", &[set("linear", 0.03, 0.03, Scope::Object)]),
             with("tilt", &[set("a_x", 0.0, 0.01, Scope::Setup), set("a_y", 0.0, 0.01, Scope::Setup)]),
@@ -201,6 +216,10 @@ pub static PRESETS: &[Preset] = &[
         rival: None,
         mass_sd: 0.1,
         spin_sd: 2.0,
+        finds: Some(PresetFinding {
+            effect: "ball_spin",
+            parameters: &[("sliding_friction", "mu"), ("rolling_resistance", "mu")],
+        }),
         effects: &[
             with("sliding_friction", &[set("mu", 0.2, 0.06, Scope::Setup)]),
             with("rolling_resistance", &[set("mu", 0.01, 0.004, Scope::Setup)]),

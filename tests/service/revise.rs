@@ -153,7 +153,7 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
     let known = Addition::Effect("tilt".into());
     let cases = [
         (here(), Addition::Effect("gravity".into()), "effect", "there is no effect \"gravity\""),
-        (here(), Addition::Effect("restitution".into()), "effect", "restitution is in the model already"),
+        (here(), Addition::Effect("restitution".into()), "effect", "restitution is already in the model"),
         (here(), law("mine", "ax = -k * vx"), "formula.text", "line 1, column 7: \"k\" is no name here"),
         (here(), law("mine", "ax = 1\nay = (2"), "formula.text", "line 2, column 8: expected ')'"),
         (
@@ -162,8 +162,8 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
             "formula.text",
             "line 1, column 8: \"banana\" is no unit",
         ),
-        (here(), law("tilt", "ax = 1"), "formula.name", "\"tilt\" is no name for a law"),
-        (here(), law("a b", "ax = 1"), "formula.name", "\"a b\" is no name for a law"),
+        (here(), law("tilt", "ax = 1"), "formula.name", "\"tilt\" cannot name a law"),
+        (here(), law("a b", "ax = 1"), "formula.name", "\"a b\" cannot name a law"),
         (
             here(),
             declared("ax = k", parameter("speed", 0.0)),
@@ -186,7 +186,7 @@ async fn changes_that_cannot_be_made_are_refused_with_the_field() {
     assert!(refused.message().contains(&format!("name one of {video}")), "{}", refused.message());
     let refused = remove(&service, here(), "tilt").await.unwrap_err();
     assert_eq!(fields(&refused), ["effect"]);
-    assert!(refused.message().contains("is not in the model, which has"), "{}", refused.message());
+    assert!(refused.message().contains("is not in the model, whose effects are"), "{}", refused.message());
     let nothing = v1::AddEffectRequest { study: Some(here()), addition: None };
     assert_eq!(fields(&service.models().add_effect(nothing).await.unwrap_err()), ["addition"]);
     let twice = study(&[video.clone(), other.clone()], &[format!("{video}/models/0")]);
@@ -205,7 +205,7 @@ async fn a_video_that_is_too_short_gets_advice_what_to_record() {
     let [_, after] = add(&service, study(&[video], &[]), Addition::Effect("tilt".into())).await.unwrap();
     assert_eq!(after.worth(), v1::Worth::NotIdentifiable);
     assert!(
-        after.not_identifiable_reason.contains("film objects that move"),
+        after.not_identifiable_reason.contains("record objects that move"),
         "{}",
         after.not_identifiable_reason
     );
@@ -231,7 +231,7 @@ async fn a_formula_of_the_user_is_ranked_with_the_library() {
     }
     let Some(Event::Diagnosis(found)) = last else { panic!("{last:?}") };
     let place = |effect: &str| found.ranked.iter().position(|r| r.effect == effect).unwrap();
-    let evidence = |effect: &str| found.ranked[place(effect)].log_evidence;
+    let evidence = |effect: &str| found.ranked[place(effect)].log_evidence.unwrap();
     assert!((evidence("turning") - evidence("coriolis")).abs() < 1.0, "{:?}", found.ranked);
     assert!(place("turning") < place("wind") && found.ranked[place("wind")].kind == "formula");
 }

@@ -90,6 +90,7 @@ fn ranking(r: &RankedEffect) -> v1::RankedEffect {
         kind: r.kind.clone(),
         effect: r.effect.clone(),
         log_evidence: r.log_evidence,
+        contact_log_evidence: r.contact_log_evidence,
         held_out_rmse: r.held_out_rmse,
     }
 }

@@ -2,6 +2,7 @@
 
 use super::super::result::{Fit, SceneFit};
 use super::laplace::Estimate;
+use crate::effects::{EffectEntry, ParamId, ParamRole, ParamSpec, parameter_with};
 use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter};
 
 /// What is known of one object of a scene.
@@ -79,12 +80,18 @@ impl Fit {
     /// The restitution factor of one object: its own if the model has one, else the root of its best known contact.
     fn restitution(&self, scene: usize, id: u32) -> Estimate {
         let name = format!("objects[{id}].restitution");
-        if let Some(own) = self.posterior.named(scene, &format!("restitution.object[{id}]")) {
+        let label = id.to_string();
+        let of = |(entry, p): (&'static EffectEntry, &'static ParamSpec)| (entry.spec.name, p.name);
+        let object = parameter_with(ParamRole::ObjectRestitution).map(of);
+        let object =
+            object.map(|(effect, parameter)| ParamId { effect, parameter, label: &label }.to_string());
+        if let Some(own) = object.and_then(|name| self.posterior.named(scene, &name)) {
             return Estimate { name, ..own.clone() };
         }
-        let touches = |label: &str| label.split('-').any(|part| part == id.to_string());
+        let common = parameter_with(ParamRole::CommonRestitution).map(of);
         let shared = self.shared(scene);
-        let coefficient = shared.iter().find(|s| s.effect == "restitution" && s.parameter == "coefficient");
+        let coefficient = shared.iter().find(|s| Some((&*s.effect, &*s.parameter)) == common);
+        let touches = |label: &str| ParamId { effect: "", parameter: "", label }.concerns(id);
         let best =
             coefficient.into_iter().flat_map(|s| s.labels.iter().zip(&s.values)).filter(|(label, _)| {
                 label.is_empty() || !label.contains(|c: char| c.is_ascii_digit()) || touches(label)

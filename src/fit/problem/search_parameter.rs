@@ -1,13 +1,10 @@
 //! The parameters that a fit searches: which values of the models are free, their bounds and priors.
 
 use super::super::noise::Noise;
-use crate::effects::{Hook, effect};
+use crate::effects::{ActsOn, Hook, effect};
 use crate::num::Bounds;
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Parameter, SPINS};
-
-/// Effects on a foot that slides as a whole, which no ball has.
-const OF_FEET: [&str; 1] = ["friction_offset"];
 
 /// A force parameter whose prior standard deviation is at most this share of its mean is frozen until the motion is right:
 /// it hardly moves, but would cost a part of every pass with derivatives.
@@ -190,7 +187,8 @@ impl ParameterList<'_> {
 /// Whether a value of an effect belongs to a ball, on which the effect does nothing.
 fn is_without_effect(active: &ActiveEffect, label: &str, bodies: &[BodySpec]) -> bool {
     let named = |b: &BodySpec| b.id.to_string() == label || b.shape.word() == label;
-    OF_FEET.contains(&active.name.as_str()) && bodies.iter().any(|b| b.shape.is_ball() && named(b))
+    let on_feet = effect(&active.name).is_some_and(|e| e.profile.acts_on == ActsOn::SlidingFeet);
+    on_feet && bodies.iter().any(|b| b.shape.is_ball() && named(b))
 }
 
 /// Whether a parameter is frozen until the motion is right: contact distances, which mislead a search before it is known what

@@ -3,13 +3,11 @@
 
 use super::super::problem::{FitProblem, SceneProblem};
 use super::divergence::Divergence;
-use crate::world::{BODY_VALUES, Event, EventKind};
+use crate::effects::{ActsOn, ParamRole, effect};
+use crate::world::{ActiveEffect, BODY_VALUES, Event, EventKind};
 
 /// Contacts before the divergence that are tried, the last first: a later contact may hide an earlier one.
 const CONTACTS: usize = 2;
-/// Restitutions that a contact may have, by effect and parameter, that of its own first; that of a wall goes by the wall's own name.
-const OF_OBJECTS: [(&str, &str); 2] = [("restitution", "deviation"), ("restitution", "coefficient")];
-const OF_CUSHIONS: (&str, &str) = ("cushion", "restitution");
 /// A restitution up to this share of its prior mean counts as inelastic.
 const INELASTIC: f64 = 0.5;
 
@@ -67,21 +65,31 @@ impl RestitutionParameters {
     }
 }
 
+/// Whether an effect is the hidden wall of this name; without a name, whether it acts at the walls of a table.
+fn is_of_wall(active: &ActiveEffect, wall: Option<&str>) -> bool {
+    match wall {
+        Some(wall) => active.name == wall,
+        None => effect(&active.name).is_some_and(|e| e.profile.acts_on == ActsOn::TableWalls),
+    }
+}
+
 /// The parameters of a contact's restitution, as far as they are free.
 fn restitution_of(scene: &SceneProblem, contact: &Event) -> Option<RestitutionParameters> {
     let body = |id: &u32| scene.model.bodies.iter().find(|b| b.id == *id);
     let a = contact.objects.first().and_then(body)?;
     let b = contact.objects.get(1).map_or(Some(a), body)?;
-    let candidates = match contact.wall.as_deref() {
-        None => OF_OBJECTS.to_vec(),
-        Some(wall) => vec![(wall, "restitution"), OF_CUSHIONS],
+    // The contact's own restitution first; that of a hidden wall is a parameter of the effect of its name.
+    let candidates: [(ParamRole, Option<&str>); 2] = match contact.wall.as_deref() {
+        None => [(ParamRole::PairRestitution, None), (ParamRole::CommonRestitution, None)],
+        wall => [(ParamRole::WallRestitution, wall), (ParamRole::WallRestitution, None)],
     };
     // The parameter of this contact, and those of all contacts.
-    let found = |&(effect, name): &(&str, &str)| -> Option<(usize, Vec<usize>)> {
+    let found = |&(role, wall): &(ParamRole, Option<&str>)| -> Option<(usize, Vec<usize>)> {
         let mut first = BODY_VALUES.len() * scene.model.bodies.len();
         for active in &scene.model.effects {
+            let counts = role != ParamRole::WallRestitution || is_of_wall(active, wall);
             for p in &active.parameters {
-                if active.name == effect && p.name == name {
+                if counts && active.role_of(p) == Some(role) {
                     let all = (first..first + p.values.len()).filter_map(|s| scene.parameter_at(s)).collect();
                     return Some((scene.parameter_at(first + p.index(a, b)?)?, all));
                 }

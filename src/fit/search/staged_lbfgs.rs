@@ -17,7 +17,7 @@
 
 use super::super::problem::{FitProblem, Horizon, SceneProblem, SearchParameter};
 use super::local_search::{Solution, Termination};
-use crate::effects::{Hook, effect};
+use crate::effects::{Hook, ParamId, effect};
 use crate::num::{Objective, Stop, Stopped};
 use crate::scene::Scene;
 
@@ -84,8 +84,8 @@ pub(in super::super) fn minimise(
 
 /// Whether a parameter is a mass or belongs to a contact law.
 fn matters_at_contacts_only(parameter: &SearchParameter) -> bool {
-    let name = parameter.name.split('.').next().unwrap_or_default();
-    parameter.log || effect(name).is_some_and(|e| e.uses(Hook::Contact))
+    let of = ParamId::parse(&parameter.name).and_then(|id| effect(id.effect));
+    parameter.log || of.is_some_and(|e| e.uses(Hook::Contact))
 }
 
 /// The scene with each track cut where its object first comes near another.

@@ -1,7 +1,7 @@
 //! Masses of the bodies and the forces that the active effects exert on them.
 
 use crate::body::{Body, BodyCorrection, Wrench};
-use crate::effects::program::{Program, Push};
+use crate::effects::formula::{ForceAndTorque, FormulaProgram};
 use crate::effects::{Hook, Hooks, Scalar};
 use crate::num::Vec2;
 use crate::scene::Shape;
@@ -20,7 +20,7 @@ pub(in crate::world) struct Dynamics<T: Scalar> {
     forces: Vec<PerBody<T>>,
     pairs: Vec<PerBody<T>>,
     /// Each with its parameters, body by body.
-    formulas: Vec<(Program, Vec<Vec<T>>)>,
+    formulas: Vec<(FormulaProgram, Vec<Vec<T>>)>,
     /// Whether a formula had no finite value so far.
     undefined: Cell<bool>,
     /// For each body, whether neither its mass nor a parameter of its forces carries derivatives.
@@ -222,7 +222,7 @@ impl<T: Scalar + PartialEq> Dynamics<T> {
 
 impl Dynamics<f64> {
     /// Forces and torques of the formulas on body `i` at these instants (s); zero where one has no finite value.
-    pub fn formula_forces(&self, i: usize, instants: &[(f64, Kinematics<f64>)]) -> Vec<Push> {
+    pub fn formula_forces(&self, i: usize, instants: &[(f64, Kinematics<f64>)]) -> Vec<ForceAndTorque> {
         let bodies: Vec<(f64, Body<f64>)> =
             instants.iter().map(|(time, k)| (*time, self.body(i, k))).collect();
         let mut sum = vec![(Vec2::zero(), 0.0); instants.len()];

@@ -1,0 +1,30 @@
+//! A table that is not level.
+
+use crate::body::{Body, Wrench};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
+use crate::num::{Real, vec2};
+
+pub struct Tilt;
+
+const fn component(name: &'static str, doc: &'static str) -> ParamSpec {
+    ParamSpec { name, unit: "m/s^2", default: 0.0, min: -5.0, max: 5.0, scope: Scope::Setup, doc }
+}
+
+impl Effect for Tilt {
+    const SPEC: EffectSpec = EffectSpec {
+        name: "tilt",
+        doc: "The table slopes: F = m a, a constant and the same for all masses.",
+        source: "Inclined plane: |a| = g sin(angle)",
+        hooks: &[Hook::Force],
+        params: &[
+            component("a_x", "downhill acceleration along x"),
+            component("a_y", "downhill acceleration along y"),
+        ],
+    };
+    const AMPLITUDES: usize = 2;
+    const SYMMETRY: Symmetry = Symmetry::Shifts;
+
+    fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
+        out.force += vec2(p[0], p[1]) * body.mass;
+    }
+}
