@@ -5,6 +5,7 @@ use super::free::FreeParameter;
 use super::user_formula::refitted;
 use super::wave::wave;
 use super::weak_form::{LensFit, Projector, WeakFormRegression};
+use crate::effects::EFFECTS;
 use crate::num::{Vec2, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
@@ -33,10 +34,12 @@ impl Term {
     fn directed(&self) -> bool {
         self.x.is_empty() || self.y.is_empty()
     }
-}
 
-/// Indices of the terms that are laws of the library by themselves: wind, drag, lateral force, friction, Magnus.
-const KNOWN: [usize; 7] = [0, 1, 6, 7, 8, 10, 12];
+    /// Whether it is an effect of the library by itself.
+    fn is_in_library(&self) -> bool {
+        EFFECTS.iter().any(|e| e.profile.formula_terms.contains(&[self.x, self.y]))
+    }
+}
 
 /// Terms of position, velocity and spin up to second order, by axis where the law may have no symmetry.
 const TERMS: [Term; 21] = [
@@ -278,7 +281,7 @@ impl FormulaSearch<'_> {
     fn law(&self, law: Sparse) -> ResidualLaw {
         let gain_without_best_track =
             self.gain_without_best_track(&self.columns(&law.terms, law.angle), &law.amplitudes);
-        let not_in_library = law.terms.iter().all(|k| !KNOWN.contains(k));
+        let not_in_library = !law.terms.iter().any(|k| TERMS[*k].is_in_library());
         ResidualLaw {
             text: law.text(),
             numbers: law.numbers(),
@@ -342,6 +345,16 @@ pub(super) mod tests {
     use crate::effects::formula::Formula;
     use crate::scene::Shape;
     use crate::world::ActiveEffect;
+
+    /// As the terms of the library say of themselves: wind, drag, lateral force, friction, Magnus.
+    #[test]
+    fn terms_of_the_library_are_terms_of_the_search() {
+        let known: Vec<usize> = (0..TERMS.len()).filter(|&k| TERMS[k].is_in_library()).collect();
+        assert_eq!(known, [0, 1, 6, 7, 8, 10, 12]);
+        for [x, y] in EFFECTS.iter().flat_map(|e| e.profile.formula_terms) {
+            assert!(TERMS.iter().any(|t| (t.x, t.y) == (*x, *y)), "{x} {y}");
+        }
+    }
 
     #[test]
     fn a_law_along_axes_of_its_own_is_what_its_text_says() {

@@ -95,6 +95,8 @@ pub struct Profile {
     pub changes_after_contact: bool,
     /// Whether it can hold a body at rest.
     pub holds_at_rest: bool,
+    /// Its force or acceleration as a formula, up to a factor: the right sides for x and y of each part.
+    pub formula_terms: &'static [[&'static str; 2]],
     /// What people call it, where its name does not contain that word.
     pub common_name: Option<&'static str>,
 }
@@ -112,6 +114,7 @@ impl Profile {
         shows_at_contacts: false,
         changes_after_contact: false,
         holds_at_rest: false,
+        formula_terms: &[],
         common_name: None,
     };
     /// What real tables and engines do beside the laws.

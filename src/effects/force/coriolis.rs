@@ -1,7 +1,7 @@
 //! The sideways acceleration of a table that turns.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::Real;
 
 pub struct Coriolis;
@@ -22,6 +22,7 @@ impl Effect for Coriolis {
             doc: "turn rate of the table",
         }],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["-vy", "vx"]], ..Profile::LAW };
     const SYMMETRY: Symmetry = Symmetry::Chiral;
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {

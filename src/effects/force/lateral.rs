@@ -1,7 +1,7 @@
 //! A force across the velocity, whatever the mass.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::Real;
 
 pub struct Lateral;
@@ -22,6 +22,7 @@ impl Effect for Lateral {
             doc: "force per speed",
         }],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["-vy", "vx"]], ..Profile::LAW };
     const SYMMETRY: Symmetry = Symmetry::Chiral;
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {

@@ -1,7 +1,7 @@
 //! Viscous drag: a force against the velocity, proportional to it.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct LinearDrag;
@@ -22,6 +22,7 @@ impl Effect for LinearDrag {
             doc: "force per speed",
         }],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["vx", "vy"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force -= body.velocity * p[0];

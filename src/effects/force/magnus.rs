@@ -1,7 +1,7 @@
 //! The force across the velocity on a body that spins.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct Magnus;
@@ -22,6 +22,7 @@ impl Effect for Magnus {
             doc: "force per speed and turn rate",
         }],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["-spin*vy", "spin*vx"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force += body.velocity.perp() * (p[0] * body.spin);

@@ -1,7 +1,7 @@
 //! Air drag: a force against the velocity that grows with its square.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct QuadraticDrag;
@@ -22,6 +22,7 @@ impl Effect for QuadraticDrag {
             doc: "force per squared speed",
         }],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["vx*speed", "vy*speed"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force -= body.velocity * (p[0] * body.velocity.norm());

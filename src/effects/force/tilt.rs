@@ -1,7 +1,7 @@
 //! A table that is not level.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::{Real, vec2};
 
 pub struct Tilt;
@@ -21,6 +21,7 @@ impl Effect for Tilt {
             component("a_y", "downhill acceleration along y"),
         ],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["1", ""], ["", "1"]], ..Profile::LAW };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
 

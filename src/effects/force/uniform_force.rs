@@ -1,7 +1,7 @@
 //! A force that is the same everywhere: wind.
 
 use crate::body::{Body, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Scope, Symmetry};
+use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::{Real, vec2};
 
 pub struct UniformForce;
@@ -33,6 +33,7 @@ impl Effect for UniformForce {
             },
         ],
     };
+    const PROFILE: Profile = Profile { formula_terms: &[["1", ""], ["", "1"]], ..Profile::LAW };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
 

@@ -22,7 +22,11 @@ impl Effect for SlidingFriction {
             doc: "coefficient of friction against the ground",
         }],
     };
-    const PROFILE: Profile = Profile { holds_at_rest: true, ..Profile::LAW };
+    const PROFILE: Profile = Profile {
+        holds_at_rest: true,
+        formula_terms: &[["vx/max(speed, 0.01)", "vy/max(speed, 0.01)"]],
+        ..Profile::LAW
+    };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.friction_limit += p[0] * body.mass * GRAVITY;
