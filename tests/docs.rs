@@ -336,7 +336,10 @@ fn flags(word: &str) -> Option<String> {
 #[test]
 fn the_catalogue_has_every_effect() {
     let table = std::fs::read_to_string(root().join("src/effects/mod.rs")).unwrap();
-    let files = table.split("EffectEntry::of::<").skip(1).filter_map(|rest| rest.split('>').next()?.rsplit("::").nth(1));
+    let files = table
+        .split("EffectEntry::of::<")
+        .skip(1)
+        .filter_map(|rest| rest.split('>').next()?.rsplit("::").nth(1));
     let page = page("docs/models-and-effects.md");
     let missing = files.filter(|name| !page.text.contains(&format!("`{name}`")));
     check("effects that docs/models-and-effects.md lacks", missing.map(str::to_string).collect());

@@ -49,7 +49,7 @@ pub trait Effect {
     /// Shapes the law of a contact. `pa` and `pb` hold the parameters as they apply to either body.
     fn contact<T: Real>(_pa: &[T], _pb: &[T], _contact: &Contact<T>, _out: &mut ContactLaw<T>) {}
 
-    /// Gap between the outlines of two bodies at which they touch (m), at most [`MOST_MARGIN`].
+    /// Gap between the outlines of two bodies at which they touch (m), at most [`super::MOST_MARGIN`].
     fn margin<T: Real>(_p: &[T]) -> T {
         T::zero()
     }

@@ -29,7 +29,7 @@ pub enum ActsOn {
 /// The meaning of a parameter for the code that handles all effects alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ParamRole {
-    /// 1 where the thing is there; a model that has it does not fit this number.
+    /// 1 if the thing exists; it is not fitted.
     Presence,
     /// One of the seeds and nothing between; it is not fitted.
     Choice,
@@ -61,7 +61,7 @@ pub enum SearchStart {
     Amplitudes(&'static [f64]),
     /// At these values of all parameters, which are not fitted: it acts fully or not at all.
     AllOrNothing(&'static [f64]),
-    /// At the amplitude at which the longest contact takes so many frames ([`super::Effect::contact_time`]).
+    /// At the amplitude at which the longest contact takes this number of frames ([`super::Effect::contact_time`]).
     ContactFrames(f64),
     /// At the amplitude with which restitution falls by half at a usual speed: the first parameter is 1/v0 (s/m).
     RestitutionDecay,
@@ -81,7 +81,7 @@ pub struct Profile {
     pub covers: &'static [&'static str],
     /// Meanings of parameters, by their names.
     pub param_roles: &'static [(&'static str, ParamRole)],
-    /// Below this size of the first parameter it says no more than what any engine and camera does.
+    /// A first parameter of a smaller absolute value is no discovery: every engine and camera deviates as much.
     pub negligible: f64,
     /// Where a search starts it, beside the seeds; `None`: the derivative at "absent" leads to it.
     pub start: Option<SearchStart>,
@@ -90,8 +90,8 @@ pub struct Profile {
     pub nuisance_priors: &'static [(&'static str, f64)],
     /// Whether contacts show it although its hooks act between them.
     pub shows_at_contacts: bool,
-    /// Whether it acts in another way for a while after a contact (a ball slides until it rolls), so that windows around contacts
-    /// determine it beside free motion.
+    /// Whether it acts differently for a while after a contact (a ball slides until it rolls): windows around contacts then
+    /// determine it, and not free motion alone.
     pub changes_after_contact: bool,
     /// Whether it can hold a body at rest.
     pub holds_at_rest: bool,

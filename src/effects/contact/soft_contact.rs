@@ -36,7 +36,7 @@ impl Effect for SoftContact {
         ],
     };
     const PROFILE: Profile = Profile {
-        // As many frames as contacts must take to be seen to take time.
+        // A contact of two frames is long enough to be seen as a finite duration.
         start: Some(SearchStart::ContactFrames(2.0)),
         ..Profile::LAW
     };

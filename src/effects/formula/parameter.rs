@@ -16,14 +16,14 @@ pub struct FormulaParameter {
 }
 
 impl FormulaParameter {
-    /// With what is not given: bounds of [`BOUND`], a start of 0 or the bound next to it.
+    /// Missing bounds are those of [`BOUND`]; a missing start is 0, or the bound nearest to 0.
     pub fn new(name: String, unit: String, start: Option<f64>, min: Option<f64>, max: Option<f64>) -> Self {
         let bound = BOUND * start.map_or(1.0, |v| v.abs().max(1.0));
         let (min, max) = (min.unwrap_or(-bound), max.unwrap_or(bound));
         FormulaParameter { name, unit, default: start.unwrap_or(f64::max(0.0, min).min(max)), min, max }
     }
 
-    /// What is wrong with it beside the others.
+    /// Why it cannot stand beside the others.
     pub(super) fn problem(&self, others: &[FormulaParameter]) -> Option<&'static str> {
         let name = self.name.as_str();
         let mut letters = name.chars();

@@ -16,7 +16,7 @@ pub(super) struct Parser<'a> {
     strict: bool,
 }
 
-/// Where (byte) and what.
+/// A byte position, and the error there.
 pub(super) type Fault = (usize, SyntaxError);
 
 impl<'a> Parser<'a> {
@@ -249,7 +249,7 @@ impl<'a> Parser<'a> {
         (self.at, SyntaxError::Unexpected { wanted, found: self.seen(self.at, "") })
     }
 
-    /// The word, or what stands there instead.
+    /// The word, or the characters in its place.
     fn seen(&self, at: usize, word: &str) -> String {
         match self.text.get(at..).and_then(|rest| rest.chars().next()) {
             _ if !word.is_empty() => word.into(),

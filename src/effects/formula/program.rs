@@ -1,4 +1,4 @@
-//! What a formula that has been read does: its steps on one number of any scalar, or on many at once.
+//! A parsed formula as a list of instructions, run on one number of any scalar or on many numbers at once.
 
 use crate::body::{Body, Wrench};
 use crate::num::{Real, Vec2, vec2};
@@ -110,7 +110,7 @@ fn push<T: Real>([ax, ay, fx, fy, torque]: [T; 5], body: &Body<T>) -> Option<For
     finite.then(|| (vec2(smooth(force.x), smooth(force.y)), smooth(torque)))
 }
 
-/// What steps work on.
+/// A value that instructions work on.
 trait Operand<T>: Clone {
     fn constant(value: T) -> Self;
     fn map(self, f: impl Fn(T) -> T) -> Self;
@@ -129,10 +129,10 @@ impl<T: Real> Operand<T> for T {
     }
 }
 
-/// Many numbers of which each is worked on alike.
+/// Many numbers, to each of which an instruction is applied.
 #[derive(Clone)]
 enum ValueColumn {
-    /// All are this one.
+    /// All numbers are this one.
     Alike(f64),
     Each(Vec<f64>),
 }

@@ -46,7 +46,7 @@ impl Effect for Damping {
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.damping += p[0];
-        // A box has one spin alone, and no root to take.
+        // A box spins about one axis only: no root is needed.
         let rate = match body.shape.is_ball() {
             true => (body.roll.norm_squared() + body.spin * body.spin).sqrt_or_zero(),
             false => body.spin.abs(),
