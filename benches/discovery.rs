@@ -3,6 +3,8 @@
 //! `cargo bench --bench discovery -- --groups 20 --controls 200 [--kinds tilt,coriolis] [--strengths weak] [--first SEED]
 //! [--masses unknown]`
 
+#![allow(clippy::disallowed_methods)] // Made scenes need not have the same bits everywhere.
+
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, Uniform};

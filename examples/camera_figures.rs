@@ -1,3 +1,4 @@
+#![allow(clippy::disallowed_methods)] // Made scenes need not have the same bits everywhere.
 // How well image points, an estimated camera and detections stand for metres: `cargo run --release --example
 // camera_figures -- FOLDER [points|camera|detections|physics|seed=N]...`, FOLDER holding scenes with `observed.json`
 // (image points included) and `truth.json`; with a seed, positions, yaws and image points are the true ones with other noise.

@@ -12,6 +12,12 @@ pub use least_squares::{
 };
 pub use statistics::{NORMAL_MEDIAN_ABSOLUTE, NORMAL_MEDIAN_DISTANCE, median, quantile};
 
+pub mod elementary;
+mod normal;
+
+pub use elementary::NUMERIC_FINGERPRINT;
+pub use normal::standard_normal;
+
 use serde::{Deserialize, Serialize};
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
@@ -71,20 +77,24 @@ pub trait Real:
         if self.value() > 0.0 { self.sqrt() } else { Self::zero() }
     }
     fn exp(self) -> Self {
-        let e = self.value().exp();
+        let e = elementary::exp(self.value());
         self.chain(e, e)
     }
     fn ln(self) -> Self {
-        self.chain(self.value().ln(), 1.0 / self.value())
+        self.chain(elementary::ln(self.value()), 1.0 / self.value())
     }
     fn sin(self) -> Self {
-        self.chain(self.value().sin(), self.value().cos())
+        self.sin_cos().0
     }
     fn cos(self) -> Self {
-        self.chain(self.value().cos(), -self.value().sin())
+        self.sin_cos().1
+    }
+    fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = elementary::sin_cos(self.value());
+        (self.chain(sin, cos), self.chain(cos, -sin))
     }
     fn tanh(self) -> Self {
-        let t = self.value().tanh();
+        let t = elementary::tanh(self.value());
         self.chain(t, 1.0 - t * t)
     }
     fn abs(self) -> Self {
@@ -370,7 +380,8 @@ impl<T: Real> Vec2<T> {
     }
     /// The unit vector at `angle` (rad) from the x axis.
     pub fn from_angle(angle: T) -> Self {
-        vec2(angle.cos(), angle.sin())
+        let (sin, cos) = angle.sin_cos();
+        vec2(cos, sin)
     }
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn dot(self, o: Self) -> T {

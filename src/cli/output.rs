@@ -1,6 +1,7 @@
 //! Writes results: JSON to a file or standard output, tables for people.
 
 use super::error::Failure;
+use crate::num::elementary;
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
@@ -59,7 +60,8 @@ pub fn tell(line: &str) {
 
 /// A number as a person reads it: four decimals, and of small ones four digits.
 pub fn number(v: f64) -> String {
-    let digits = if v == 0.0 { 4 } else { (3 - v.abs().log10().floor() as i32).clamp(4, 12) as usize };
+    let digits =
+        if v == 0.0 { 4 } else { (3 - elementary::log10(v.abs()).floor() as i32).clamp(4, 12) as usize };
     format!("{v:.digits$}")
 }
 

@@ -8,6 +8,7 @@ use super::{input, output, progress};
 use crate::api::v1::{
     AskRequest, AskResponse, Choice, FitMethod, Program, ask_many_response, ask_request, choice,
 };
+use crate::num::elementary;
 use futures_util::stream;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -294,7 +295,7 @@ impl Scores {
             }
             low = high;
         }
-        let miss = |(p, came): &(f64, bool)| (p - f64::from(u8::from(*came))).powi(2);
+        let miss = |(p, came): &(f64, bool)| elementary::powi(p - f64::from(u8::from(*came)), 2);
         let brier = self.said.iter().map(miss).sum::<f64>() / self.said.len() as f64;
         let table = output::table(&["said", "came true [95 %]"], &rows);
         format!("\n{table}  Brier score {brier:.4}\n")

@@ -2,7 +2,7 @@
 
 use super::formula::{FormulaSearch, ResidualLaw, Term};
 use super::screen::region;
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::world::Kinematics;
 use nalgebra::DMatrix;
 
@@ -18,14 +18,14 @@ const TERMS: [Term; 5] = [
     Term {
         x: "X/max(D, 0.05)^2",
         y: "Y/max(D, 0.05)^2",
-        value: |k, _| k.position.scaled(1.0 / apart(k).powi(2)),
+        value: |k, _| k.position.scaled(1.0 / elementary::powi(apart(k), 2)),
     },
     Term { x: "X*D", y: "Y*D", value: |k, _| k.position.scaled(k.position.norm()) },
     Term { x: "-Y", y: "X", value: |k, _| k.position.perp() },
     Term {
         x: "-Y/max(D, 0.05)^2",
         y: "X/max(D, 0.05)^2",
-        value: |k, _| k.position.perp().scaled(1.0 / apart(k).powi(2)),
+        value: |k, _| k.position.perp().scaled(1.0 / elementary::powi(apart(k), 2)),
     },
 ];
 
@@ -135,7 +135,7 @@ fn about(search: &FormulaSearch, term: usize, centre: Vec2) -> Option<Central> {
 /// The same term about centres that are nearer and nearer, while the cost falls.
 fn nearer_centre(search: &FormulaSearch, mut best: Central, step: Vec2) -> Central {
     for halving in 1..=HALVINGS {
-        let step = step.scaled(0.5f64.powi(halving));
+        let step = step.scaled(elementary::powi(0.5f64, halving));
         let ways = [vec2(step.x, 0.0), vec2(-step.x, 0.0), vec2(0.0, step.y), vec2(0.0, -step.y)];
         for way in ways.into_iter().cycle().take(2 * ways.len()) {
             if let Some(tried) = about(search, best.term, best.centre + way)

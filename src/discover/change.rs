@@ -23,7 +23,7 @@ use super::windows::contacts;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
 use crate::effects::{EFFECTS, EffectEntry, effect};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit, StartPoint, estimate};
-use crate::num::{Stop, progress_of_jobs, progress_within};
+use crate::num::{Stop, elementary, progress_of_jobs, progress_within};
 use crate::scene::Scene;
 use crate::world::Model;
 use serde::{Deserialize, Serialize};
@@ -357,7 +357,7 @@ pub fn rank_formulas(
         let left_out = lens.left_out(&with, &free, &seen.values);
         // A law without a number of its own has a price too.
         let added = (free.len() - base.0.len().min(free.len())).max(1);
-        let score = (base.1.cost - seen.cost) / unit - added as f64 * degrees.ln();
+        let score = (base.1.cost - seen.cost) / unit - added as f64 * elementary::ln(degrees);
         let held_out_rmse = pooled_noise(lens) * (left_out / degrees).max(0.0).sqrt();
         RankedEffect::of_free_motion(FORMULA, name, 0.5 * score, held_out_rmse)
     };
@@ -384,7 +384,7 @@ pub fn weigh(before: &[&SceneFit], unseen: PredictionErrors, after: &Revision) -
     let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
     let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
     let more = count(&mut after.fit.scenes.iter()) - count(&mut before.iter().copied());
-    let log_evidence = 0.5 * ((chi_before - chi_after) / unit - more * degrees.max(2.0).ln());
+    let log_evidence = 0.5 * ((chi_before - chi_after) / unit - more * elementary::ln(degrees.max(2.0)));
     let now = after.unseen();
     let grew = |old: f64, new: f64| new > old * (1.0 + ALIKE);
     let fails =

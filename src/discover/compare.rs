@@ -4,7 +4,7 @@
 use super::revise::held_out;
 use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Fit, FitError, FitOptions, estimate_noise};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use crate::scene::Scene;
 use crate::world::{Model, SimulationLimits, simulate_observed};
 use serde::{Deserialize, Serialize};
@@ -138,7 +138,7 @@ fn rms<'r>(residuals: impl Iterator<Item = &'r PositionResidual>) -> f64 {
 fn objects(scene: &Scene, residuals: &[PositionResidual], sigma: f64) -> Vec<ObjectComparison> {
     let one = |(index, object): (usize, &crate::scene::Object)| {
         let own: Vec<&PositionResidual> = residuals.iter().filter(|r| r.object == index).collect();
-        let size = |r: &PositionResidual| r.x.hypot(r.y);
+        let size = |r: &PositionResidual| elementary::hypot(r.x, r.y);
         let worst = own.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
         let rmse = rms(own.iter().copied());
         let products: f64 = own.windows(2).map(|w| w[0].x * w[1].x + w[0].y * w[1].y).sum();
@@ -148,7 +148,7 @@ fn objects(scene: &Scene, residuals: &[PositionResidual], sigma: f64) -> Vec<Obj
             rmse,
             worst: worst.map_or(0.0, |r| size(r)),
             worst_frame: worst.map_or(0, |r| r.frame),
-            reduced_chi_square: (rmse / sigma).powi(2),
+            reduced_chi_square: elementary::powi(rmse / sigma, 2),
             autocorrelation: if squares > 0.0 { products / squares } else { 0.0 },
         }
     };
@@ -192,7 +192,7 @@ fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual],
     let regime = |(name, belongs): (String, Belongs)| {
         let own: Vec<&PositionResidual> = residuals.iter().filter(|r| belongs(r.object, r.frame)).collect();
         let rmse = rms(own.iter().copied());
-        let reduced_chi_square = (rmse / sigma).powi(2);
+        let reduced_chi_square = elementary::powi(rmse / sigma, 2);
         (own.len() >= FEWEST).then_some(Regime { regime: name, rmse, reduced_chi_square, frames: own.len() })
     };
     all.into_iter().filter_map(regime).collect()

@@ -14,7 +14,7 @@ use super::window_fits::{AT_NOISE, FOLLOWED, OPTIONS, WindowFits};
 use super::windows::ContactWindows;
 use crate::effects::{EffectEntry, Hook, ObstacleForm, Region};
 use crate::fit::{self, Fit, FitError, FitOptions, StartPoint, estimate, estimate_one};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use crate::world::Model;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -382,7 +382,8 @@ fn judged(
                     (values[k], sd[k]) = pooled;
                 }
             }
-            let score = (before.total() - after.total()) / unit - added as f64 * (degrees.max(2) as f64).ln();
+            let score = (before.total() - after.total()) / unit
+                - added as f64 * elementary::ln(degrees.max(2) as f64);
             let told: Vec<usize> = (0..films.scenes.len())
                 .filter(|&k| before.of_scene(k) - after.of_scene(k) > CHANCE * unit)
                 .collect();

@@ -3,6 +3,7 @@
 use super::screen::with_effect;
 use crate::effects::{EffectEntry, ParamId, ParamRole, Region, Role, Scope};
 use crate::fit::{Estimate, Fit};
+use crate::num::elementary;
 use crate::world::{Model, Parameter, Prior};
 
 /// Values of shapes agree within this many deviations.
@@ -64,7 +65,7 @@ pub fn pooled(of: &[&Estimate]) -> Option<(f64, f64)> {
     let known = of.iter().any(|e| e.identified);
     let of: Vec<&&Estimate> = of.iter().filter(|e| e.identified || !known).collect();
     let largest = of.iter().max_by(|a, b| a.value.total_cmp(&b.value))?;
-    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * largest.sd.hypot(e.sd);
+    let agrees = |e: &Estimate| largest.value - e.value <= SAME_VALUE * elementary::hypot(largest.sd, e.sd);
     let (mut sum, mut weight) = (0.0, 0.0);
     for e in of.iter().filter(|e| e.sd > 0.0 && agrees(e)) {
         sum += e.value / (e.sd * e.sd);

@@ -3,6 +3,7 @@
 
 use super::revise::{chi_squares, sum};
 use crate::fit::Fit;
+use crate::num::elementary;
 use crate::world::Model;
 use std::collections::BTreeSet;
 
@@ -27,7 +28,7 @@ impl Cost {
             for effect in model.effects.iter().filter(|e| e.on && added != Some(&e.name)) {
                 for p in effect.parameters.iter().filter(|p| p.prior.sd > 0.0) {
                     for ((label, value), mean) in p.labels.iter().zip(&p.values).zip(&p.means) {
-                        let square = ((value - mean) / p.prior.sd).powi(2);
+                        let square = elementary::powi((value - mean) / p.prior.sd, 2);
                         if !effect.shares(p) {
                             own += square;
                         } else if seen.insert((p.full_name(effect, label), value.to_bits())) {

@@ -20,7 +20,7 @@ use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect, effect_with};
 use crate::fit::{Fit, FitError, FitOptions};
-use crate::num::{Stop, progress_within};
+use crate::num::{Stop, elementary, progress_within};
 use crate::scene::Scene;
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
@@ -348,7 +348,7 @@ fn by_trajectories(
             None => (&motion.models, motion.found.last().map(|c| c.entry)),
         };
         let (fit, _) = trajectories(lens, models, law.map(|l| l.spec.name), &tried, stop)?;
-        Ok(fit.scenes.iter().map(|s| s.reduced_chi_square.ln_1p()).sum())
+        Ok(fit.scenes.iter().map(|s| elementary::ln_1p(s.reduced_chi_square)).sum())
     };
     let misfits: Vec<f64> = seen.par_iter().map(misfit).collect::<Result<_, _>>()?;
     Ok(seen.into_iter().zip(misfits).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(reading, _)| reading))

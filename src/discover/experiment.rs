@@ -4,7 +4,7 @@ use super::outcome::Experiment;
 use super::revise::pooled_noise;
 use super::search::FreeMotion;
 use super::weak_form::WeakFormRegression;
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::world::{BodySpec, Model, Start, State, trace};
 
 /// Launch speeds (m/s), directions, and how long to look (s).
@@ -33,7 +33,7 @@ pub fn tell_apart(lens: &WeakFormRegression, motion: &FreeMotion) -> Option<Expe
             for speed in SPEEDS {
                 for k in 0..DIRECTIONS {
                     let angle = std::f64::consts::TAU * k as f64 / DIRECTIONS as f64;
-                    let velocity = vec2(angle.cos(), angle.sin()).scaled(speed);
+                    let velocity = vec2(elementary::cos(angle), elementary::sin(angle)).scaled(speed);
                     let apart = (landing(one, body, mass, position, velocity)?
                         - landing(other, body, mass, position, velocity)?)
                     .norm()

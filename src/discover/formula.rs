@@ -6,7 +6,7 @@ use super::user_formula::refitted;
 use super::wave::wave;
 use super::weak_form::{LensFit, Projector, WeakFormRegression};
 use crate::effects::EFFECTS;
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -63,10 +63,10 @@ const TERMS: [Term; 21] = [
     Term { x: "-spin*vy", y: "spin*vx", value: |k, _| k.velocity.perp().scaled(k.spin) },
     Term { x: "vx", y: "", value: |k, _| vec2(k.velocity.x, 0.0) },
     Term { x: "", y: "vy", value: |k, _| vec2(0.0, k.velocity.y) },
-    Term { x: "x^3", y: "", value: |k, _| vec2(k.position.x.powi(3), 0.0) },
-    Term { x: "", y: "y^3", value: |k, _| vec2(0.0, k.position.y.powi(3)) },
-    Term { x: "x^2", y: "", value: |k, _| vec2(k.position.x.powi(2), 0.0) },
-    Term { x: "", y: "y^2", value: |k, _| vec2(0.0, k.position.y.powi(2)) },
+    Term { x: "x^3", y: "", value: |k, _| vec2(elementary::powi(k.position.x, 3), 0.0) },
+    Term { x: "", y: "y^3", value: |k, _| vec2(0.0, elementary::powi(k.position.y, 3)) },
+    Term { x: "x^2", y: "", value: |k, _| vec2(elementary::powi(k.position.x, 2), 0.0) },
+    Term { x: "", y: "y^2", value: |k, _| vec2(0.0, elementary::powi(k.position.y, 2)) },
     Term { x: "t", y: "", value: |_, t| vec2(t, 0.0) },
     Term { x: "", y: "t", value: |_, t| vec2(0.0, t) },
 ];
@@ -99,7 +99,7 @@ pub fn residual_law(
 ) -> Option<ResidualLaw> {
     let projector = lens.projector(models, free, &seen.values)?;
     let degrees = lens.degrees_of_freedom().max(1) as f64;
-    let priced = |cost: f64, numbers: usize| cost + numbers as f64 * degrees.ln();
+    let priced = |cost: f64, numbers: usize| cost + numbers as f64 * elementary::ln(degrees);
     let by_axes = |l: &Sparse| priced(l.cost, l.numbers());
     // The same law for all masses, or a force, along any axes or about any centre: the data say which.
     let [of_mass, of_force] = [false, true].map(|force| FormulaSearch {
@@ -229,7 +229,7 @@ pub(super) struct FormulaSearch<'a> {
 impl FormulaSearch<'_> {
     /// The column of a term along axes turned by `angle`.
     fn column(&self, term: &Term, angle: f64) -> DVector<f64> {
-        let (s, c) = angle.sin_cos();
+        let (s, c) = elementary::sin_cos(angle);
         let into = |v: Vec2| vec2(c * v.x + s * v.y, c * v.y - s * v.x);
         self.lens.column(self.models, self.force, |k, t| {
             let own = Kinematics { position: into(k.position), velocity: into(k.velocity), ..*k };
@@ -264,7 +264,7 @@ impl FormulaSearch<'_> {
     /// Whether a fall of chi-square to `left` proves so many numbers.
     pub fn proves(&self, fall: f64, left: f64, numbers: usize) -> bool {
         let degrees = self.lens.degrees_of_freedom().max(1) as f64;
-        fall / (left / degrees).max(1.0) >= PROOF + numbers as f64 * degrees.ln()
+        fall / (left / degrees).max(1.0) >= PROOF + numbers as f64 * elementary::ln(degrees)
     }
 
     fn columns(&self, terms: &[usize], angle: f64) -> DMatrix<f64> {
@@ -295,7 +295,7 @@ impl FormulaSearch<'_> {
     fn turn(&self, mut best: Sparse, step: f64) -> Sparse {
         for halving in 1..=HALVINGS {
             for side in [-1.0, 1.0] {
-                let angle = best.angle + side * step * 0.5f64.powi(halving);
+                let angle = best.angle + side * step * elementary::powi(0.5f64, halving);
                 let turned = self.fitted(best.terms.clone(), angle).filter(|turned| turned.cost < best.cost);
                 best = turned.unwrap_or(best);
             }

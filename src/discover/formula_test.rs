@@ -10,7 +10,7 @@ use super::verdict::DiscoverOptions;
 use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::formula::Formula;
 use crate::fit::{Fit, FitError, FitOptions, StartPoint, estimate};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use crate::world::Model;
 
 /// A law outside the library must beat what the library found by this (chi-square in units of what remains).
@@ -151,13 +151,17 @@ fn followed_better(
 /// of the library that lack theirs too.
 fn shared(law: &ResidualLaw, motion: &FreeMotion) -> bool {
     let (price, degrees) = (priced(law, motion) - law.cost, motion.degrees_of_freedom);
-    let known = motion.ranked.iter().map(|(_, c)| c.gain - c.added as f64 * degrees.ln()).fold(0.0, f64::max);
+    let known = motion
+        .ranked
+        .iter()
+        .map(|(_, c)| c.gain - c.added as f64 * elementary::ln(degrees))
+        .fold(0.0, f64::max);
     let proof = FORMULA_PROOF * unit(law, motion);
     law.gain_without_best_track - price > proof && motion.base.cost - priced(law, motion) > known + proof
 }
 
 fn priced(law: &ResidualLaw, motion: &FreeMotion) -> f64 {
-    law.cost + law.numbers as f64 * motion.degrees_of_freedom.ln()
+    law.cost + law.numbers as f64 * elementary::ln(motion.degrees_of_freedom)
 }
 
 fn unit(law: &ResidualLaw, motion: &FreeMotion) -> f64 {

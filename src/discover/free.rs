@@ -1,6 +1,7 @@
 //! Free parameters of a set-up's models as the force lens moves them: one a name, wherever it stands; and masses that nobody gave.
 
 use crate::effects::{EffectEntry, ParamId, ParamRole, effect};
+use crate::num::elementary;
 use crate::scene::{Object, Scene};
 use crate::world::{BODY_VALUES, MASS, MASS_BOUNDS, Model};
 
@@ -36,11 +37,11 @@ impl FreeParameter {
 
     /// The number that a model has for this value.
     pub fn in_model(&self, value: f64) -> f64 {
-        if self.log { value.exp() } else { value }
+        if self.log { elementary::exp(value) } else { value }
     }
 
     fn of_model(&self, number: f64) -> f64 {
-        if self.log { number.ln() } else { number }
+        if self.log { elementary::ln(number) } else { number }
     }
 }
 
@@ -58,8 +59,8 @@ pub fn free_parameters(scenes: &[Scene], models: &[Model]) -> Vec<FreeParameter>
                 name: format!("objects[{}].mass", object.id),
                 scene: Some(scene),
                 slots: vec![(scene, body * BODY_VALUES.len() + MASS)],
-                min: MASS_BOUNDS[0].ln(),
-                max: MASS_BOUNDS[1].ln(),
+                min: elementary::ln(MASS_BOUNDS[0]),
+                max: elementary::ln(MASS_BOUNDS[1]),
                 mean: 0.0,
                 sd: model.mass_sd,
                 step: STEP_SHARE * model.mass_sd,

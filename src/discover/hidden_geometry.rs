@@ -1,7 +1,7 @@
 //! Where a thing that nobody saw may stand: behind the jumps of objects that met no other.
 
 use super::smooth_track::ChangePoint;
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use crate::world::Model;
 
 /// Jumps agree with one wall within this distance (m) and cosine.
@@ -49,7 +49,10 @@ pub fn walls(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlac
             let sum = agree.iter().fold(Vec2::zero(), |s, j| s + j.change);
             let n = sum.unit();
             let offset = agree.iter().map(|j| j.position.dot(n)).sum::<f64>() / agree.len() as f64 - radius;
-            HiddenPlace { values: vec![1.0, offset, n.y.atan2(n.x), RESTITUTION], agree: agree.len() }
+            HiddenPlace {
+                values: vec![1.0, offset, elementary::atan2(n.y, n.x), RESTITUTION],
+                agree: agree.len(),
+            }
         })
         .collect();
     found.sort_by_key(|f| std::cmp::Reverse(f.agree));
@@ -106,7 +109,7 @@ pub fn discs_between(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<Hi
     let mut kept: Vec<HiddenPlace> = vec![];
     for place in found {
         let near = |k: &HiddenPlace| {
-            (k.values[1] - place.values[1]).hypot(k.values[2] - place.values[2]) < SAME_DISC
+            elementary::hypot(k.values[1] - place.values[1], k.values[2] - place.values[2]) < SAME_DISC
         };
         if !kept.iter().any(near) {
             kept.push(place);

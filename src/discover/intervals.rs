@@ -15,6 +15,7 @@ use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamId, ParamSpec};
 use crate::fit::{Estimate, Fit, SceneFit};
+use crate::num::elementary;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -116,7 +117,7 @@ pub fn found(
             if apart.abs() < AGREE * sd[k] {
                 values[k] = e.value;
             }
-            sd[k] = sd[k].hypot(apart);
+            sd[k] = elementary::hypot(sd[k], apart);
         }
     }
     FoundEffect::of(c.entry, reported(c.entry, &values, &sd))
@@ -145,7 +146,10 @@ pub fn plausible(
     let one = |(name, &(value, sd)): (&String, &(f64, f64))| {
         let at = free.iter().position(|f| f.name == *name);
         let known = at.zip(scatter.as_ref()).map(|(at, scatter)| {
-            widened(seen.sd[at] * reduced.max(1.0).sqrt(), scatter[at]).hypot(value - seen.values[at])
+            elementary::hypot(
+                widened(seen.sd[at] * reduced.max(1.0).sqrt(), scatter[at]),
+                value - seen.values[at],
+            )
         });
         known.filter(|known| sd > 0.0 && NARROW * sd < *known).unwrap_or(sd)
     };
@@ -217,7 +221,11 @@ pub fn contact_numbers(
     for (k, value) in values.iter_mut().enumerate() {
         if let Some(s) = videos.and_then(|v| v[k]) {
             let (own, apart) = (s.sd.max(s.scatter), (s.value - *value).abs());
-            sd[k] = if own < sd[k] { widened(own, sd[k].hypot(apart.min(AGREE * sd[k]))) } else { own };
+            sd[k] = if own < sd[k] {
+                widened(own, elementary::hypot(sd[k], apart.min(AGREE * sd[k])))
+            } else {
+                own
+            };
             *value = s.value;
         }
         sd[k] = sd[k].max(least(k, *value));
@@ -233,7 +241,7 @@ pub fn smallest(lens: &WeakFormRegression, motion: &FreeMotion) -> Vec<Detection
     let unit = motion.reduced_chi_square().max(1.0);
     let one = |c: &ForceCandidate| -> Option<DetectionLimit> {
         let (entry, amplitude): (&'static EffectEntry, _) = (c.entry, c.entry.spec.params.first()?);
-        let price = PROOF + c.added as f64 * motion.degrees_of_freedom.ln();
+        let price = PROOF + c.added as f64 * elementary::ln(motion.degrees_of_freedom);
         let value = (price * unit).sqrt() * typical_sd(lens, &stand, entry, &region)?;
         (value <= amplitude.max).then(|| DetectionLimit {
             kind: entry.kind.to_string(),

@@ -7,7 +7,7 @@ use super::revise::Revision;
 use super::weak_form::WeakFormRegression;
 use crate::effects::EffectEntry;
 use crate::fit::{Fit, FitError, FitOptions, StartPoint, estimate, estimate_each, fit_jointly};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use crate::scene::Scene;
 use crate::world::Model;
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ pub fn scatter(
     let (all, n) = (all?, told.len().max(1) as f64);
     let deviation = |k: usize| {
         let mean = all.iter().map(|v| v[k]).sum::<f64>() / n;
-        ((n - 1.0) / n * all.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>()).sqrt()
+        ((n - 1.0) / n * all.iter().map(|v| elementary::powi(v[k] - mean, 2)).sum::<f64>()).sqrt()
     };
     Ok((0..values.len()).map(deviation).collect())
 }

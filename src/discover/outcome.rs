@@ -2,7 +2,7 @@
 
 use super::revise::Revision;
 use crate::effects::{EffectEntry, Quantity};
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use serde::{Deserialize, Serialize};
 
 /// Deviations of a 95 % interval of a normal law.
@@ -210,7 +210,7 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Paramete
                     moved[k] += step;
                     let there = (entry.report)(&moved);
                     let slope = (component(&there[which].1, c) - component(quantity, c)) / step;
-                    (slope * sd[k]).powi(2)
+                    elementary::powi(slope * sd[k], 2)
                 })
                 .sum();
             NINETY_FIVE * squares.sqrt()

@@ -5,6 +5,7 @@ use super::intervals::FOLLOWED;
 use super::revise::Revision;
 use super::search::CLEAN;
 use crate::fit::{Fit, SceneFit};
+use crate::num::elementary;
 use crate::world::ActiveEffect;
 
 /// What a law leaves that explains trajectories, as a share of what there was without it.
@@ -91,13 +92,13 @@ pub fn is_supported(before: &Revision, after: &Revision, added: usize) -> bool {
         ((0..told.len()).filter(|&k| told[k] && named(k)).count() * shared(r)) as f64
     };
     let price = added as f64 + own(after) - own(before);
-    nearer + prior_penalty(before) - prior_penalty(after) > price * (count as f64).ln()
+    nearer + prior_penalty(before) - prior_penalty(after) > price * elementary::ln(count as f64)
 }
 
 /// How much nearer to what was measured the trajectory of `after` is (twice a log likelihood, the noise unknown).
 fn gain(before: &SceneFit, after: &SceneFit) -> f64 {
     let ratio = before.reduced_chi_square / after.reduced_chi_square.max(f64::MIN_POSITIVE);
-    after.degrees_of_freedom as f64 * ratio.ln()
+    after.degrees_of_freedom as f64 * elementary::ln(ratio)
 }
 
 /// Whether half of the scenes, or more, are off their noise: chaos alone loses one or the other of several.
@@ -113,7 +114,7 @@ pub fn loses_most(fit: &Fit) -> bool {
 
 /// How far a fit is from what was measured and believed (twice a negative log likelihood, the noise unknown).
 pub fn deviance(fit: &Fit) -> f64 {
-    let of = |s: &SceneFit| s.degrees_of_freedom as f64 * s.reduced_chi_square.ln();
+    let of = |s: &SceneFit| s.degrees_of_freedom as f64 * elementary::ln(s.reduced_chi_square);
     fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).prior_penalty(|_| true)
 }
 

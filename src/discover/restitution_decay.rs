@@ -2,6 +2,7 @@
 
 use super::windows::ContactWindows;
 use crate::effects::{EffectEntry, ParamRole, SearchStart, effect};
+use crate::num::elementary;
 use crate::world::{EventKind, Model, Parameter, trace};
 use std::collections::BTreeMap;
 
@@ -41,14 +42,14 @@ pub fn as_met(films: &ContactWindows, models: &[Model]) -> Option<(f64, Vec<Mode
     let meetings: Vec<FirstContact> = (0..models.len()).flat_map(|film| met(films, models, film)).collect();
     let n = meetings.len() as f64;
     let mean = |of: &dyn Fn(&FirstContact) -> f64| meetings.iter().map(of).sum::<f64>() / n;
-    let (speed, level) = (mean(&|m| m.speed), mean(&|m| m.restitution.ln()));
-    let spread = mean(&|m| (m.speed - speed).powi(2));
-    let inverse_v0 = -mean(&|m| (m.speed - speed) * m.restitution.ln()) / spread;
+    let (speed, level) = (mean(&|m| m.speed), mean(&|m| elementary::ln(m.restitution)));
+    let spread = mean(&|m| elementary::powi(m.speed - speed, 2));
+    let inverse_v0 = -mean(&|m| (m.speed - speed) * elementary::ln(m.restitution)) / spread;
     if meetings.len() < FEWEST || !(0.0..STEEPEST).contains(&inverse_v0) || inverse_v0 == 0.0 {
         return None;
     }
-    let common = (level + speed * inverse_v0).exp().min(1.0);
-    let at_rest = |m: &FirstContact| m.restitution * (m.speed * inverse_v0).exp();
+    let common = elementary::exp(level + speed * inverse_v0).min(1.0);
+    let at_rest = |m: &FirstContact| m.restitution * elementary::exp(m.speed * inverse_v0);
     let mut models = models.to_vec();
     for (film, model) in models.iter_mut().enumerate() {
         for (role, p) in roles(model) {

@@ -3,7 +3,7 @@
 use super::free::{FreeParameter, at_values, flats, free_parameters, stride, values_of};
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
 use crate::effects::{ActsOn, EFFECTS, EffectEntry, Hook, ParamId, Region, Seed};
-use crate::num::{Vec2, quantile, vec2};
+use crate::num::{Vec2, elementary, quantile, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
@@ -366,7 +366,7 @@ fn climb(
     let spacing = (region.high - region.low).scaled(1.0 / region.places.max(1) as f64);
     let (mut level, mut sweeps, mut before) = (1, 0, best.gain);
     while level <= CLIMBS {
-        let share = 0.5f64.powi(level);
+        let share = elementary::powi(0.5f64, level);
         for (k, p) in entry.spec.params.iter().enumerate() {
             let Some((_, seed)) = entry.seeds.iter().find(|(name, _)| *name == p.name) else { continue };
             for side in [-1.0, 1.0] {
@@ -374,7 +374,7 @@ fn climb(
                 moved[k] = match seed {
                     Seed::PlaceX => moved[k] + side * share * spacing.x,
                     Seed::PlaceY => moved[k] + side * share * spacing.y,
-                    _ => moved[k] * (1.0 + share).powf(side),
+                    _ => moved[k] * elementary::powf(1.0 + share, side),
                 }
                 .clamp(p.min, p.max);
                 if let Some(better) = at(&moved).filter(|b| b.gain > best.gain) {

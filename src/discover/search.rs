@@ -6,7 +6,7 @@ use super::screen::{
 };
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamId};
-use crate::num::{Stop, Stopped};
+use crate::num::{Stop, Stopped, elementary};
 use crate::world::Model;
 use rayon::prelude::*;
 use std::slice;
@@ -80,12 +80,12 @@ impl FreeMotion {
 
     /// The price of the numbers that the laws found have beyond so many.
     pub fn dearer(&self, numbers: usize) -> f64 {
-        self.added().saturating_sub(numbers) as f64 * self.degrees_of_freedom.ln()
+        self.added().saturating_sub(numbers) as f64 * elementary::ln(self.degrees_of_freedom)
     }
 
     /// Cost with the price of all added parameters.
     pub fn priced(&self) -> f64 {
-        self.seen.cost + self.added() as f64 * self.degrees_of_freedom.ln()
+        self.seen.cost + self.added() as f64 * elementary::ln(self.degrees_of_freedom)
     }
 }
 
@@ -265,7 +265,7 @@ fn round(
     let holds = |c: &&ForceCandidate| lens.folds.len() < 2 || c.gain_without_best_track > ELSEWHERE;
     let remains = candidates.iter().filter(holds).map(|c| c.chi_square).fold(base.seen.chi_square, f64::min);
     let least = (remains / degrees).max(1.0);
-    let score = |c: &ForceCandidate| c.gain / least - c.added as f64 * degrees.ln();
+    let score = |c: &ForceCandidate| c.gain / least - c.added as f64 * elementary::ln(degrees);
     let mut ranked: Vec<(f64, ForceCandidate)> = candidates.into_iter().map(|c| (score(&c), c)).collect();
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     // The simpler law wins unless the richer one proves itself, or leaves noise where the simpler leaves more.

@@ -1,7 +1,7 @@
 //! Observed motion without a model: smoothed tracks, cut where something sudden happened.
 
 use crate::fit::Noise;
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::scene::{Scene, Track};
 use crate::world::{Kinematics, Model};
 use nalgebra::{DMatrix, DVector};
@@ -285,7 +285,7 @@ fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
         return None;
     }
     let columns = degree.min(points.len() - 1) + 1;
-    let design = DMatrix::from_fn(points.len(), columns, |r, c| points[r].0.powi(c as i32));
+    let design = DMatrix::from_fn(points.len(), columns, |r, c| elementary::powi(points[r].0, c as i32));
     let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.1));
     let normal = design.transpose() * &design;
     let solved = normal.cholesky()?.solve(&(design.transpose() * values));
@@ -362,7 +362,7 @@ fn jump(
     }
     let design = DMatrix::from_fn(points.len(), columns, |r, c| {
         let t = points[r].0;
-        [1.0, t, t.max(0.0), t * t, t.max(0.0).powi(2)][c]
+        [1.0, t, t.max(0.0), t * t, elementary::powi(t.max(0.0), 2)][c]
     });
     let inverse = (design.transpose() * &design).cholesky()?.inverse();
     let solve = |value: fn(&Vec2) -> f64| {

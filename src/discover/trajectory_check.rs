@@ -7,7 +7,7 @@ use super::screen::ForceCandidate;
 use super::search::{ALIKE, FreeMotion, instead};
 use super::weak_form::WeakFormRegression;
 use crate::fit::{FitError, FitOptions};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use crate::world::Model;
 use rayon::prelude::*;
 
@@ -31,7 +31,8 @@ pub fn heard(
         let motion = instead(lens, base, motion, law, stop)?;
         let revision = revise(lens, &motion.models, Some(law.entry.spec.name), options, stop)?;
         let follows = proof::follows(&revision) && proof::is_supported(first, &revision, law.added);
-        let priced = proof::deviance(&revision.fit) + law.added as f64 * motion.degrees_of_freedom.ln();
+        let priced =
+            proof::deviance(&revision.fit) + law.added as f64 * elementary::ln(motion.degrees_of_freedom);
         Ok(follows.then_some((priced, law.entry.kind, motion, revision)))
     };
     let laws: Vec<&ForceCandidate> = motion.ranked.iter().map(|(_, law)| law).take(HEARD).collect();

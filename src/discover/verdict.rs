@@ -25,7 +25,7 @@ use super::windows::contacts;
 use crate::effects::formula::Formula;
 use crate::effects::{Hook, ParamSpec, effect_with};
 use crate::fit::{FitError, FitOptions};
-use crate::num::{Stop, progress_of_jobs, progress_within};
+use crate::num::{Stop, elementary, progress_of_jobs, progress_within};
 use crate::world::Model;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -430,8 +430,8 @@ fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shar
     let one = |(p, (known, own)): (&ParamSpec, (&f64, &f64))| {
         let (value, sd) = pooled(&estimates_of(&revision.fit, c.entry.spec.name, p.name))?;
         let apart = value - known;
-        let apart = if p.unit == "rad" { apart.sin().abs() } else { apart };
-        Some(SharedEstimate { value, sd, scatter: own.hypot(apart) })
+        let apart = if p.unit == "rad" { elementary::sin(apart).abs() } else { apart };
+        Some(SharedEstimate { value, sd, scatter: elementary::hypot(*own, apart) })
     };
     all.then(|| c.entry.spec.params.iter().zip(c.values.iter().zip(&c.sd)).map(one).collect())
 }

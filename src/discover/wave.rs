@@ -3,7 +3,7 @@
 
 use super::formula::{FormulaSearch, ResidualLaw};
 use super::screen::region;
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
@@ -66,7 +66,7 @@ pub fn wave(search: &FormulaSearch) -> Option<ResidualLaw> {
         }
         None => best,
     };
-    let axis = if best.angle.sin().abs() < FRAC_PI_4.sin() { 0.0 } else { FRAC_PI_2 };
+    let axis = if elementary::sin(best.angle).abs() < elementary::sin(FRAC_PI_4) { 0.0 } else { FRAC_PI_2 };
     let upright = fitted(search, axis, best.push, true, best.number);
     let best = simpler(nearer(search, best, turn, step, half), upright, 0.0);
     let turn = if best.turned() { turn } else { 0.0 };
@@ -91,7 +91,7 @@ fn fitted(search: &FormulaSearch, angle: f64, push: WaveTerm, mean: bool, number
 /// The same along axes that are turned further and with another length, by less and less, while the cost falls.
 fn nearer(search: &FormulaSearch, mut best: Wave, turn: f64, step: f64, half: f64) -> Wave {
     for halving in 0..=HALVINGS {
-        let [turn, step] = [turn, step].map(|s| s * 0.5f64.powi(halving));
+        let [turn, step] = [turn, step].map(|s| s * elementary::powi(0.5f64, halving));
         let ways = [(turn, 0.0), (-turn, 0.0), (0.0, step), (0.0, -step)];
         for (turn, step) in ways.into_iter().cycle().take(2 * ways.len()).filter(|way| *way != (0.0, 0.0)) {
             let number = (best.number + step).clamp(FEWEST * half, MOST * half);
@@ -127,7 +127,7 @@ impl Wave {
                 push.scaled(value(number * along.dot(k.position)))
             })
         };
-        let mut columns = vec![column(f64::cos, self.number), column(f64::sin, self.number)];
+        let mut columns = vec![column(elementary::cos, self.number), column(elementary::sin, self.number)];
         if self.mean {
             columns.push(column(|_| 1.0, 0.0));
         }

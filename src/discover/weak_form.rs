@@ -5,7 +5,9 @@ use super::free::{FreeParameter, STEP, at_values, flats, free_parameters, values
 use super::segment::{FreeSegment, instants, integral};
 use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
-use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, levenberg_marquardt};
+use crate::num::{
+    AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, elementary, levenberg_marquardt,
+};
 use crate::scene::Scene;
 use crate::world::{AccelerationField, FormulaForces, Kinematics, Model, Snapshot};
 use nalgebra::{DMatrix, DVector};
@@ -225,7 +227,8 @@ impl<'a> WeakFormRegression<'a> {
         values: &[f64],
         without: &[Range<usize>],
     ) -> f64 {
-        let priors: f64 = free.iter().zip(values).map(|(f, v)| ((v - f.mean) / f.sd).powi(2)).sum();
+        let priors: f64 =
+            free.iter().zip(values).map(|(f, v)| elementary::powi((v - f.mean) / f.sd, 2)).sum();
         residual.norm_squared() - squares(residual, without) + priors
     }
 
@@ -439,7 +442,7 @@ fn squares(residual: &DVector<f64>, rows: &[Range<usize>]) -> f64 {
 /// factors; MacKay, Information Theory, Inference, and Learning Algorithms, 2003, 28.1): one that takes all for alike needs none.
 fn occam_penalty(free: &[FreeParameter], sd: &[f64], remains: f64) -> f64 {
     let masses = free.iter().zip(sd).filter(|(f, _)| f.log);
-    remains * masses.map(|(f, sd)| 2.0 * (f.sd / (sd * remains.sqrt())).max(1.0).ln()).sum::<f64>()
+    remains * masses.map(|(f, sd)| 2.0 * elementary::ln((f.sd / (sd * remains.sqrt())).max(1.0))).sum::<f64>()
 }
 
 /// See [`WeakFormRegression::projector`].

@@ -22,7 +22,7 @@ use crate::effects::{
     EFFECTS, EffectEntry, Hook, ObstacleForm, ParamId, ParamSpec, Region, SearchStart, effect, effect_with,
 };
 use crate::fit::{Estimate, Fit, FitError, FitOptions, SceneFit, StartPoint, estimate, estimate_each};
-use crate::num::{Stop, quantile};
+use crate::num::{Stop, elementary, quantile};
 use crate::scene::Scene;
 use crate::world::{Model, PRESETS};
 use rayon::prelude::*;
@@ -141,7 +141,8 @@ pub fn asked(
     let nearest = near.iter().min_by(|a, b| proof::deviance(&a.1).total_cmp(&proof::deviance(&b.1)));
     // Less of a fading restitution than contacts differ by anyway is none.
     let fades = |t: &LawTrial, fit: &Fit| {
-        let faded = |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - (-n.0 * usual).exp() > FADES);
+        let faded =
+            |usual: f64| numbers(fit, t).first().is_some_and(|n| 1.0 - elementary::exp(-n.0 * usual) > FADES);
         !decays(t.entry) || usual_speed(base).is_some_and(faded)
     };
     let mends = |(t, fit): &&(LawTrial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
@@ -342,7 +343,7 @@ fn heavier(
     masses.sort_by(|a, b| a.0.total_cmp(&b.0));
     // Only ratios of masses show: each against the median.
     let Some(median) = masses.get(masses.len() / 2).map(|m| m.0) else { return Ok(vec![]) };
-    let off = |mass: f64| (mass / median).ln().abs();
+    let off = |mass: f64| elementary::ln(mass / median).abs();
     masses.sort_by(|a, b| off(b.0).total_cmp(&off(a.0)));
     let trial =
         |(mass, id): (f64, u32)| LawTrial { entry, start: vec![mass / median - 1.0], object: Some(id) };

@@ -2,7 +2,7 @@
 
 use super::noise::Noise;
 use crate::effects::effect;
-use crate::num::{Vec2, vec2, wrap_angle};
+use crate::num::{Vec2, elementary, vec2, wrap_angle};
 use crate::scene::{Sample, Scene, Track};
 use crate::world::{ActiveEffect, Model};
 
@@ -120,7 +120,7 @@ fn line(
     let n = points.len() as f64;
     let centre = points.iter().map(|p| p.0).sum::<f64>() / n;
     let middle = points.iter().fold(vec2(0.0, 0.0), |sum, p| sum + p.1).scaled(1.0 / n);
-    let spread: f64 = points.iter().map(|p| (p.0 - centre).powi(2)).sum();
+    let spread: f64 = points.iter().map(|p| elementary::powi(p.0 - centre, 2)).sum();
     if points.len() < 2 || spread <= 0.0 {
         let at = points.first().map_or(vec2(0.0, 0.0), |p| p.1);
         return (at, vec2(0.0, 0.0), f64::INFINITY);

@@ -12,12 +12,11 @@
 
 use super::SceneFit;
 use super::noise::Noise;
-use crate::num::{Vec2, vec2, wrap_angle};
+use crate::num::{Vec2, elementary, standard_normal, vec2, wrap_angle};
 use crate::scene::Scene;
 use crate::world::{EventKind, ObservationModel, State, StateCorrection, Trace};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Most samples of a line; the paper's last stage has as many frames.
 const MAX_SAMPLES: usize = 20;
@@ -144,14 +143,14 @@ impl<const N: usize> ResidualLine<N> {
             let (value, slope) = (line.value[k], line.slope[k]);
             left += points
                 .iter()
-                .map(|p| (p.off[k] - value - slope * p.time).powi(2) / p.variance[k])
+                .map(|p| elementary::powi(p.off[k] - value - slope * p.time, 2) / p.variance[k])
                 .sum::<f64>();
         }
         // No line describes them better than this.
         let scatter = (left / (N as f64 * (points.len() as f64 - 2.0))).sqrt().max(1.0);
         line.value_sd.iter_mut().chain(&mut line.slope_sd).for_each(|sd| *sd *= scatter);
         let factor = |of: &[f64; N], sd: &[f64; N]| {
-            let squares: f64 = of.iter().zip(sd).map(|(v, sd)| (v / sd).powi(2)).sum();
+            let squares: f64 = of.iter().zip(sd).map(|(v, sd)| elementary::powi(v / sd, 2)).sum();
             (1.0 - SHRINKAGE * N as f64 / squares.max(f64::MIN_POSITIVE)).max(0.0)
         };
         line.value_factor = factor(&line.value, &line.value_sd);
@@ -191,7 +190,7 @@ impl StateDiscrepancy {
     /// measured: as far as the discrepancy is significant, it replaces the posterior's own spread.
     pub fn sample_correction(&self, draw: usize, state: &State, best: &State) -> StateCorrection {
         let mut random = ChaCha8Rng::seed_from_u64((draw as u64) << 32 | u64::from(self.id));
-        let mut noise = || -> f64 { StandardNormal.sample(&mut random) };
+        let mut noise = || -> f64 { standard_normal(&mut random) };
         let (p, v) = (state.position - best.position, state.velocity - best.velocity);
         let position = self.position.shift([[p.x, p.y], [v.x, v.y]], self.lead, &mut noise);
         let turn = [[wrap_angle(state.yaw - best.yaw)], [state.spin - best.spin]];

@@ -1,13 +1,14 @@
 //! Pose, shape and colour of an object in Foxglove's schemas, for viewers.
 
 use super::messages::foxglove as fox;
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use crate::scene::Shape;
 use prost_types::Timestamp;
 
 pub fn pose(position: Vec2, shape: &Shape, yaw: f64) -> fox::Pose {
     let position = fox::Vector3 { x: position.x, y: position.y, z: shape.centre_height() };
-    let orientation = fox::Quaternion { x: 0.0, y: 0.0, z: (0.5 * yaw).sin(), w: (0.5 * yaw).cos() };
+    let orientation =
+        fox::Quaternion { x: 0.0, y: 0.0, z: elementary::sin(0.5 * yaw), w: elementary::cos(0.5 * yaw) };
     fox::Pose { position: Some(position), orientation: Some(orientation) }
 }
 

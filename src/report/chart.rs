@@ -1,5 +1,6 @@
 //! Pictures as SVG: axes, scales, ticks. Colours are CSS classes, so that a page can be dark or light.
 
+use crate::num::elementary;
 use maud::{Markup, PreEscaped, Render, html};
 
 /// Colours and lines of pictures, light and dark.
@@ -105,25 +106,29 @@ impl Axis {
         let good = values.filter(|v| v.is_finite() && *v > 0.0);
         let (low, high) = good.fold(start, |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = if low <= high { (low.max(1e-4 * high), high) } else { (1.0, 10.0) };
-        let (low, high) = (10f64.powf(low.log10().floor()), 10f64.powf(high.log10().ceil()));
+        let (low, high) = (
+            elementary::powf(10f64, elementary::log10(low).floor()),
+            elementary::powf(10f64, elementary::log10(high).ceil()),
+        );
         Axis { low, high: if high > low { high } else { 10.0 * low }, label: label.into(), logarithmic: true }
     }
 
     fn share(&self, v: f64) -> f64 {
         if self.logarithmic {
-            let (low, high) = (self.low.log10(), self.high.log10());
-            return (v.max(self.low).log10() - low) / (high - low);
+            let (low, high) = (elementary::log10(self.low), elementary::log10(self.high));
+            return (elementary::log10(v.max(self.low)) - low) / (high - low);
         }
         (v - self.low) / (self.high - self.low)
     }
 
     fn ticks(&self) -> Vec<f64> {
         if self.logarithmic {
-            let (low, high) = (self.low.log10().round() as i32, self.high.log10().round() as i32);
-            return (low..=high).map(|p| 10f64.powi(p)).collect();
+            let (low, high) =
+                (elementary::log10(self.low).round() as i32, elementary::log10(self.high).round() as i32);
+            return (low..=high).map(|p| elementary::powi(10f64, p)).collect();
         }
         let rough = (self.high - self.low) / 5.0;
-        let power = 10f64.powf(rough.log10().floor());
+        let power = elementary::powf(10f64, elementary::log10(rough).floor());
         let step =
             [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
         let first = (self.low / step).ceil() as i64;
@@ -140,7 +145,8 @@ pub fn number(v: f64) -> String {
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{v:.1e}").replace('-', "−");
     }
-    let digits = if size == 0.0 { 0 } else { (2 - size.log10().floor() as i32).clamp(0, 5) as usize };
+    let digits =
+        if size == 0.0 { 0 } else { (2 - elementary::log10(size).floor() as i32).clamp(0, 5) as usize };
     let text = format!("{v:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     if text == "-0" { "0".into() } else { text.replace('-', "−") }

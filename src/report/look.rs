@@ -3,6 +3,7 @@
 use super::Report;
 use crate::discover::{UnexplainedAcceleration, failures, unexplained};
 use crate::fit::{Fit, estimate_noise};
+use crate::num::elementary;
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, Trace, trace};
 use std::collections::BTreeMap;
@@ -44,7 +45,7 @@ pub struct Residual {
 
 impl Residual {
     pub fn size(&self) -> f64 {
-        self.off[0].hypot(self.off[1])
+        elementary::hypot(self.off[0], self.off[1])
     }
 }
 
@@ -124,7 +125,7 @@ pub fn direction(lacks: &[UnexplainedAcceleration]) -> Option<&'static str> {
         mean / sd
     };
     let (along, left) = (sure(along), sure(left));
-    let fixed = sure(|u| u.acceleration.x).hypot(sure(|u| u.acceleration.y));
+    let fixed = elementary::hypot(sure(|u| u.acceleration.x), sure(|u| u.acceleration.y));
     let told = [
         (along, "along the motion"),
         (-along, "against the motion"),
@@ -191,14 +192,16 @@ fn autocorrelation(scenes: &[Scene], residuals: &[Vec<Residual>]) -> Vec<f64> {
 }
 
 fn fit_percent(scenes: &[Scene], residuals: &[Vec<Residual>]) -> f64 {
-    let squares: f64 = residuals.iter().flatten().map(|r| r.size().powi(2)).sum();
+    let squares: f64 = residuals.iter().flatten().map(|r| elementary::powi(r.size(), 2)).sum();
     let mut motion = 0.0;
     for samples in scenes.iter().flat_map(|s| &s.tracks).map(|t| &t.samples) {
         let count = samples.len().max(1) as f64;
         let (x, y) = samples.iter().fold((0.0, 0.0), |(x, y), s| (x + s.position.x, y + s.position.y));
         let (x, y) = (x / count, y / count);
-        motion +=
-            samples.iter().map(|s| (s.position.x - x).powi(2) + (s.position.y - y).powi(2)).sum::<f64>();
+        motion += samples
+            .iter()
+            .map(|s| elementary::powi(s.position.x - x, 2) + elementary::powi(s.position.y - y, 2))
+            .sum::<f64>();
     }
     100.0 * (1.0 - (squares / motion.max(f64::MIN_POSITIVE)).sqrt())
 }

@@ -9,6 +9,7 @@ use super::{Answered, Report};
 use crate::discover::{FAST, FAST_FREE, FoundEffect, ParameterEstimate, ParameterValue, SLOW_FREE, Verdict};
 use crate::effects::effect;
 use crate::fit::Estimate;
+use crate::num::elementary;
 use crate::reason::DerivationStep;
 use crate::scene::Scene;
 use maud::{Markup, html};
@@ -73,7 +74,7 @@ fn figures(pictures: &[Picture], start: &str) -> Markup {
 /// Three digits, so that a column of them can be compared.
 fn mm(v: f64) -> String {
     let v = 1e3 * v;
-    let digits = if v > 0.0 { (2 - v.log10().floor() as i32).clamp(0, 3) as usize } else { 0 };
+    let digits = if v > 0.0 { (2 - elementary::log10(v).floor() as i32).clamp(0, 3) as usize } else { 0 };
     if v.is_finite() { format!("{v:.digits$} mm") } else { format!("{} mm", number(v)) }
 }
 

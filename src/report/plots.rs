@@ -6,7 +6,7 @@ use super::chart::{Axis, Chart, Picture, dots, line, number, px};
 use super::look::{NINETY_NINE, Residual, Stage, Views, along, left, weighted_mean};
 use super::table::View;
 use crate::discover::UnexplainedAcceleration;
-use crate::num::quantile;
+use crate::num::{elementary, quantile};
 use crate::scene::Scene;
 use maud::{Markup, html};
 
@@ -109,8 +109,10 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
         .collect();
     let rms = |of: &[Residual]| -> Vec<Option<f64>> {
         let one = |f: usize| {
-            let (sum, n) =
-                of.iter().filter(|r| r.frame == f).fold((0.0, 0), |(s, n), r| (s + r.size().powi(2), n + 2));
+            let (sum, n) = of
+                .iter()
+                .filter(|r| r.frame == f)
+                .fold((0.0, 0), |(s, n), r| (s + elementary::powi(r.size(), 2), n + 2));
             (n > 0).then(|| 1e3 * (sum / n as f64).sqrt())
         };
         (0..frames).map(one).collect()
@@ -166,7 +168,7 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
 fn edge(n: usize, side: f64) -> f64 {
     let n = n.max(1) as f64;
     let cube = 1.0 - 2.0 / (9.0 * n) + side * NINETY_NINE * (2.0 / (9.0 * n)).sqrt();
-    cube.max(0.05).powi(3).sqrt()
+    elementary::powi(cube.max(0.05), 3).sqrt()
 }
 
 fn legend(views: &Views) -> Markup {
@@ -240,7 +242,7 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     let (strong, weak): (Vec<&UnexplainedAcceleration>, Vec<&UnexplainedAcceleration>) =
         stage.unexplained.iter().partition(sure);
     let [w, h] = view.size;
-    let round = 10f64.powf(usual.log10().floor());
+    let round = elementary::powf(10f64, elementary::log10(usual).floor());
     let body = html! {
         @for u in &weak { path class="mute" d=(arrow(u)) {} }
         @for u in &strong { path class=(class(views.stages.len(), k)) d=(arrow(u)) {} }

@@ -3,6 +3,7 @@
 use super::chart::{Picture, dots, line, px};
 use super::look::{FUTURE, Residual, Views};
 use super::{Answered, Report};
+use crate::num::elementary;
 use crate::scene::{Object, Scene, Shape};
 use crate::world::{BodySpec, EventKind, Trace, trace};
 use maud::{Markup, html};
@@ -287,7 +288,7 @@ pub fn strobe(name: &str, title: &str, scene: &Scene, run: &Trace, added: &[&Bod
             @for (n, f) in flashes.iter().enumerate() {
                 @if let Some(s) = run.states.get(*f).and_then(|row| row.get(*k).copied().flatten()) {
                     @let (x, y) = view.at(s.position.x, s.position.y);
-                    @let opacity = 0.12 + 0.88 * ((n + 1) as f64 / flashes.len() as f64).powi(2);
+                    @let opacity = 0.12 + 0.88 * elementary::powi((n + 1) as f64 / flashes.len() as f64, 2);
                     g class="strobe" fill=(fill) opacity=(format!("{opacity:.2}"))
                         stroke-dasharray=[(*f >= observed).then_some("3 2")]
                         transform={ "translate(" (px(x)) " " (px(y)) ") rotate(" (px(-s.yaw.to_degrees() % 360.0)) ")" } {

@@ -1,5 +1,6 @@
 //! An object of a scene: what it looks like, and the geometry of its outline.
 
+use crate::num::elementary;
 use serde::{Deserialize, Serialize};
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -42,7 +43,7 @@ impl Shape {
         match *self {
             Shape::Disc { radius } | Shape::Ball { radius } => radius,
             Shape::Square { half_side } => half_side * std::f64::consts::SQRT_2,
-            Shape::Rectangle { half_length, half_width } => half_length.hypot(half_width),
+            Shape::Rectangle { half_length, half_width } => elementary::hypot(half_length, half_width),
         }
     }
 

@@ -5,7 +5,7 @@ use crate::effects::{
     Effect, EffectSpec, Hook, ObstacleForm, ParamRole, ParamSpec, Profile, Quantity, Scope, SearchStart,
     Seed, Seeds, Symmetry,
 };
-use crate::num::Real;
+use crate::num::{Real, elementary};
 
 pub struct HiddenWall;
 
@@ -64,7 +64,8 @@ impl Effect for HiddenWall {
 
     /// The point is the wall's nearest to the origin.
     fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
-        let normal = [p[2].cos(), p[2].sin()];
+        let (sin, cos) = elementary::sin_cos(p[2]);
+        let normal = [cos, sin];
         vec![
             ("point", Quantity::Vector([p[1] * normal[0], p[1] * normal[1]])),
             ("normal", Quantity::Vector(normal)),

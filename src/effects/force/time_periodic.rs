@@ -2,7 +2,7 @@
 
 use crate::body::{Body, Wrench};
 use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Quantity, Scope, Seed, Seeds, Symmetry};
-use crate::num::{Real, vec2};
+use crate::num::{Real, elementary, vec2};
 
 /// Share of a period in which a rhythm changes little.
 const PACE: f64 = 1.0 / 16.0;
@@ -61,7 +61,7 @@ impl Effect for TimePeriodic {
 
     /// The direction points to positive x (or along y); the phase is in 0..2 pi.
     fn report(p: &[f64]) -> Vec<(&'static str, Quantity)> {
-        let size = p[0].hypot(p[1]);
+        let size = elementary::hypot(p[0], p[1]);
         let turned = if p[0] < 0.0 || (p[0] == 0.0 && p[1] < 0.0) { -1.0 } else { 1.0 };
         let phase = if turned < 0.0 { p[3] + std::f64::consts::PI } else { p[3] };
         let direction = if size > 0.0 { [turned * p[0] / size, turned * p[1] / size] } else { [1.0, 0.0] };

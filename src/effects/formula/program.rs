@@ -1,7 +1,7 @@
 //! A parsed formula as a list of instructions, run on one number of any scalar or on many numbers at once.
 
 use crate::body::{Body, Wrench};
-use crate::num::{Real, Vec2, vec2};
+use crate::num::{Real, Vec2, elementary, vec2};
 use smallvec::SmallVec;
 
 pub(super) const VARIABLES: [&str; 10] = ["x", "y", "vx", "vy", "speed", "yaw", "spin", "t", "m", "r"];
@@ -229,7 +229,13 @@ fn of_one<T: Real>(function: Instruction, v: T) -> T {
 fn power<T: Real>(a: T, b: T) -> T {
     let (x, n) = (a.value(), b.value());
     // Squares and cubes are most of them.
-    let raised = |n: f64| if n.fract() == 0.0 && n.abs() <= 4.0 { x.powi(n as i32) } else { x.powf(n) };
+    let raised = |n: f64| {
+        if n.fract() == 0.0 && n.abs() <= 4.0 {
+            elementary::powi(x, n as i32)
+        } else {
+            elementary::powf(x, n)
+        }
+    };
     let value = raised(n);
     if !T::DIFFERENTIATES {
         return T::constant(value);
@@ -241,7 +247,7 @@ fn power<T: Real>(a: T, b: T) -> T {
     if x <= 0.0 {
         return T::constant(value);
     }
-    a.chain(value, n * raised(n - 1.0)) + b.infinitesimal() * (value * x.ln())
+    a.chain(value, n * raised(n - 1.0)) + b.infinitesimal() * (value * elementary::ln(x))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::effects::formula::FormulaError;
 use crate::engine::error::EngineError;
 use crate::engine::results::{RevisionRecord, StoredFit, result_digest};
 use crate::fit::{FitError, SceneFit, estimate_noise};
-use crate::num::Stop;
+use crate::num::{Stop, elementary};
 use std::collections::BTreeSet;
 
 /// A change that cannot be made, with the path of the request's field.
@@ -98,7 +98,7 @@ fn record(
     let models: Vec<_> = revision.fit.scenes.iter().map(|s| &s.model).collect();
     let id = |video: &String| result_digest("revision", &(video, videos, &parents, &models));
     let ids: Vec<String> = videos.iter().map(id).collect();
-    let squares: f64 = scenes.iter().map(|s| estimate_noise(s).position.powi(2)).sum();
+    let squares: f64 = scenes.iter().map(|s| elementary::powi(estimate_noise(s).position, 2)).sum();
     let record = RevisionRecord {
         number: parent.map_or(0, |p| p.number + 1),
         videos: videos.clone(),

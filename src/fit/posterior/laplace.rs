@@ -1,6 +1,7 @@
 //! Laplace's approximation of the posterior: means, standard deviations, what the data identify.
 
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter};
+use crate::num::elementary;
 use crate::world::Model;
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -128,7 +129,7 @@ impl Posterior {
         let mut values = model.flatten();
         for &(slot, k) in &self.slots[scene] {
             let value = self.draws[draw][k];
-            values[slot] = if self.coordinates[k].log { value.exp() } else { value };
+            values[slot] = if self.coordinates[k].log { elementary::exp(value) } else { value };
         }
         model.with_values(&values)
     }

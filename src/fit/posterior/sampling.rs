@@ -10,11 +10,11 @@
 
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SimulatedScene, huber};
 use super::laplace::{Laplace, Posterior};
+use crate::num::standard_normal;
 use crate::world::BODY_VALUES;
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
 /// Draws from a posterior.
@@ -44,9 +44,8 @@ pub(in super::super) fn sample(
     let laplace = Laplace::at(problem, &point, horizon);
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
-    let unit: Vec<DVector<f64>> = (0..DRAWS)
-        .map(|_| DVector::from_iterator(n, (0..n).map(|_| StandardNormal.sample(&mut random))))
-        .collect();
+    let unit: Vec<DVector<f64>> =
+        (0..DRAWS).map(|_| DVector::from_iterator(n, (0..n).map(|_| standard_normal(&mut random)))).collect();
     let blocks = IndependentBlocks::new(problem, &laplace.factor);
     let residuals: Vec<Vec<f64>> = laplace.scenes.iter().map(|s| s.residuals.clone()).collect();
     let costs = blocks.costs(problem, &point, &residuals, &laplace);

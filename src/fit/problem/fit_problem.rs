@@ -5,7 +5,7 @@ use super::jacobian::LinearizedScene;
 use super::loss::{huber, influence};
 use super::scene_problem::{Horizon, SceneProblem, SimulatedScene};
 use super::search_parameter::{SearchParameter, add_parameters};
-use crate::num::{NormalEquations, Stop};
+use crate::num::{NormalEquations, Stop, elementary};
 use crate::scene::Scene;
 use crate::world::Model;
 use nalgebra::DVector;
@@ -91,7 +91,7 @@ impl<'a> FitProblem<'a> {
         let mut point: Vec<f64> = self.parameters.iter().map(|p| p.mean).collect();
         for (scene, values) in self.scenes.iter().zip(values) {
             for &(slot, k) in &scene.slots {
-                point[k] = if self.parameters[k].log { values[slot].ln() } else { values[slot] };
+                point[k] = if self.parameters[k].log { elementary::ln(values[slot]) } else { values[slot] };
             }
         }
         point

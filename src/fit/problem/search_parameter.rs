@@ -2,7 +2,7 @@
 
 use super::super::noise::Noise;
 use crate::effects::{ActsOn, Hook, effect};
-use crate::num::Bounds;
+use crate::num::{Bounds, elementary};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Parameter, SPINS};
 
@@ -31,12 +31,12 @@ pub(in super::super) struct SearchParameter {
 impl SearchParameter {
     /// Negative logarithm of the prior density, but for a constant.
     pub fn prior_cost(&self, x: f64) -> f64 {
-        0.5 * ((x - self.mean) / self.sd).powi(2)
+        0.5 * elementary::powi((x - self.mean) / self.sd, 2)
     }
 
     /// The value in a model for a value in search space.
     pub fn in_model(&self, x: f64) -> f64 {
-        if self.log { x.exp() } else { x }
+        if self.log { elementary::exp(x) } else { x }
     }
 
     pub fn bounds(&self) -> Bounds {
@@ -141,8 +141,8 @@ impl ParameterList<'_> {
             name: format!("objects[{}].mass", body.id),
             unit: "1".into(),
             log: true,
-            min: MASS_BOUNDS[0].ln(),
-            max: MASS_BOUNDS[1].ln(),
+            min: elementary::ln(MASS_BOUNDS[0]),
+            max: elementary::ln(MASS_BOUNDS[1]),
             mean: 0.0,
             sd,
             frozen: false,

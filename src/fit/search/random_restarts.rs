@@ -1,11 +1,10 @@
 //! Random restarts from the posterior of the frames that are followed so far; needed where noise decides which body is hit next.
 
 use super::super::problem::{FitProblem, Horizon};
-use crate::num::{Stop, Stopped};
+use crate::num::{Stop, Stopped, standard_normal};
 use nalgebra::DVector;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Draws that are simulated, and the best of them, from which a search starts.
 const RESTART_DRAWS: usize = 128;
@@ -27,8 +26,7 @@ pub(super) fn points(
         if problem.is_exhausted() {
             break;
         }
-        let z =
-            DVector::from_iterator(point.len(), (0..point.len()).map(|_| StandardNormal.sample(&mut random)));
+        let z = DVector::from_iterator(point.len(), (0..point.len()).map(|_| standard_normal(&mut random)));
         let step = &factor * z;
         let draw = problem.stepped(point, |k| step[k]);
         drawn.push((problem.cost(&draw, horizon), draw));

@@ -14,7 +14,7 @@
 //!
 //! Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 7.2.
 
-use crate::num::{NORMAL_MEDIAN_DISTANCE, Vec2, quantile, vec2};
+use crate::num::{NORMAL_MEDIAN_DISTANCE, Vec2, elementary, quantile, vec2};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, distance, parts, rotation};
 use crate::scene::camera::linear_start::{
     MAX_PLANE_THICKNESS, MIN_PAIRS, MIN_VOLUME_THICKNESS, PointPlane, starting_values,
@@ -198,7 +198,7 @@ fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
     }
     if 2 * pairs.len() < 10 + MIN_SURPLUS {
         // Too few pairs to estimate the noise; this value only ranks the starting values.
-        let squares: f64 = pairs.iter().map(|p| distance(&found.at, p, size).powi(2)).sum();
+        let squares: f64 = pairs.iter().map(|p| elementary::powi(distance(&found.at, p, size), 2)).sum();
         found.sigma = DEFAULT_NOISE.max((squares / pairs.len() as f64).sqrt());
     }
     found

@@ -8,7 +8,7 @@
 //! kept (Rousseeuw, 1984) and fitted again to the pairs within 2.5 such medians. Focal length and pose follow from a plane's
 //! map as in Zhang (2000), from a spatial map by splitting `K R` (Hartley and Zisserman, section 6.2.4).
 
-use crate::num::quantile;
+use crate::num::{elementary, quantile};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, lens_pose};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -111,7 +111,7 @@ fn least_median(points: &[([f64; 2], Vec<f64>)], minimal: usize) -> Option<DMatr
         let (image, world) = &points[i];
         let [u, v, w] =
             [0, 1, 2].map(|r| world.iter().enumerate().map(|(c, x)| map[(r, c)] * x).sum::<f64>());
-        (u / w - image[0]).hypot(v / w - image[1])
+        elementary::hypot(u / w - image[0], v / w - image[1])
     };
     let median = |map: &DMatrix<f64>| {
         let mut residuals: Vec<f64> =
@@ -146,7 +146,8 @@ fn linear(points: &[([f64; 2], Vec<f64>)], set: &[usize]) -> Option<DMatrix<f64>
     let n = set.len() as f64;
     let scaling = |value: &dyn Fn(usize, usize) -> f64, dims: usize| {
         let centre: Vec<f64> = (0..dims).map(|d| set.iter().map(|&i| value(i, d)).sum::<f64>() / n).collect();
-        let square = |i: &usize| (0..dims).map(|d| (value(*i, d) - centre[d]).powi(2)).sum::<f64>();
+        let square =
+            |i: &usize| (0..dims).map(|d| elementary::powi(value(*i, d) - centre[d], 2)).sum::<f64>();
         let size = (set.iter().map(square).sum::<f64>() / n / dims as f64).sqrt();
         (size > 0.0).then(|| {
             DMatrix::from_fn(dims + 1, dims + 1, |r, c| match (r == c, c == dims) {

@@ -1,5 +1,6 @@
 //! Samples from image points: each is placed on the ground plane by the camera.
 
+use crate::num::elementary;
 use crate::scene::camera::projection::{Camera, CameraError, LocateError};
 use crate::scene::limits::DEFAULT_SIZE;
 use crate::scene::object::Object;
@@ -60,7 +61,13 @@ impl Camera {
         let one = |p: &Pixel| {
             let (object, sample) = (objects.get(p.object)?, tracks.get(p.object)?.samples.get(p.sample)?);
             let [u, v] = self.project(sample.position, object.shape.centre_height())?;
-            Some(((u - p.point[0]).hypot(v - p.point[1]), p.point, [u, v], object.id, sample.frame))
+            Some((
+                elementary::hypot(u - p.point[0], v - p.point[1]),
+                p.point,
+                [u, v],
+                object.id,
+                sample.frame,
+            ))
         };
         let mut off: Vec<_> = shown.iter().filter_map(one).collect();
         off.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -9,7 +9,7 @@
 //! `J diag(s_u^2, s_v^2) J^T`, `J = d(x, y)/d(u, v)` (2x2, m/px).
 //! Sources: Hartley and Zisserman, Multiple View Geometry, 2nd ed., chapters 6 and 8.1.1; Ding et al. (2021), supplement, eq. 1.
 
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::scene::covariance::Covariance;
 use crate::scene::limits::MAX_POSITION;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -192,7 +192,7 @@ impl Camera {
         let inverse = self.plane(z).try_inverse().ok_or(LocateError::EdgeOn { z })?;
         let ray = inverse * Vector3::new(u, v, 1.0);
         // `ray.z` is the reciprocal of the depth.
-        let spread = (sigma[0] * inverse[(2, 0)]).hypot(sigma[1] * inverse[(2, 1)]);
+        let spread = elementary::hypot(sigma[0] * inverse[(2, 0)], sigma[1] * inverse[(2, 1)]);
         if !(ray.z > MIN_HORIZON_DEVIATIONS * spread && ray.z > 1e-12) {
             return Err(LocateError::Horizon { u, v, z });
         }

@@ -1,6 +1,8 @@
 //! The least-squares problem of a calibration: reprojection errors and priors, minimised by Levenberg-Marquardt.
 
-use crate::num::{AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, levenberg_marquardt};
+use crate::num::{
+    AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, elementary, levenberg_marquardt,
+};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, off, rotation};
 use crate::scene::camera::linear_start::LIKELY_FOCAL;
 use nalgebra::{DMatrix, DVector, Rotation3, SMatrix};
@@ -49,7 +51,7 @@ struct Reprojection<'p> {
 impl Reprojection<'_> {
     /// Mean and standard deviation of the priors.
     fn priors(&self) -> [(f64, f64); 4] {
-        let focal = (LIKELY_FOCAL * self.size[0]).ln();
+        let focal = elementary::ln(LIKELY_FOCAL * self.size[0]);
         [
             (focal, FOCAL_DEVIATION),
             (0.0, ASPECT_DEVIATION),
@@ -64,8 +66,12 @@ impl Reprojection<'_> {
             off(at, &turn, p, self.size)
                 .map_or(f64::INFINITY, |[u, v]| (u * u + v * v) / (self.sigma * self.sigma))
         };
-        let of_priors: f64 =
-            self.priors().iter().enumerate().map(|(k, (mean, sd))| ((at[k] - mean) / sd).powi(2)).sum();
+        let of_priors: f64 = self
+            .priors()
+            .iter()
+            .enumerate()
+            .map(|(k, (mean, sd))| elementary::powi((at[k] - mean) / sd, 2))
+            .sum();
         self.pairs.iter().map(square).sum::<f64>() + of_priors
     }
 

@@ -1,6 +1,6 @@
 //! Reads CLEVRER annotation files and our `observed.json`, which adds optional keys to them.
 
-use crate::num::vec2;
+use crate::num::{elementary, vec2};
 use crate::scene::camera::placement::{IMAGE_NOISE, IMAGE_NOISE_RANGE, Pixel};
 use crate::scene::camera::projection::{CLEVRER_CAMERA, Camera};
 use crate::scene::covariance::Covariance;
@@ -258,7 +258,7 @@ impl AnnotationReader {
             some => match self.fields.numbers(some, &format!("{path}.orientation"), &[3, 4])?[..] {
                 [_, _, yaw] => Some(yaw),
                 // A quaternion in Bullet's order.
-                [x, y, z, w] => Some((2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))),
+                [x, y, z, w] => Some(elementary::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))),
                 _ => None,
             },
         };

@@ -12,7 +12,7 @@
 //! A cylinder is the box of its two end discs, a box that of its eight corners, averaged over yaw as yaw is unknown.
 //! Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., sections 8.3 and 8.6; the fixed point is ours.
 
-use crate::num::{Vec2, vec2};
+use crate::num::{Vec2, elementary, vec2};
 use crate::scene::camera::projection::{Camera, LocateError};
 use crate::scene::covariance::Covariance;
 use crate::scene::object::Shape;
@@ -55,16 +55,16 @@ pub fn place(
         for axis in 0..2 {
             let (low, high) = (axis, axis + 2);
             let missing = (expected[high] - expected[low]) - (edges[high] - edges[low]);
-            let unsure = MIN_MISSING_DEVIATIONS * sigma + 2.0 * spread[low].hypot(spread[high]);
+            let unsure = MIN_MISSING_DEVIATIONS * sigma + 2.0 * elementary::hypot(spread[low], spread[high]);
             let short = missing > unsure + MIN_MISSING_SHARE * (expected[high] - expected[low]);
             let hidden = |edge: usize| short && nearer.iter().any(|other| hides(other, measured, edge));
             let trusted = [low, high].map(|edge| inside[edge] && !hidden(edge));
             let off = |edge: usize| edges[edge] - expected[edge];
             let (move_by, sd) = match trusted {
-                [true, false] => (off(low), sigma.hypot(spread[low])),
-                [false, true] => (off(high), sigma.hypot(spread[high])),
+                [true, false] => (off(low), elementary::hypot(sigma, spread[low])),
+                [false, true] => (off(high), elementary::hypot(sigma, spread[high])),
                 // Either side may lack the missing part.
-                _ if short => (0.5 * (off(low) + off(high)), (0.7 * sigma).hypot(0.5 * missing)),
+                _ if short => (0.5 * (off(low) + off(high)), elementary::hypot(0.7 * sigma, 0.5 * missing)),
                 _ => (0.5 * (off(low) + off(high)), sigma / std::f64::consts::SQRT_2),
             };
             target[axis] += move_by;

@@ -14,7 +14,7 @@
 //! Source: nearest-neighbour data association with gating, Bar-Shalom and Fortmann, Tracking and Data Association (1988); the
 //! hypotheses and their costs are ours.
 
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use crate::scene::covariance::Covariance;
 use crate::scene::object::Shape;
 use crate::scene::tracks::detection::{AttributeScores, Detection, LinkOptions};
@@ -168,7 +168,7 @@ impl TrackCandidate {
             }
             let both =
                 scores.iter().map(|(word, s)| s * votes.get(word).copied().unwrap_or(0.0)).sum::<f64>();
-            misfit -= 2.0 * (WRONG_SHARE + (1.0 - WRONG_SHARE) * both / (all * own)).ln();
+            misfit -= 2.0 * elementary::ln(WRONG_SHARE + (1.0 - WRONG_SHARE) * both / (all * own));
             agrees &= top_word(votes) == top_word(scores);
         }
         (agrees, misfit)
@@ -189,12 +189,13 @@ fn distance(
     let time = |s: &PlacedDetection| s.frame as f64 - last.frame as f64;
     let (t, p) = recent.iter().fold((0.0, Vec2::zero()), |(t, p), s| (t + time(s), p + s.position));
     let (t, p) = (t / n, p.scaled(1.0 / n));
-    let spread: f64 = recent.iter().map(|s| (time(s) - t).powi(2)).sum();
+    let spread: f64 = recent.iter().map(|s| elementary::powi(time(s) - t, 2)).sum();
     let slope = recent.iter().map(|s| (s.position - p).scaled((time(s) - t) / spread.max(1e-9)));
     let velocity = slope.fold(Vec2::zero(), |a, b| a + b);
     let off = next.position - last.position - velocity.scaled(gap);
-    let speed = if recent.len() < 2 { COLLISION_SPEED.hypot(UNKNOWN_SPEED) } else { COLLISION_SPEED };
-    let impulse = (speed * options.size * gap / options.fps).powi(2);
+    let speed =
+        if recent.len() < 2 { elementary::hypot(COLLISION_SPEED, UNKNOWN_SPEED) } else { COLLISION_SPEED };
+    let impulse = elementary::powi(speed * options.size * gap / options.fps, 2);
     // Variances of this measurement, the last one, and the velocity, in units of one measurement's.
     let measured = 2.0 + if recent.len() < 2 { 0.0 } else { gap * gap / spread };
     let c = &next.covariance;
@@ -204,7 +205,7 @@ fn distance(
     let a = off.x / xx;
     let b = (off.y - yx * a) / yy;
     let squares = a * a + b * b;
-    let volume = 2.0 * (xx * yy / (options.size * options.size)).ln().max(0.0);
+    let volume = 2.0 * elementary::ln(xx * yy / (options.size * options.size)).max(0.0);
     (squares <= GATE * GATE).then_some(squares + volume)
 }
 

@@ -11,7 +11,7 @@
 //! al., Physics of Fluids 6 (1994) 1108.
 
 use crate::body::ContactLaw;
-use crate::num::{Real, Vec2};
+use crate::num::{Real, Vec2, elementary};
 use crate::world::contact::geometry::Proximity;
 use crate::world::motion::kinematics::Kinematics;
 
@@ -55,9 +55,9 @@ pub(in crate::world) fn soft_response<T: Real>(law: &ContactLaw<T>, mass: T) -> 
     let x = z.value();
     let below = 1.0 - x * x;
     let f = if below > 1e-6 {
-        x.acos() / below.sqrt()
+        elementary::acos(x) / below.sqrt()
     } else if below < -1e-6 {
-        x.acosh() / (-below).sqrt()
+        elementary::acosh(x) / (-below).sqrt()
     } else {
         1.0 - (x - 1.0) / 3.0
     };

@@ -2,7 +2,7 @@
 
 use crate::body::{Obstacle, ObstacleShape};
 use crate::effects::{Hook, Scalar};
-use crate::num::Vec2;
+use crate::num::{Vec2, elementary};
 use crate::scene::Shape;
 use crate::world::model::Model;
 use crate::world::motion::kinematics::Kinematics;
@@ -26,7 +26,7 @@ impl<T: Scalar> StaticBody<T> {
     pub fn all(model: &Model, flat: &[T]) -> Vec<Self> {
         let walls = model.walls.iter().map(|w| {
             let along = w.to - w.from;
-            let state = Kinematics::at_rest((w.from + w.to).scaled(0.5), along.y.atan2(along.x));
+            let state = Kinematics::at_rest((w.from + w.to).scaled(0.5), elementary::atan2(along.y, along.x));
             StaticBody {
                 name: w.name.clone(),
                 shape: Shape::Rectangle { half_length: 0.5 * along.norm(), half_width: 0.0 },

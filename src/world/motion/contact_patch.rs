@@ -5,7 +5,7 @@
 //! gradient of the mean slip speed `M(v, w) = <|s|>`: `f = dM/dv`, `t = dM/dw`. A box stands on its corners, a disc on its rim.
 //! Source: Goyal, Ruina and Papadopoulos, Wear 143 (1991) 307.
 
-use crate::num::{Real, Vec2};
+use crate::num::{Real, Vec2, elementary};
 use crate::scene::Shape;
 use crate::world::motion::kinematics::Kinematics;
 
@@ -46,7 +46,7 @@ const CORNER_PATCH: f64 = 0.05;
 /// Gradient of the mean slip speed over the corners, each `sqrt(slip^2 + (patch x spin)^2)`.
 fn corners<T: Real>([a, b]: [f64; 2], diagonal_load: T, k: &Kinematics<T>, spin: T) -> (Vec2<T>, T) {
     let turn = Vec2::from_angle(k.yaw);
-    let patch = CORNER_PATCH * a.hypot(b);
+    let patch = CORNER_PATCH * elementary::hypot(a, b);
     let own = spin * patch;
     let of_patch = own * own;
     // Of both diagonals, one corner and the one across.
