@@ -7,7 +7,7 @@
 //!
 //! Source: de Boor, A Practical Guide to Splines (1978), chapter IV.
 
-use super::Real;
+use super::real::Real;
 
 /// Weights of the ends at one share of the interval.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@
 //!
 //! Source: Nocedal and Wright, Numerical Optimization (2006), algorithms 7.4 and 7.5.
 
-use super::{Stop, Stopped};
+use super::stop::{Stop, Stopped};
 use std::collections::VecDeque;
 
 /// Pairs (s, y) that are kept.
@@ -144,7 +144,7 @@ fn add(to: &mut [f64], v: &[f64], share: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::never;
+    use super::super::stop::never;
     use super::*;
 
     fn rosenbrock(x: &[f64]) -> f64 {
