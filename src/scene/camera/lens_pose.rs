@@ -19,10 +19,15 @@ pub struct PointPair {
 pub(super) type LensPose = SVector<f64, 10>;
 
 /// `theta` from focal length (px), principal point offset (px), rotation and translation (m), if all is finite.
-pub(super) fn lens_pose(focal: f64, off: [f64; 2], turn: &Matrix3<f64>, t: Vector3<f64>) -> Option<LensPose> {
+pub(super) fn lens_pose(
+    focal: f64,
+    centre: [f64; 2],
+    turn: &Matrix3<f64>,
+    t: Vector3<f64>,
+) -> Option<LensPose> {
     // Through the quaternion, as the skew part of the matrix has no axis for a half turn (a camera that looks straight down).
     let axis = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*turn)).scaled_axis();
-    let all = [elementary::ln(focal), 0.0, off[0], off[1], axis.x, axis.y, axis.z, t.x, t.y, t.z];
+    let all = [elementary::ln(focal), 0.0, centre[0], centre[1], axis.x, axis.y, axis.z, t.x, t.y, t.z];
     all.iter().all(|v| v.is_finite()).then(|| LensPose::from(all))
 }
 
@@ -41,7 +46,7 @@ pub(super) fn parts(at: &LensPose, size: [f64; 2]) -> (Intrinsics, CameraPose) {
 }
 
 /// Residual of a pair: projected minus measured pixel (px); `None` behind the camera.
-pub(super) fn off(
+pub(super) fn residual(
     at: &LensPose,
     turn: &Rotation3<f64>,
     pair: &PointPair,
@@ -56,5 +61,5 @@ pub(super) fn off(
 
 /// Length of the residual (px); infinite behind the camera.
 pub(super) fn distance(at: &LensPose, pair: &PointPair, size: [f64; 2]) -> f64 {
-    off(at, &rotation(at), pair, size).map_or(f64::INFINITY, |[u, v]| elementary::hypot(u, v))
+    residual(at, &rotation(at), pair, size).map_or(f64::INFINITY, |[u, v]| elementary::hypot(u, v))
 }

@@ -69,9 +69,9 @@ impl Camera {
                 sample.frame,
             ))
         };
-        let mut off: Vec<_> = shown.iter().filter_map(one).collect();
-        off.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (distance, [u, v], [a, b], id, frame) = *off.get(off.len() / 2)?;
+        let mut distances: Vec<_> = shown.iter().filter_map(one).collect();
+        distances.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (distance, [u, v], [a, b], id, frame) = *distances.get(distances.len() / 2)?;
         (distance > MAX_MISMATCH * self.image_size[0]).then(|| Violation {
             path: format!("frame {frame}, object {id}: location"),
             message: format!(

@@ -3,7 +3,7 @@
 use crate::num::{
     AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, elementary, levenberg_marquardt,
 };
-use crate::scene::camera::lens_pose::{LensPose, PointPair, off, rotation};
+use crate::scene::camera::lens_pose::{LensPose, PointPair, residual, rotation};
 use crate::scene::camera::linear_start::LIKELY_FOCAL;
 use nalgebra::{DMatrix, DVector, Rotation3, SMatrix};
 use std::convert::Infallible;
@@ -38,8 +38,8 @@ pub(super) fn refine(pairs: &[PointPair], start: LensPose, sigma: f64, size: [f6
     }
 }
 
-/// Reprojection errors r = (projected - seen) / sigma, two rows a pair, and priors of the four intrinsic parameters. The cost is
-/// the sum of r^2 and of ((x_k - m_k) / s_k)^2; it is infinite where a pair lies behind the camera.
+/// The cost C of `calibrate`: residuals `r = (projected - measured) / s`, two rows a pair, and four rows of priors. C is infinite
+/// where a pair lies behind the camera.
 struct Reprojection<'p> {
     pairs: &'p [PointPair],
     sigma: f64,
@@ -63,7 +63,7 @@ impl Reprojection<'_> {
     fn cost(&self, at: &LensPose) -> f64 {
         let turn = rotation(at);
         let square = |p| {
-            off(at, &turn, p, self.size)
+            residual(at, &turn, p, self.size)
                 .map_or(f64::INFINITY, |[u, v]| (u * u + v * v) / (self.sigma * self.sigma))
         };
         let of_priors: f64 = self
@@ -75,7 +75,7 @@ impl Reprojection<'_> {
         self.pairs.iter().map(square).sum::<f64>() + of_priors
     }
 
-    /// Gradient and Hessian by central differences of the projection.
+    /// Gradient `J^T r` (10) and Hessian `J^T J` (10 x 10), with J by central differences of the projection.
     fn normal(&self, at: &LensPose) -> (LensPose, SMatrix<f64, 10, 10>) {
         let mut hessian = SMatrix::<f64, 10, 10>::zeros();
         let mut gradient = LensPose::zeros();
@@ -93,16 +93,16 @@ impl Reprojection<'_> {
         });
         let turn = rotation(at);
         for pair in self.pairs {
-            let Some(r) = off(at, &turn, pair, self.size) else { continue };
+            let Some(r) = residual(at, &turn, pair, self.size) else { continue };
             let slope = |k: usize, c: usize| {
                 let [(a, ta, step), (b, tb, _)] = &moved[k];
-                let value = |at, turn| off(at, turn, pair, self.size).map_or(r[c], |r| r[c]);
+                let value = |at, turn| residual(at, turn, pair, self.size).map_or(r[c], |r| r[c]);
                 (value(a, ta) - value(b, tb)) / (2.0 * step * self.sigma)
             };
-            for (c, residual) in r.into_iter().enumerate() {
+            for (c, value) in r.into_iter().enumerate() {
                 let j = LensPose::from_fn(|k, _| slope(k, c));
                 hessian += j * j.transpose();
-                gradient += j * (residual / self.sigma);
+                gradient += j * (value / self.sigma);
             }
         }
         (gradient, hessian)

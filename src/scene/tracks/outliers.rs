@@ -99,9 +99,9 @@ fn find_outliers(mut samples: Vec<(f64, Sample)>, top_speed: f64, least: f64) ->
 
 /// Median distance of samples from the line between their neighbours (m).
 fn median_deviation(samples: &[(f64, Sample)]) -> f64 {
-    let off = |w: &[(f64, Sample)]| (w[1].1.position - interpolate(&w[0], &w[2], w[1].0)).norm();
-    let mut offs: Vec<f64> = samples.windows(3).map(off).collect();
-    quantile(&mut offs, 0.5).unwrap_or(0.0)
+    let distance = |w: &[(f64, Sample)]| (w[1].1.position - interpolate(&w[0], &w[2], w[1].0)).norm();
+    let mut distances: Vec<f64> = samples.windows(3).map(distance).collect();
+    quantile(&mut distances, 0.5).unwrap_or(0.0)
 }
 
 /// Position at a time (s) on the straight line from one sample to another.

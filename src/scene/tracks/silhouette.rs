@@ -59,13 +59,16 @@ pub fn place(
             let short = missing > unsure + MIN_MISSING_SHARE * (expected[high] - expected[low]);
             let hidden = |edge: usize| short && nearer.iter().any(|other| hides(other, measured, edge));
             let trusted = [low, high].map(|edge| inside[edge] && !hidden(edge));
-            let off = |edge: usize| edges[edge] - expected[edge];
+            let difference = |edge: usize| edges[edge] - expected[edge];
             let (move_by, sd) = match trusted {
-                [true, false] => (off(low), elementary::hypot(sigma, spread[low])),
-                [false, true] => (off(high), elementary::hypot(sigma, spread[high])),
+                [true, false] => (difference(low), elementary::hypot(sigma, spread[low])),
+                [false, true] => (difference(high), elementary::hypot(sigma, spread[high])),
                 // Either side may lack the missing part.
-                _ if short => (0.5 * (off(low) + off(high)), elementary::hypot(0.7 * sigma, 0.5 * missing)),
-                _ => (0.5 * (off(low) + off(high)), sigma / std::f64::consts::SQRT_2),
+                _ if short => (
+                    0.5 * (difference(low) + difference(high)),
+                    elementary::hypot(0.7 * sigma, 0.5 * missing),
+                ),
+                _ => (0.5 * (difference(low) + difference(high)), sigma / std::f64::consts::SQRT_2),
             };
             target[axis] += move_by;
             deviation[axis] = sd;
@@ -185,17 +188,17 @@ mod tests {
         for shape in SHAPES {
             let at = vec2(0.5, 1.0);
             let whole = seen(&shape, at);
-            let off = |b: &BoundingBox, nearer: &[BoundingBox]| {
+            let error = |b: &BoundingBox, nearer: &[BoundingBox]| {
                 (place(&CLEVRER_CAMERA, &shape, b, nearer, 0.5).unwrap().0 - at).norm()
             };
-            assert!(off(&whole, &[]) < 1e-4, "{shape:?}");
+            assert!(error(&whole, &[]) < 1e-4, "{shape:?}");
             // The middle of the box alone would have an error; that of a ball is small.
             let (middle, _) = CLEVRER_CAMERA.locate(whole.centre(), 0.2, [0.5; 2]).unwrap();
             assert!(shape.is_ball() || (middle - at).norm() > 0.002, "{shape:?}");
             let half = BoundingBox { right: whole.centre()[0], ..whole };
             let nearer = BoundingBox { left: half.right - 1.0, right: half.right + 40.0, ..whole };
-            assert!(off(&half, &[nearer]) < 1e-3, "{shape:?} hidden");
-            assert!(off(&half, &[]) > 0.05, "without a hiding body the missing side is unknown");
+            assert!(error(&half, &[nearer]) < 1e-3, "{shape:?} hidden");
+            assert!(error(&half, &[]) > 0.05, "without a hiding body the missing side is unknown");
         }
         // Cut by the left border of the image.
         let shape = SHAPES[0];

@@ -192,7 +192,7 @@ fn distance(
     let spread: f64 = recent.iter().map(|s| elementary::powi(time(s) - t, 2)).sum();
     let slope = recent.iter().map(|s| (s.position - p).scaled((time(s) - t) / spread.max(1e-9)));
     let velocity = slope.fold(Vec2::zero(), |a, b| a + b);
-    let off = next.position - last.position - velocity.scaled(gap);
+    let error = next.position - last.position - velocity.scaled(gap);
     let speed =
         if recent.len() < 2 { elementary::hypot(COLLISION_SPEED, UNKNOWN_SPEED) } else { COLLISION_SPEED };
     let impulse = elementary::powi(speed * options.size * gap / options.fps, 2);
@@ -202,8 +202,8 @@ fn distance(
     let total =
         Covariance { xx: measured * c.xx + impulse, xy: measured * c.xy, yy: measured * c.yy + impulse };
     let [xx, yx, yy] = total.factor()?;
-    let a = off.x / xx;
-    let b = (off.y - yx * a) / yy;
+    let a = error.x / xx;
+    let b = (error.y - yx * a) / yy;
     let squares = a * a + b * b;
     let volume = 2.0 * elementary::ln(xx * yy / (options.size * options.size)).max(0.0);
     (squares <= GATE * GATE).then_some(squares + volume)
