@@ -1,5 +1,4 @@
-//! What the work of a request costs: one rollout, one Jacobian pass, one fit, one question; rollouts of 6 objects beside
-//! rapier2d's, and of 6 to 600 objects.
+//! Measures a simulation, a Jacobian pass, a fit and a question; and simulations of 6 to 600 objects compared with rapier2d.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use rapier2d::prelude as rapier;
@@ -65,7 +64,7 @@ fn benches(criterion: &mut Criterion) {
     });
 }
 
-/// 5.12 s of crowds, beside rapier2d at its usual step; the rate counts objects.
+/// Simulates crowds for 5.12 s, and rapier2d at its usual step for comparison; the rate counts objects.
 fn rollouts(criterion: &mut Criterion) {
     let times: Vec<f64> = (0..=128).map(|frame| f64::from(frame) * 0.04).collect();
     let mut group = criterion.benchmark_group("crowd");
@@ -82,7 +81,7 @@ fn rollouts(criterion: &mut Criterion) {
     }
 }
 
-/// Objects thrown about at random on a square grid: as dense for any number of them.
+/// Objects with random velocities near the points of a square grid; the density does not depend on their number.
 fn crowd(objects: u32) -> Model {
     let columns = f64::from(objects).sqrt().ceil() as u32;
     let mut seed = 12_345_u64;
@@ -91,7 +90,7 @@ fn crowd(objects: u32) -> Model {
         (seed >> 33) as f64 / (1_u64 << 31) as f64 - 0.5
     };
     let shapes = [Shape::Disc { radius: 0.2 }, Shape::Ball { radius: 0.2 }, Shape::Square { half_side: 0.2 }];
-    let thrown = |id: u32| {
+    let body = |id: u32| {
         let place = |k: u32, off: f64| f64::from(k) * 1.2 + 0.3 * off;
         let state = State {
             position: Vec2 { x: place(id % columns, random()), y: place(id / columns, random()) },
@@ -101,7 +100,7 @@ fn crowd(objects: u32) -> Model {
         let start = Start { time: 0.0, state, rolling: false };
         BodySpec { id, material: "any".into(), shape: shapes[id as usize % 3], mass: 1.0, start }
     };
-    let bodies: Vec<BodySpec> = (0..objects).map(thrown).collect();
+    let bodies: Vec<BodySpec> = (0..objects).map(body).collect();
     let laws = [
         ("sliding_friction", 0.03),
         ("rolling_resistance", 0.01),
@@ -111,7 +110,7 @@ fn crowd(objects: u32) -> Model {
     let active = |(name, value): (&str, f64)| {
         let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &[]);
         for (k, parameter) in active.parameters.iter_mut().enumerate() {
-            // One value for all: pairs of 600 objects would have a value each.
+            // One value for all: separate values for all pairs of 600 objects would be too many.
             let prior = Prior { mean: if k == 0 { value } else { parameter.prior.mean }, sd: 0.0 };
             *parameter = Parameter::new(&parameter.name.clone(), Scope::Setup, prior, &bodies);
         }
@@ -129,7 +128,7 @@ fn crowd(objects: u32) -> Model {
     }
 }
 
-/// The same bodies until `end` (s) in steps of 4 ms; rapier knows no friction of the ground, so damping stands for it.
+/// Simulates the same bodies in rapier until `end` (s), in steps of 4 ms; damping replaces ground friction, which it lacks.
 fn rapier_rollout(model: &Model, end: f64) -> rapier::PhysicsWorld {
     const STEP: f64 = 0.004;
     let mut world = rapier::PhysicsWorld { gravity: rapier::Vector::ZERO, ..Default::default() };

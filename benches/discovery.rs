@@ -1,5 +1,5 @@
-//! Calibration of discovery on videos that an independent engine (rapier2d) made: false discoveries on controls, power by
-//! kind and strength, confusions, laws outside the library.
+//! Calibrates discovery on videos of an independent engine (rapier2d): false discoveries on controls, power by kind and
+//! strength, confusions, and laws outside the library.
 //! `cargo bench --bench discovery -- --groups 20 --controls 200 [--kinds tilt,coriolis] [--strengths weak] [--first SEED]
 //! [--masses unknown]`
 
@@ -18,7 +18,7 @@ use vrdp::num::{Vec2, never, vec2};
 use vrdp::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use vrdp::world::{Model, Preset};
 
-/// Videos of a group, frames of a video, steps of a frame.
+/// Number of videos in a group, of frames in a video, and of steps in a frame.
 const VIDEOS: usize = 4;
 const FRAMES: usize = 128;
 const STEPS: usize = 20;
@@ -28,12 +28,12 @@ const SIGMA: f64 = 0.005;
 const SIGMA_YAW: f64 = 0.01;
 const GRAVITY: f64 = 9.81;
 const SIZE: f64 = 0.2;
-/// Strengths by name, as shares of a medium one.
+/// Strengths by name, relative to the medium one.
 const STRENGTHS: [(&str, f64); 3] = [("weak", 0.45), ("medium", 1.0), ("strong", 2.5)];
 const DISC: Shape = Shape::Disc { radius: SIZE };
 const BALL: Shape = Shape::Ball { radius: SIZE };
 const CUBE: Shape = Shape::Square { half_side: SIZE };
-/// Looks: material, shape, mass (kg), by which the masses are known.
+/// Appearances: material, shape and the mass (kg) that belongs to them.
 const LOOKS: [(&str, Shape, f64); 6] = [
     ("rubber", BALL, 0.42),
     ("rubber", DISC, 0.6),
@@ -43,7 +43,7 @@ const LOOKS: [(&str, Shape, f64); 6] = [
     ("metal", CUBE, 1.95),
 ];
 
-/// One body at one instant, as hidden laws see it.
+/// The state of a body for the hidden laws.
 struct Mover {
     mass: f64,
     x: Vec2,
@@ -90,14 +90,14 @@ const FORCES: [(&str, Law); 17] = [
     ("time_periodic", |k, u, t, all, i| {
         direction(u).scaled(0.3 * k * all[i].mass * (TAU * (0.8 + 0.4 * u[1]) * t + 3.0 * u[2]).cos())
     }),
-    // What no library lists.
+    // Not in the library.
     ("outside: cubic drag", |k, _, _, all, i| all[i].v.scaled(-0.4 * k * all[i].v.norm_squared())),
     ("outside: saddle", |k, _, _, all, i| vec2(all[i].x.x, -all[i].x.y).scaled(0.12 * k)),
     ("outside: shear wind", |k, _, _, all, i| vec2(0.12 * k * all[i].x.y, 0.0)),
     ("none", |_, _, _, _, _| Vec2::zero()),
 ];
 
-/// More that no library lists: forces and drags that change along one direction, and a pull of what is spread around a centre.
+/// More laws outside the library: forces and drags that change along one direction, and the pull of an extended mass.
 const OF_PLACE: [(&str, Law); 5] = [
     ("outside: swell", |k, _, _, all, i| vec2(0.1 * k * (3.0 * all[i].x.x).sin(), 0.0)),
     ("outside: ridge", |k, _, _, all, i| vec2(0.0, 0.1 * k * all[i].x.y.abs())),
@@ -109,7 +109,7 @@ const OF_PLACE: [(&str, Law); 5] = [
     }),
 ];
 
-/// Kinds that are no law of force.
+/// Kinds that are not force laws.
 const OTHERS: [&str; 6] = [
     "friction_patch",
     "hidden_wall",
@@ -119,13 +119,13 @@ const OTHERS: [&str; 6] = [
     "mass_change",
 ];
 
-/// Restitution that falls with the speed of the approach.
-struct Fading {
+/// Restitution that decreases with the approach speed.
+struct RestitutionDecay {
     restitution: f32,
     inverse_v0: f32,
 }
 
-impl rapier::PhysicsHooks for Fading {
+impl rapier::PhysicsHooks for RestitutionDecay {
     fn modify_solver_contacts(&self, context: &mut rapier::ContactModificationContext) {
         let velocity = |body: Option<rapier::RigidBodyHandle>| {
             body.and_then(|b| context.bodies.get(b)).map_or(rapier::Vector::ZERO, |b| b.linvel())
@@ -137,8 +137,8 @@ impl rapier::PhysicsHooks for Fading {
     }
 }
 
-/// Velocity and spin after Coulomb friction of the ground that could take `most` (m/s) of a velocity: over a box's corners, a
-/// disc's rim; a ball glides and turns freely about the vertical.
+/// Velocity and spin after ground friction that removes at most `most` (m/s) of a velocity. It acts at the corners of a box
+/// and the rim of a disc; a ball slides, and spins freely about the vertical.
 fn braked(shape: Shape, v: Vec2, yaw: f64, spin: f64, most: f64) -> (Vec2, f64) {
     let (points, radius, gyration) = match shape {
         Shape::Ball { .. } => (1, 0.0, 1.0),
@@ -151,7 +151,7 @@ fn braked(shape: Shape, v: Vec2, yaw: f64, spin: f64, most: f64) -> (Vec2, f64) 
         let angle = yaw + TAU * (k as f64 + 0.5) / points as f64;
         let arm = vec2(angle.cos(), angle.sin()).scaled(radius);
         let slip = v + arm.perp().scaled(spin);
-        // It stops a slip that is small, and never turns it round, spin and velocity together.
+        // Friction stops a small slip but never reverses it.
         let share = most.min(slip.norm() / (1.0 + radius * radius / gyration)) / points as f64;
         let impulse = slip.unit().scaled(-share);
         after += impulse;
@@ -176,7 +176,7 @@ impl Random {
 struct Setup {
     kind: &'static str,
     law: Law,
-    /// Of the friction patch, the wall and the like.
+    /// Strength of effects that are not force laws, such as a friction patch.
     strength: f64,
     u: [f64; 4],
     mu: BTreeMap<&'static str, f64>,
@@ -187,8 +187,8 @@ impl Setup {
     fn is(&self, kind: &str) -> bool {
         self.kind == kind
     }
-    /// Whether an object may begin here.
-    fn open(&self, x: Vec2) -> bool {
+    /// Whether an object may start here.
+    fn is_free(&self, x: Vec2) -> bool {
         match self.kind {
             "hidden_wall" => x.dot(direction(&self.u)) > -0.7,
             "hidden_object" => (x - center(&self.u).scaled(0.5)).norm() > 0.7,
@@ -205,20 +205,27 @@ fn plain(v: rapier::Vector) -> Vec2 {
     vec2(v.x as f64, v.y as f64)
 }
 
-fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
-    let mut world = rapier::PhysicsWorld { gravity: rapier::Vector::ZERO, ..Default::default() };
-    let dt = 1.0 / (FPS * STEPS as f64);
-    world.integration_parameters.dt = dt as f32;
-    let material = |shape: Shape| {
-        let collider = match shape {
-            Shape::Square { half_side: a } => rapier::ColliderBuilder::cuboid(a as f32, a as f32),
-            _ => rapier::ColliderBuilder::ball(shape.bounding_radius() as f32),
-        };
-        let mu = if setup.is("contact_friction") { 0.25 * setup.strength } else { 0.0 };
-        let hooked = setup.is("speed_dependent_restitution");
-        let hooks = if hooked { rapier::ActiveHooks::all() } else { rapier::ActiveHooks::empty() };
-        collider.restitution(setup.restitution as f32).friction(mu as f32).active_hooks(hooks)
+/// The moving bodies of a video: handles, masses (kg) and ground friction coefficients.
+struct Movers {
+    bodies: Vec<rapier::RigidBodyHandle>,
+    masses: Vec<f64>,
+    mus: Vec<f64>,
+}
+
+/// A collider of this shape with the material of the set-up.
+fn collider(setup: &Setup, shape: Shape) -> rapier::ColliderBuilder {
+    let collider = match shape {
+        Shape::Square { half_side: a } => rapier::ColliderBuilder::cuboid(a as f32, a as f32),
+        _ => rapier::ColliderBuilder::ball(shape.bounding_radius() as f32),
     };
+    let mu = if setup.is("contact_friction") { 0.25 * setup.strength } else { 0.0 };
+    let hooked = setup.is("speed_dependent_restitution");
+    let hooks = if hooked { rapier::ActiveHooks::all() } else { rapier::ActiveHooks::empty() };
+    collider.restitution(setup.restitution as f32).friction(mu as f32).active_hooks(hooks)
+}
+
+/// Adds the hidden wall or the hidden object, if the set-up has one.
+fn add_hidden_body(setup: &Setup, world: &mut rapier::PhysicsWorld) {
     match setup.kind {
         "hidden_wall" => {
             let n = direction(&setup.u);
@@ -228,16 +235,86 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         }
         "hidden_object" => {
             let body = rapier::RigidBodyBuilder::fixed().translation(vector(center(&setup.u).scaled(0.5)));
-            world.insert(body, material(Shape::Disc { radius: 0.25 }));
+            world.insert(body, collider(setup, Shape::Disc { radius: 0.25 }));
         }
         _ => {}
     }
-    // Contacts cannot be seen where there are none: their laws get videos with several objects.
+}
+
+/// Adds objects at random positions with random velocities, to the world and to the scene.
+fn add_objects(
+    setup: &Setup,
+    world: &mut rapier::PhysicsWorld,
+    scene: &mut Scene,
+    random: &mut Random,
+) -> Movers {
+    // Contact laws and pair forces need several objects.
     let least = if OTHERS[3..].contains(&setup.kind) || setup.kind.starts_with("pair") { 3 } else { 1 };
-    // In a plane a ball has no bottom that slips, so its friction at contacts would be no ball's.
+    // A plane simulation lacks the rolling of a ball, so its contact friction would be wrong.
     let looks = |look: &usize| !setup.is("contact_friction") || LOOKS[*look].1 != BALL;
     let mut looks: Vec<usize> = (0..LOOKS.len()).filter(looks).collect();
     let count = (random.between(least as f64, 6.0) as usize).clamp(1, looks.len().min(5));
+    scene.tracks = vec![Track::default(); count];
+    let mut movers = Movers { bodies: vec![], masses: vec![], mus: vec![] };
+    let mut places: Vec<Vec2> = vec![];
+    while movers.bodies.len() < count {
+        let x = vec2(random.between(-2.0, 2.0), random.between(-2.0, 2.0));
+        if !setup.is_free(x) || places.iter().any(|p| (x - *p).norm() < 0.75) {
+            continue;
+        }
+        places.push(x);
+        let at = random.between(0.0, looks.len() as f64) as usize;
+        let (name, shape, stated_mass) = LOOKS[looks.swap_remove(at.min(looks.len() - 1))];
+        let id = movers.bodies.len();
+        let is_changed = setup.is("mass_change") && id == 0;
+        let mass = if is_changed { stated_mass * (1.0 + setup.strength) } else { stated_mass };
+        let target = vec2(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
+        let v = (target - x).unit().scaled(random.between(0.4, 1.6));
+        let most = if setup.is("magnus") { 6.0 } else { 1.0 };
+        let spin = if shape == BALL { 0.0 } else { random.between(-most, most) };
+        let rigid = rapier::RigidBodyBuilder::dynamic().translation(vector(x)).linvel(vector(v));
+        let rigid = rigid.angvel(spin as f32).rotation(random.between(-3.0, 3.0) as f32).can_sleep(false);
+        movers.bodies.push(world.insert(rigid, collider(setup, shape).mass(mass as f32)).0);
+        movers.masses.push(mass);
+        movers.mus.push(setup.mu[name]);
+        let (color, material) = ("gray".into(), name.into());
+        scene.objects.push(Object { id: id as u32, color, material, shape, mass: Some(stated_mass) });
+    }
+    movers
+}
+
+/// Applies the hidden law and ground friction for a step of `dt` (s), which starts at `time` (s).
+fn push(
+    setup: &Setup,
+    world: &mut rapier::PhysicsWorld,
+    scene: &Scene,
+    movers: &Movers,
+    [time, dt]: [f64; 2],
+) {
+    let mover = |(body, mass): (&rapier::RigidBodyHandle, &f64)| {
+        let b = &world.bodies[*body];
+        let (x, v) = (plain(b.translation()), plain(b.linvel()));
+        Mover { mass: *mass, x, v, spin: b.angvel() as f64 }
+    };
+    let all: Vec<Mover> = movers.bodies.iter().zip(&movers.masses).map(mover).collect();
+    for (i, body) in movers.bodies.iter().enumerate() {
+        let force = (setup.law)(setup.strength, &setup.u, time, &all, i);
+        let pushed = all[i].v + force.scaled(dt / all[i].mass);
+        let rough = setup.is("friction_patch") && (all[i].x - center(&setup.u).scaled(0.6)).norm() < 0.8;
+        let mu = movers.mus[i] * if rough { 1.0 + 2.0 * setup.strength } else { 1.0 };
+        let b = &mut world.bodies[*body];
+        let yaw = b.rotation().angle() as f64;
+        let (v, spin) = braked(scene.objects[i].shape, pushed, yaw, all[i].spin, mu * GRAVITY * dt);
+        b.set_linvel(vector(v), true);
+        b.set_angvel(spin as f32, true);
+    }
+}
+
+fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
+    let mut world = rapier::PhysicsWorld { gravity: rapier::Vector::ZERO, ..Default::default() };
+    let dt = 1.0 / (FPS * STEPS as f64);
+    world.integration_parameters.dt = dt as f32;
+    add_hidden_body(setup, &mut world);
     let mut scene = Scene {
         name: format!("video {number}"),
         setup: None,
@@ -247,38 +324,15 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         camera: None,
         table: None,
         noise_sigma: Some(SIGMA),
-        tracks: vec![Track::default(); count],
+        tracks: vec![],
         outliers: vec![],
         objects: vec![],
     };
-    let (mut bodies, mut masses, mut mus, mut places) = (vec![], vec![], vec![], vec![]);
-    while bodies.len() < count {
-        let x = vec2(random.between(-2.0, 2.0), random.between(-2.0, 2.0));
-        if !setup.open(x) || places.iter().any(|p: &Vec2| (x - *p).norm() < 0.75) {
-            continue;
-        }
-        places.push(x);
-        let at = random.between(0.0, looks.len() as f64) as usize;
-        let (name, shape, believed) = LOOKS[looks.swap_remove(at.min(looks.len() - 1))];
-        let id = bodies.len();
-        let mass =
-            if setup.is("mass_change") && id == 0 { believed * (1.0 + setup.strength) } else { believed };
-        let target = vec2(random.between(-0.7, 0.7), random.between(-0.7, 0.7));
-        let v = (target - x).unit().scaled(random.between(0.4, 1.6));
-        let most = if setup.is("magnus") { 6.0 } else { 1.0 };
-        let spin = if shape == BALL { 0.0 } else { random.between(-most, most) };
-        let rigid = rapier::RigidBodyBuilder::dynamic().translation(vector(x)).linvel(vector(v));
-        let rigid = rigid.angvel(spin as f32).rotation(random.between(-3.0, 3.0) as f32).can_sleep(false);
-        bodies.push(world.insert(rigid, material(shape).mass(mass as f32)).0);
-        masses.push(mass);
-        mus.push(setup.mu[name]);
-        let (color, material) = ("gray".into(), name.into());
-        scene.objects.push(Object { id: id as u32, color, material, shape, mass: Some(believed) });
-    }
-    let fading = if setup.is("speed_dependent_restitution") { 0.7 * setup.strength } else { 0.0 };
-    let hooks = Fading { restitution: setup.restitution as f32, inverse_v0: fading as f32 };
+    let movers = add_objects(setup, &mut world, &mut scene, random);
+    let decay = if setup.is("speed_dependent_restitution") { 0.7 * setup.strength } else { 0.0 };
+    let hooks = RestitutionDecay { restitution: setup.restitution as f32, inverse_v0: decay as f32 };
     for frame in 0..FRAMES {
-        for (track, body) in scene.tracks.iter_mut().zip(&bodies) {
+        for (track, body) in scene.tracks.iter_mut().zip(&movers.bodies) {
             let b = &world.bodies[*body];
             let position = plain(b.translation()) + vec2(random.noise(SIGMA), random.noise(SIGMA));
             let yaw = Some(b.rotation().angle() as f64 + random.noise(SIGMA_YAW));
@@ -286,24 +340,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         }
         for step in 0..STEPS {
             let time = (frame * STEPS + step) as f64 * dt;
-            let mover = |(body, mass): (&rapier::RigidBodyHandle, &f64)| {
-                let b = &world.bodies[*body];
-                let (x, v) = (plain(b.translation()), plain(b.linvel()));
-                Mover { mass: *mass, x, v, spin: b.angvel() as f64 }
-            };
-            let all: Vec<Mover> = bodies.iter().zip(&masses).map(mover).collect();
-            for (i, body) in bodies.iter().enumerate() {
-                let force = (setup.law)(setup.strength, &setup.u, time, &all, i);
-                let pushed = all[i].v + force.scaled(dt / all[i].mass);
-                let rough =
-                    setup.is("friction_patch") && (all[i].x - center(&setup.u).scaled(0.6)).norm() < 0.8;
-                let mu = mus[i] * if rough { 1.0 + 2.0 * setup.strength } else { 1.0 };
-                let b = &mut world.bodies[*body];
-                let yaw = b.rotation().angle() as f64;
-                let (v, spin) = braked(scene.objects[i].shape, pushed, yaw, all[i].spin, mu * GRAVITY * dt);
-                b.set_linvel(vector(v), true);
-                b.set_angvel(spin as f32, true);
-            }
+            push(setup, &mut world, &scene, &movers, [time, dt]);
             world.step_with_events(&hooks, &());
         }
     }
@@ -320,7 +357,7 @@ fn group(kind: &'static str, law: Law, strength: f64, seed: u64) -> Vec<Scene> {
     (0..VIDEOS).map(|number| video(&setup, number, &mut random)).collect()
 }
 
-/// What was said, as one word.
+/// The verdict as one word.
 fn answer(kind: &str, d: &Discovery) -> String {
     let outside = kind.starts_with("outside");
     match d.verdict {
@@ -334,29 +371,35 @@ fn answer(kind: &str, d: &Discovery) -> String {
     }
 }
 
-/// One group of the calibration and what was said of it.
-struct Trial {
+/// One group of the calibration and its verdict.
+struct CalibrationTrial {
     kind: &'static str,
     strength: &'static str,
-    said: String,
+    verdict: String,
     /// s.
     time: f64,
 }
 
-fn trial(kind: &'static str, law: Law, strength: (&'static str, f64), seed: u64, weighed: bool) -> Trial {
+fn trial(
+    kind: &'static str,
+    law: Law,
+    strength: (&'static str, f64),
+    seed: u64,
+    masses_known: bool,
+) -> CalibrationTrial {
     let mut scenes = group(kind, law, strength.1, seed);
-    if !weighed {
+    if !masses_known {
         scenes.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = None);
     }
     let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
-    let begun = Instant::now();
-    let (said, reason) = match discover(&scenes, &models, &DiscoverOptions::default(), &never) {
+    let start = Instant::now();
+    let (verdict, reason) = match discover(&scenes, &models, &DiscoverOptions::default(), &never) {
         Ok(d) => (answer(kind, &d), format!("{} {}", d.reason, d.formula.unwrap_or_default())),
         Err(e) => (e.to_string(), String::new()),
     };
-    let time = begun.elapsed().as_secs_f64();
-    eprintln!("{kind} {} {seed}: {said} ({time:.1} s) {reason}", strength.0);
-    Trial { kind, strength: strength.0, said, time }
+    let time = start.elapsed().as_secs_f64();
+    eprintln!("{kind} {} {seed}: {verdict} ({time:.1} s) {reason}", strength.0);
+    CalibrationTrial { kind, strength: strength.0, verdict, time }
 }
 
 fn main() {
@@ -367,9 +410,9 @@ fn main() {
     let named = |list: &str, name: &str| {
         after(list).is_none_or(|list| list.split(',').any(|wanted| name.contains(wanted)))
     };
-    let weighed = after("--masses").is_none_or(|masses| masses != "unknown");
+    let masses_known = after("--masses").is_none_or(|masses| masses != "unknown");
     let none: Law = |_, _, _, _, _| Vec2::zero();
-    // Seeds go by the place in this list: what is new comes last.
+    // The seed depends on the position in this list: append new kinds at the end.
     let all = FORCES.into_iter().chain(OTHERS.map(|kind| (kind, none))).chain(OF_PLACE);
     let mut wanted = vec![];
     for (which, (kind, law)) in all.enumerate().filter(|(_, (kind, _))| named("--kinds", kind)) {
@@ -380,16 +423,16 @@ fn main() {
             wanted.extend(seeds.map(|seed| (kind, law, strength, seed * 1000 + 10 * which as u64)));
         }
     }
-    let trials: Vec<Trial> =
-        wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed, weighed)).collect();
+    let trials: Vec<CalibrationTrial> =
+        wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed, masses_known)).collect();
     let mut right: BTreeMap<(&str, &str), (u64, u64)> = BTreeMap::new();
     let mut confused: BTreeMap<(&str, &str, &str), u64> = BTreeMap::new();
     for t in &trials {
         let count = right.entry((t.kind, t.strength)).or_default();
-        count.0 += u64::from(t.said == t.kind);
+        count.0 += u64::from(t.verdict == t.kind);
         count.1 += 1;
-        if t.said != t.kind {
-            *confused.entry((t.kind, t.strength, &t.said)).or_default() += 1;
+        if t.verdict != t.kind {
+            *confused.entry((t.kind, t.strength, &t.verdict)).or_default() += 1;
         }
     }
     println!("right of all, by kind and strength:");
@@ -397,8 +440,8 @@ fn main() {
         println!("  {kind:28} {strength:7} {right}/{all}");
     }
     println!("taken for something else:");
-    for ((kind, strength, said), count) in &confused {
-        println!("  {kind:28} {strength:7} {said:40} {count}");
+    for ((kind, strength, verdict), count) in &confused {
+        println!("  {kind:28} {strength:7} {verdict:40} {count}");
     }
     let slowest = trials.iter().map(|t| t.time).fold(0.0, f64::max);
     let mean = trials.iter().map(|t| t.time).sum::<f64>() / trials.len().max(1) as f64;

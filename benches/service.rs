@@ -1,4 +1,4 @@
-//! What a question costs over the wire: cached, beside the smallest call that tonic serves; and fresh, with its durable trace.
+//! Measures a question over gRPC: cached, compared with the smallest call; and fresh, with its stored trace.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -18,7 +18,7 @@ use vrdp::scene::parse;
 
 const SCENE: &str = include_str!("../tests/data/clevrer/scene_00000/observed.json");
 
-/// A service with the fitted video; its folder lives as long as it.
+/// A service with the fitted video, and the folder of its store.
 async fn start() -> (Channel, String, tempfile::TempDir) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let capacity = Capacity { workers: 1, queue: 64, job_timeout: Duration::from_secs(60) };
@@ -73,7 +73,7 @@ fn benches(criterion: &mut Criterion) {
     group.bench_function("question_cached", |b| {
         b.iter(|| runtime.block_on(reasoning.ask(black_box(counterfactual(&video, 0)))).expect("an answer"));
     });
-    // Another seed is another question.
+    // A new seed makes a new question.
     let mut seed = 0;
     group.bench_function("counterfactual_fresh", |b| {
         b.iter(|| {

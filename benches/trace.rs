@@ -1,4 +1,4 @@
-//! What a trace costs: encoding and storing one of 128 frames and 6 objects; playing and seeking in 1 GiB.
+//! Measures traces: encoding and storing one of 128 frames and 6 objects; playing and seeking in 1 GiB.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::fs::File;
@@ -58,7 +58,7 @@ fn crowded(mut scene: Scene) -> Scene {
     scene
 }
 
-/// The blob and its record, durable, as the engine stores them.
+/// Stores the blob and its record durably, as the engine does.
 fn publish(criterion: &mut Criterion, name: &str, bytes: Vec<u8>) {
     let folder = tempfile::tempdir().expect("there is room for temporary files");
     let store = Store::open(folder.path()).expect("a new folder can be opened");
@@ -76,7 +76,7 @@ fn publish(criterion: &mut Criterion, name: &str, bytes: Vec<u8>) {
     });
 }
 
-/// Writes 1 GiB of states, plays all of it, and seeks; prints times and the most memory that the process ever had.
+/// Writes 1 GiB of states, plays all of it, and seeks; prints the times and the peak memory of the process.
 fn gib() {
     let file = tempfile::NamedTempFile::new().expect("there is room for temporary files");
     write(file.as_file());
@@ -121,7 +121,7 @@ fn write(file: &File) {
     writer.finish().expect("a temporary file can be written");
 }
 
-/// Most memory of this process so far (MiB); 0 where the system does not tell.
+/// Peak memory of this process (MiB); 0 if the system does not report it.
 fn memory() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));

@@ -1,4 +1,4 @@
-//! The whole loop as a client of the service: post videos, compare, discover, add what was found, watch the error fall.
+//! A client of the service: posts videos, compares, discovers, adds the found effect, and prints the errors.
 //!
 //! `vrdp serve` in one terminal, then `cargo run --release --example add_effect -- http://127.0.0.1:50051 FILE...`, where
 //! each FILE is an `observed.json` or a CSV file of one video, all of one set-up.
@@ -15,16 +15,16 @@ use vrdp::api::v1::{
 };
 use vrdp::scene::{parse, parse_csv};
 
-/// Largest reply (bytes): the trajectories of long videos.
+/// Largest accepted reply in bytes: discoveries hold trajectories of long videos.
 const MAX_MESSAGE: usize = 64 << 20;
 
 #[tokio::main]
 async fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let url = arguments.next().ok_or("give the service's URL, then files of videos")?;
+    let url = arguments.next().ok_or("give the URL of the service, then files of videos")?;
     let channel = Channel::from_shared(url)?.connect().await?;
 
-    // 1. Post the videos. The same content again is the same video.
+    // 1. Post the videos. The same content gives the same video.
     let mut client = VideosClient::new(channel.clone());
     let mut videos = vec![];
     for file in arguments {
@@ -37,7 +37,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
         videos.push(client.create_video(request).await?.into_inner().name);
     }
 
-    // 2. Compare: how good is the usual model, and where does it fail?
+    // 2. Compare: how well does the default model fit, and where does it fail?
     let mut models = ModelsClient::new(channel).max_decoding_message_size(MAX_MESSAGE);
     let study = StudyRequest { videos, ..Default::default() };
     let request = CompareModelsRequest { study: Some(study.clone()) };
@@ -60,7 +60,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let found = found.ok_or("the search ended without a result")?;
     println!("discover: {:?}, {}", found.verdict(), found.reason);
 
-    // 4. Add it by hand to the model as it began; a formula of the search, or of one's own, is added as it is printed.
+    // 4. Add the effect to the first model. A formula, from the search or your own, is added as text.
     let addition = match (found.effects.first(), found.formula.as_str()) {
         (_, text) if !text.is_empty() => {
             let law = Formula { name: "found".into(), text: text.into(), parameters: vec![] };
@@ -74,7 +74,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let request = AddEffectRequest { study: Some(study), addition: Some(addition) };
     let mut stream = models.add_effect(request).await?.into_inner();
 
-    // 5. Watch the error fall.
+    // 5. Print the errors before and after.
     while let Some(message) = stream.message().await? {
         match message.event {
             Some(add_effect_response::Event::Progress(f)) => eprintln!("{:3.0} %", 100.0 * f),

@@ -1,7 +1,10 @@
-#![allow(clippy::disallowed_methods)] // Made scenes need not have the same bits everywhere.
-// How well image points, an estimated camera and detections stand for metres: `cargo run --release --example
-// camera_figures -- FOLDER [points|camera|detections|physics|seed=N]...`, FOLDER holding scenes with `observed.json`
-// (image points included) and `truth.json`; with a seed, positions, yaws and image points are the true ones with other noise.
+//! Measures how accurate image points, an estimated camera and detections are, compared with metres:
+//! `cargo run --release --example camera_figures -- FOLDER [points|camera|detections|physics|seed=N]...`
+//!
+//! FOLDER holds scenes with `observed.json` (with image points) and `truth.json`. With a seed, positions, yaws and image
+//! points are the true ones with new noise.
+
+#![allow(clippy::disallowed_methods)] // Simulated scenes need not have the same bits everywhere.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -15,11 +18,11 @@ use vrdp::scene::{
     mask_bounds, parse,
 };
 
-/// Deviation of the image points in the benchmark (px).
+/// Standard deviation of the image points in the benchmark (px).
 const SIGMA_PX: f64 = 0.5;
-/// Height of the centres there (m).
+/// Height of the object centres in the benchmark (m).
 const HEIGHT: f64 = 0.2;
-/// Rollouts of a prediction's ensemble.
+/// Number of simulations in the ensemble of a prediction.
 const ROLLOUTS: usize = 32;
 
 struct World {
@@ -77,9 +80,9 @@ impl World {
         vec2(state[0].as_f64().unwrap(), state[1].as_f64().unwrap())
     }
 
-    /// Frame, object, image point and noisy position of all that was seen.
-    fn seen(&self) -> Vec<(usize, usize, [f64; 2], Vec2)> {
-        let mut seen = vec![];
+    /// Frame, object, image point and noisy position of all visible objects.
+    fn visible(&self) -> Vec<(usize, usize, [f64; 2], Vec2)> {
+        let mut visible = vec![];
         for frame in self.observed["motion_trajectory"].as_array().unwrap() {
             let f = frame["frame_id"].as_u64().unwrap() as usize;
             for object in frame["objects"].as_array().unwrap() {
@@ -89,14 +92,14 @@ impl World {
                     let id = object["object_id"].as_u64().unwrap() as u32;
                     let index = self.scene.object_index(id).unwrap();
                     let at = &object["location"];
-                    seen.push((f, index, [u, v], vec2(at[0].as_f64().unwrap(), at[1].as_f64().unwrap())));
+                    visible.push((f, index, [u, v], vec2(at[0].as_f64().unwrap(), at[1].as_f64().unwrap())));
                 }
             }
         }
-        seen
+        visible
     }
 
-    /// Measures what was seen once more, with the noise of the benchmark.
+    /// Replaces the measurements by the truth plus new noise of the benchmark.
     fn measure_again(&mut self, seed: u64) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = |sigma: f64| -> f64 {
@@ -122,7 +125,7 @@ impl World {
         self.scene = parse(&self.scene.name, &self.observed.to_string()).unwrap();
     }
 
-    /// The scene as its image points tell it; without yaws unless they are kept.
+    /// The scene from its image points only; with `yaw`, also from its yaws.
     fn of_pixels(&self, yaw: bool) -> Scene {
         let mut observed = self.observed.clone();
         observed["image_noise_px"] = SIGMA_PX.into();
@@ -139,11 +142,11 @@ impl World {
     }
 }
 
-/// Error of the tracks against the noise that each point's covariance states.
+/// Error of the tracks compared with the noise that the covariance of each point states.
 fn points(worlds: &[World]) {
     let (mut white, mut error, mut stated, mut metres, mut count) = (0.0, 0.0, 0.0, 0.0, 0);
     for world in worlds {
-        for (frame, object, pixel, given) in world.seen() {
+        for (frame, object, pixel, given) in world.visible() {
             metres += (given - world.true_state(frame, object)).norm_squared();
             let (found, c) = world.camera().locate(pixel, HEIGHT, [SIGMA_PX; 2]).unwrap();
             let off = found - world.true_state(frame, object);
@@ -169,7 +172,7 @@ fn points(worlds: &[World]) {
     );
 }
 
-/// A camera estimated from the pairs of five scenes, on all others.
+/// Estimates a camera from the point pairs of five scenes and tests it on the others.
 fn camera(worlds: &[World]) {
     let count = 5.min(worlds.len() / 2);
     for first in [0, count, 2 * count] {
@@ -178,14 +181,14 @@ fn camera(worlds: &[World]) {
             image,
             world: [at.x, at.y, HEIGHT],
         };
-        let pairs: Vec<PointPair> = known.iter().flat_map(|w| w.seen().into_iter().map(pair)).collect();
+        let pairs: Vec<PointPair> = known.iter().flat_map(|w| w.visible().into_iter().map(pair)).collect();
         let found = calibrate(&pairs, worlds[0].camera().image_size).unwrap();
         let (mut reprojection, mut error, mut given, mut n) = (0.0, 0.0, 0.0, 0.0);
         for (i, world) in worlds.iter().enumerate() {
             if (first..first + count).contains(&i) {
                 continue;
             }
-            for (frame, object, pixel, _) in world.seen() {
+            for (frame, object, pixel, _) in world.visible() {
                 let truth = world.true_state(frame, object);
                 let [u, v] = found.camera.project(truth, HEIGHT).unwrap();
                 reprojection += (u - pixel[0]).powi(2) + (v - pixel[1]).powi(2);
@@ -214,8 +217,8 @@ fn camera(worlds: &[World]) {
     }
 }
 
-/// Errors of the fitted motion, within and after the video, and how well the predicted deviations cover those after it:
-/// from metres, and from image points.
+/// Errors of the fitted motion within and after the video, from metres and from image points; and how well the predicted
+/// standard deviations cover the errors after it.
 fn physics(worlds: &[World]) {
     use vrdp::fit::{FitOptions, fit};
     use vrdp::reason::{PredictionRequest, predict};
@@ -252,7 +255,7 @@ fn physics(worlds: &[World]) {
             inside.push(observed);
             after.push(future);
         }
-        let tell = |all: &[Vec<f64>]| {
+        let text = |all: &[Vec<f64>]| {
             let rms = |v: &[f64]| (v.iter().sum::<f64>() / v.len() as f64).sqrt();
             let median = |mut v: Vec<f64>| {
                 v.sort_by(f64::total_cmp);
@@ -268,15 +271,15 @@ fn physics(worlds: &[World]) {
         };
         println!(
             "physics from {name}: observed {}, future {}, {:.1} % within 1 sd and {:.1} % within 2, adequate {adequate}",
-            tell(&inside),
-            tell(&after),
+            text(&inside),
+            text(&after),
             within(1.0),
             within(2.0)
         );
     }
 }
 
-/// Points of a body's surface in the image, at its true place and yaw.
+/// Points of a body's surface in the image, at its true position and yaw.
 fn surface(camera: &Camera, shape: &Shape, at: Vec2, yaw: f64) -> Vec<[f64; 2]> {
     let mut points = vec![];
     let mut add = |off: Vec2, z: f64| points.extend(camera.project(at + off, z));
@@ -340,19 +343,76 @@ fn columns(points: &[[f64; 2]], width: usize, height: usize) -> Vec<(usize, usiz
     (0..width).filter_map(row).collect()
 }
 
-/// What a detector might find in a scene, shuffled, and which object each is; `None`: a false one.
+/// The values of color, material and shape.
+const LOOKS: [&[&str]; 3] = [
+    &["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"],
+    &["metal", "rubber"],
+    &["cube", "sphere", "cylinder"],
+];
+
+/// The bounding box of the pixels of an object; `None` if they are too few. `owner` has the object of each pixel.
+fn bounds_of_mask(owner: &[usize], object: usize, [width, height]: [usize; 2]) -> Option<BoundingBox> {
+    if owner.iter().filter(|&&p| p == object).count() < 20 {
+        return None;
+    }
+    let mut counts = vec![0i64];
+    let mut now = false;
+    for &p in owner {
+        if (p == object) != now {
+            now = !now;
+            counts.push(0);
+        }
+        *counts.last_mut().unwrap() += 1;
+    }
+    Some(mask_bounds([height as u64, width as u64], &counts).unwrap())
+}
+
+/// The bounding box of points in the image, each edge with a noise of 1 px.
+fn noisy_bounds(
+    points: &[[f64; 2]],
+    [width, height]: [usize; 2],
+    uniform: &mut impl FnMut(f64, f64) -> f64,
+) -> BoundingBox {
+    let least = |k: usize| points.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
+    let most = |k: usize| points.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
+    let mut edge = |v: f64, size: usize| {
+        let z: f64 = StandardNormal.sample(&mut ChaCha8Rng::seed_from_u64(uniform(0.0, 1e15) as u64));
+        (v + z).clamp(0.0, size as f64)
+    };
+    BoundingBox {
+        left: edge(least(0), width),
+        top: edge(least(1), height),
+        right: edge(most(0), width),
+        bottom: edge(most(1), height),
+    }
+}
+
+/// A detection at a random place with a random appearance.
+fn false_detection(
+    frames: usize,
+    [width, height]: [usize; 2],
+    uniform: &mut impl FnMut(f64, f64) -> f64,
+) -> Detection {
+    let (u, v) = (uniform(0.0, width as f64 - 20.0), uniform(20.0, height as f64 - 20.0));
+    let (w, h) = (uniform(15.0, 60.0), uniform(15.0, 60.0));
+    let bounds =
+        BoundingBox { left: u, top: v, right: (u + w).min(width as f64), bottom: (v + h).min(height as f64) };
+    let mut look = |k: usize| {
+        AttributeScores::from([(LOOKS[k][uniform(0.0, LOOKS[k].len() as f64) as usize].to_string(), 1.0)])
+    };
+    let (color, material, shape) = (look(0), look(1), look(2));
+    let frame = uniform(0.0, frames as f64) as usize;
+    Detection { frame, bounds, color, material, shape, score: 1.0 }
+}
+
+/// Simulated detections in random order, each with its object; `None`: a false detection.
 fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detection, Option<usize>)> {
-    const LOOKS: [&[&str]; 3] = [
-        &["gray", "red", "blue", "green", "brown", "cyan", "purple", "yellow"],
-        &["metal", "rubber"],
-        &["cube", "sphere", "cylinder"],
-    ];
     let camera = world.camera();
-    let [width, height] = camera.image_size.map(|v| v as usize);
+    let size @ [width, height] = camera.image_size.map(|v| v as usize);
     let mut uniform = |low: f64, high: f64| Uniform::new(low, high).unwrap().sample(&mut *random);
     let mut found: Vec<(Detection, Option<usize>)> = vec![];
     let mut frames: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    world.seen().iter().for_each(|s| frames.entry(s.0).or_default().push(s.1));
+    world.visible().iter().for_each(|s| frames.entry(s.0).or_default().push(s.1));
     for (frame, mut objects) in frames {
         let depth = |o: &usize| {
             let (at, m) = (world.true_state(frame, *o), camera.matrix[2]);
@@ -375,36 +435,11 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
             if uniform(0.0, 1.0) < 0.1 {
                 continue;
             }
-            let bounds = if masks {
-                if owner.iter().filter(|&&p| p == o).count() < 20 {
-                    continue;
-                }
-                let mut counts = vec![0i64];
-                let mut now = false;
-                for &p in &owner {
-                    if (p == o) != now {
-                        now = !now;
-                        counts.push(0);
-                    }
-                    *counts.last_mut().unwrap() += 1;
-                }
-                mask_bounds([height as u64, width as u64], &counts).unwrap()
-            } else {
-                let points = image(o);
-                let least = |k: usize| points.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
-                let most = |k: usize| points.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
-                let mut edge = |v: f64, size: usize| {
-                    let z: f64 =
-                        StandardNormal.sample(&mut ChaCha8Rng::seed_from_u64(uniform(0.0, 1e15) as u64));
-                    (v + z).clamp(0.0, size as f64)
-                };
-                BoundingBox {
-                    left: edge(least(0), width),
-                    top: edge(least(1), height),
-                    right: edge(most(0), width),
-                    bottom: edge(most(1), height),
-                }
+            let bounds = match masks {
+                true => bounds_of_mask(&owner, o, size),
+                false => Some(noisy_bounds(&image(o), size, &mut uniform)),
             };
+            let Some(bounds) = bounds else { continue };
             let object = &world.scene.objects[o];
             let words = [object.color.as_str(), object.material.as_str(), object.shape.word()];
             let mut look = |k: usize| {
@@ -420,20 +455,7 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
         }
     }
     for _ in 0..found.len() / 20 {
-        let (u, v) = (uniform(0.0, width as f64 - 20.0), uniform(20.0, height as f64 - 20.0));
-        let (w, h) = (uniform(15.0, 60.0), uniform(15.0, 60.0));
-        let bounds = BoundingBox {
-            left: u,
-            top: v,
-            right: (u + w).min(width as f64),
-            bottom: (v + h).min(height as f64),
-        };
-        let mut look = |k: usize| {
-            AttributeScores::from([(LOOKS[k][uniform(0.0, LOOKS[k].len() as f64) as usize].to_string(), 1.0)])
-        };
-        let (color, material, shape) = (look(0), look(1), look(2));
-        let frame = uniform(0.0, world.scene.times.len() as f64) as usize;
-        found.push((Detection { frame, bounds, color, material, shape, score: 1.0 }, None));
+        found.push((false_detection(world.scene.times.len(), size, &mut uniform), None));
     }
     for k in (1..found.len()).rev() {
         found.swap(k, uniform(0.0, k as f64 + 1.0) as usize);
@@ -441,7 +463,7 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
     found
 }
 
-/// Objects and tracks from detections: who is who, what they look like, where they are.
+/// Links detections to tracks, and scores identities, attributes and positions.
 fn link_all(worlds: &[World], masks: bool) {
     let (mut clean, mut switches, mut right, mut all, mut strangers) = (0, 0, 0, 0, 0);
     let (mut white, mut error, mut stated, mut n) = (vec![], vec![], 0.0, 0.0);

@@ -1,12 +1,13 @@
-//! What discovery is worth on groups of videos whose hidden effect is known:
+//! Measures discovery on groups of videos whose hidden effect is known:
 //!
 //! `cargo run --release --example discovery_figures -- [--model PRESET] DIR...`, each a group of scene folders or a folder of
-//! groups; the search begins with the preset of each scene's world, or with this one (`table`: billiards without spin).
+//! groups. The search starts from the preset of each scene's world, or from PRESET (`table`: billiards without spin).
 //!
-//! A scene is a folder with `observed.json` (what discovery sees) and `truth.json` (read for scoring only). Told of each group:
-//! the verdict and whether it is right, the time, how many numbers of the effect are in their 95 % interval, the error over the
-//! noise with what was found, and the error after the video: of the model without any effect added, with what was found, and of the
-//! same with the effect's true numbers. A `group.json` with `"outside": true` says that no library has the law.
+//! A scene is a folder with `observed.json` (the input of discovery) and `truth.json` (read for scoring only). It prints for
+//! each group: the verdict and whether it is right, the time, how many parameters of the effect lie in their 95 % interval,
+//! the error over the noise with the found effects, and the error after the video: without any added effect, with the found
+//! effects, and with the true parameters of the effect. A `group.json` with `"outside": true` says that the library lacks the
+//! effect.
 
 use nalgebra::{DMatrix, DVector};
 use serde_json::Value as Json;
@@ -22,7 +23,7 @@ use vrdp::num::{never, vec2};
 use vrdp::scene::{Scene, parse};
 use vrdp::world::{Model, Preset, trace};
 
-/// Steps by which an effect's parameters are brought to the numbers that reports give, and of a difference.
+/// Number of Newton steps that solve for an effect's parameters from its reported quantities, and the difference step.
 const STEPS: usize = 30;
 const STEP: f64 = 1e-6;
 
@@ -39,25 +40,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folders: Vec<PathBuf> = given.iter().map(PathBuf::from).collect();
     let [mut right, mut groups, mut inside, mut numbers] = [0; 4];
     for group in folders.iter().map(|f| groups_in(f)).collect::<Result<Vec<_>, _>>()?.concat() {
-        let told = measure(&group, preset).map_err(|e| format!("{}: {e}", group.display()))?;
-        println!("{:44} {}", group.file_name().unwrap_or_default().to_string_lossy(), told.line);
-        right += usize::from(told.right);
+        let outcome = measure(&group, preset).map_err(|e| format!("{}: {e}", group.display()))?;
+        println!("{:44} {}", group.file_name().unwrap_or_default().to_string_lossy(), outcome.line);
+        right += usize::from(outcome.right);
         groups += 1;
-        inside += told.inside;
-        numbers += told.numbers;
+        inside += outcome.inside;
+        numbers += outcome.numbers;
     }
     println!("right {right} of {groups}; numbers within their interval {inside} of {numbers}");
     Ok(())
 }
 
-struct Told {
+/// The printed line of a group, whether its verdict is right, and how many true values lie in their intervals, of how many.
+struct GroupOutcome {
     line: String,
     right: bool,
     inside: usize,
     numbers: usize,
 }
 
-fn measure(group: &Path, preset: Option<&Preset>) -> Result<Told, Box<dyn Error>> {
+fn measure(group: &Path, preset: Option<&Preset>) -> Result<GroupOutcome, Box<dyn Error>> {
     let (mut scenes, mut truths): (Vec<Scene>, Vec<Json>) = (vec![], vec![]);
     for folder in inner(group)?.iter().filter(|f| is_scene(f)) {
         let read = |name: &str| std::fs::read_to_string(folder.join(name));
@@ -80,9 +82,10 @@ fn measure(group: &Path, preset: Option<&Preset>) -> Result<Told, Box<dyn Error>
     let law = found.effects.iter().find(|e| Some(e.kind.as_str()) == kind);
     let (mut inside, mut numbers) = (0, 0);
     let owner = hidden["params"]["object_id"].as_u64();
-    // Of what each object has for itself, the truth tells one.
-    let of_it = |p: &&ParameterEstimate| p.owner.zip(owner).is_none_or(|(o, id)| u64::from(o.object) == id);
-    for p in law.iter().flat_map(|law| &law.parameters).filter(of_it) {
+    // The truth has the value of one object only.
+    let of_owner =
+        |p: &&ParameterEstimate| p.owner.zip(owner).is_none_or(|(o, id)| u64::from(o.object) == id);
+    for p in law.iter().flat_map(|law| &law.parameters).filter(of_owner) {
         let bounds = components(&p.low).into_iter().zip(components(&p.high));
         for (truth, (low, high)) in components_of(&hidden["params"][&p.name]).into_iter().zip(bounds) {
             inside += usize::from((low..=high).contains(&truth));
@@ -107,7 +110,7 @@ fn measure(group: &Path, preset: Option<&Preset>) -> Result<Told, Box<dyn Error>
     if let Some(formula) = &found.formula {
         line += &format!("  {formula}");
     }
-    Ok(Told { line, right, inside, numbers })
+    Ok(GroupOutcome { line, right, inside, numbers })
 }
 
 /// The models of a revision.
@@ -117,7 +120,7 @@ fn fitted(revision: &Revision) -> Vec<Model> {
 
 fn is_right(found: &Discovery, kind: Option<&str>) -> bool {
     let Some(kind) = kind else { return found.verdict == Verdict::Adequate };
-    // A shot of billiards is told by its name; one without spin may do without.
+    // A billiards shot needs spin effects, except a rolling one.
     if let Some(shot) = kind.strip_prefix("billiards_") {
         let spins = matches!(&found.effects[..], [e] if e.kind == "ball_spin" || e.kind == "cushion");
         return spins || (shot == "rolling" && found.verdict == Verdict::Adequate);
@@ -129,17 +132,17 @@ fn is_right(found: &Discovery, kind: Option<&str>) -> bool {
     }
 }
 
-/// The models of the revision with the effect's numbers at the truth, all else fitted again.
+/// The models of the revision with the effect fixed at its true parameters and all else fitted again.
 fn with_truth(
     scenes: &[Scene],
     last: &Revision,
     law: &FoundEffect,
     truth: &Json,
 ) -> Result<Vec<Model>, Box<dyn Error>> {
-    let entry = effect(&law.effect).ok_or("no effect of the library")?;
+    let entry = effect(&law.effect).ok_or("the effect is not in the library")?;
     let mut models = fitted(last);
     let active = |m: &Model| m.effects.iter().find(|e| e.name == law.effect).cloned();
-    let start = models.iter().find_map(active).ok_or("the effect is in no model")?;
+    let start = models.iter().find_map(active).ok_or("no model has the effect")?;
     let start: Vec<f64> = start
         .parameters
         .iter()
@@ -158,7 +161,7 @@ fn with_truth(
     Ok(fit.scenes.into_iter().map(|s| s.model).collect())
 }
 
-/// The parameters of which a report gives the true numbers: Gauss and Newton's steps from `values`.
+/// The parameters whose reported quantities equal the truth: Gauss-Newton steps from `values`.
 fn solved(
     report: fn(&[f64]) -> Vec<(&'static str, Quantity)>,
     mut values: Vec<f64>,
@@ -166,18 +169,18 @@ fn solved(
 ) -> Vec<f64> {
     let off = |values: &[f64]| -> DVector<f64> {
         let one = |(name, quantity): (&str, Quantity)| -> Vec<f64> {
-            let told = match quantity {
+            let values = match quantity {
                 Quantity::Number(v) => vec![v],
                 Quantity::Vector(v) => v.to_vec(),
                 Quantity::Word(_) => vec![],
             };
-            told.into_iter().zip(components_of(&truth[name])).map(|(told, truth)| told - truth).collect()
+            values.into_iter().zip(components_of(&truth[name])).map(|(value, truth)| value - truth).collect()
         };
         DVector::from_vec(report(values).into_iter().flat_map(one).collect())
     };
     for _ in 0..STEPS {
         let here = off(&values);
-        // An effect without numbers has none to solve for.
+        // The effect may report no numbers.
         if here.is_empty() {
             break;
         }
@@ -193,7 +196,7 @@ fn solved(
     values
 }
 
-/// Root mean square distance from the truth on the frames after the videos (m); `None` where it ends with them.
+/// Root mean square distance from the truth on the frames after the videos (m); `None` if the truth ends with the videos.
 fn after(models: &[Model], scenes: &[Scene], truths: &[Json]) -> Option<f64> {
     let (mut squares, mut count) = (0.0, 0);
     for ((model, scene), truth) in models.iter().zip(scenes).zip(truths) {
@@ -242,7 +245,7 @@ fn inner(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     Ok(inner)
 }
 
-/// Folders of scenes: this one, or those in it.
+/// Folders of scenes: this folder, or the folders in it.
 fn groups_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let holds = |f: &Path| f.is_dir() && inner(f).is_ok_and(|inner| inner.iter().any(|s| is_scene(s)));
     match holds(folder) {

@@ -1,7 +1,7 @@
-//! What the fit, the prediction and the counterfactuals are worth on scenes whose truth is known:
+//! Measures the fit, the predictions and the counterfactuals on scenes whose truth is known:
 //!
-//! `cargo run --release --example figures -- [--preset NAME] DIR...`, each a folder of scenes or of such folders. Without a
-//! preset, a scene's world picks it.
+//! `cargo run --release --example figures -- [--preset NAME] DIR...`, each a folder of scenes or of such folders. The
+//! default preset depends on the world of the scene.
 //!
 //! A scene is a folder with `observed.json` (what is fitted) and `truth.json` (read for scoring only). Position errors
 //! are distances in the plane over the frames in which the true object is in view; noise is per coordinate.
@@ -18,19 +18,19 @@ use vrdp::world::{
     BODY_VALUES, EventKind, Intervention, MASS, Model, Preset, SimulationLimits, simulate, trace,
 };
 
-/// Size of the film in pixels where the truth has a camera, and the height of what it sees (m).
-const FILM: [f64; 2] = [480.0, 320.0];
+/// Image size in pixels if the truth has a camera, and the height of the object centres (m).
+const IMAGE_SIZE: [f64; 2] = [480.0, 320.0];
 const HEIGHT: f64 = 0.2;
-/// Rollouts of the ensemble.
+/// Number of simulations in the ensemble.
 const ROLLOUTS: usize = 32;
-/// Longest run of frames for which a counterfactual is compared.
+/// Largest number of compared frames of a counterfactual.
 const KEYFRAMES: usize = 26;
-/// Runs of which the median rollout time is taken.
+/// Number of runs whose median gives the rollout time.
 const RUNS: usize = 15;
-/// Steps of central differences, in parameter units; the best agreement counts, as each has its own error: the smallest serve
-/// where bodies jostle and a larger one changes what happens.
+/// Steps of central differences, in parameter units; the best agreement counts. Small steps are needed in crowded scenes,
+/// where larger ones change the order of events.
 const STEPS: [f64; 4] = [1e-5, 1e-6, 1e-7, 1e-8];
-/// Largest relative difference of a gradient that agrees.
+/// Largest relative difference of gradients that agree.
 const AGREES: f64 = 1e-4;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if let [flag, name, ..] = &words[..]
         && flag == "--preset"
     {
-        preset = Some(Preset::named(name).ok_or_else(|| format!("there is no preset {name}"))?);
+        preset = Some(Preset::named(name).ok_or_else(|| format!("unknown preset {name}"))?);
         words.drain(..2);
     }
     let folders: Vec<PathBuf> = words.into_iter().map(PathBuf::from).collect();
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Folders with an observation and its truth, in order of name.
+/// Finds the folders with an observation and its truth, in order of name.
 fn find(folder: &Path, scenes: &mut Vec<PathBuf>) -> Result<(), Box<dyn Error>> {
     if folder.join("observed.json").is_file() && folder.join("truth.json").is_file() {
         scenes.push(folder.to_path_buf());
@@ -70,7 +70,7 @@ fn find(folder: &Path, scenes: &mut Vec<PathBuf>) -> Result<(), Box<dyn Error>> 
     inner.iter().filter(|p| p.is_dir()).try_for_each(|p| find(p, scenes))
 }
 
-/// Distances of one kind (m), one list a scene.
+/// Distances of one kind (m), one list for each scene.
 #[derive(Default)]
 struct Errors(Vec<Vec<f64>>);
 
@@ -80,9 +80,9 @@ struct Figures {
     future: Errors,
     removed: Errors,
     mass: Errors,
-    /// Future errors of one coordinate in units of the predicted deviation.
+    /// Future errors of one coordinate in units of the predicted standard deviation.
     deviations: Vec<f64>,
-    /// Collisions found, invented and missed: removal, heavier, lighter.
+    /// Numbers of right, invented and missed collisions: after removal, heavier, lighter.
     collisions: [[usize; 3]; 3],
     chi_squares: Vec<f64>,
     /// Root mean square residual over the noise, and in metres.
@@ -93,7 +93,7 @@ struct Figures {
     /// Parameters whose gradient agrees with central differences, and all.
     gradients: [usize; 2],
     fit_ms: Vec<f64>,
-    /// Draws from the posterior, with which the first prediction begins.
+    /// Time of the posterior draws, which precede the first prediction.
     draws_ms: Vec<f64>,
     rollout_us: Vec<f64>,
 }
@@ -131,7 +131,7 @@ impl Figures {
     fn compare(&mut self, scene: &Scene, fit: &Fit, truth: &Json) -> Result<(), Box<dyn Error>> {
         let camera = serde_json::from_value::<Vec<[f64; 4]>>(truth["camera_matrix"].clone()).ok();
         let camera = camera.and_then(|rows| {
-            Some(Camera { matrix: [*rows.first()?, *rows.get(1)?, *rows.get(2)?], image_size: FILM })
+            Some(Camera { matrix: [*rows.first()?, *rows.get(1)?, *rows.get(2)?], image_size: IMAGE_SIZE })
         });
         let in_view = |p: Vec2| camera.is_none_or(|c| c.sees(p, HEIGHT));
         let ids = ids(&truth["objects"], "object_id");
@@ -298,7 +298,7 @@ fn positions(row: &Json) -> Vec<Vec2> {
     list(row).iter().map(|o| vec2(number(&o[0]), number(&o[1]))).collect()
 }
 
-/// How far an object is from where it truly was, and the predicted deviation; `None` where either is absent.
+/// The difference from the true position, and its predicted standard deviation; `None` if either is absent.
 fn off(prediction: &Prediction, frame: usize, id: u32, truth: Vec2) -> Option<(Vec2, f64)> {
     let body = prediction.best.ids.iter().position(|other| *other == id)?;
     let state = (*prediction.best.states.get(frame)?.get(body)?)?;
@@ -343,7 +343,8 @@ fn rollout_us(model: &Model, times: &[f64]) -> f64 {
     median(&(0..RUNS).map(run).collect::<Vec<f64>>())
 }
 
-/// How many derivatives of all positions, one a fitted parameter, agree with central differences, and of how many.
+/// For how many fitted parameters the derivatives of all positions agree with central differences; and the number of
+/// fitted parameters.
 fn gradients(model: &Model, scene: &Scene) -> [usize; 2] {
     let flat = model.flatten();
     let run = |values: &[f64]| -> Vec<f64> {
@@ -379,8 +380,8 @@ fn gradients(model: &Model, scene: &Scene) -> [usize; 2] {
     counted
 }
 
-/// Indices in [`Model::flatten`] of what a fit searches, and what moves bodies: places and velocities of those that
-/// move, masses, parameters of effects with a prior.
+/// Indices in [`Model::flatten`] of fitted values that move bodies: positions and velocities of moving bodies, masses,
+/// parameters of effects with a prior.
 fn free(model: &Model) -> Vec<usize> {
     let width = BODY_VALUES.len();
     let bodies = model.bodies.iter().enumerate().flat_map(|(b, body)| {

@@ -1,7 +1,6 @@
-//! How many derivatives agree with central differences: `cargo run --release --example gradients -- FOLDER`, a folder of
-//! folders with an `observed.json`. Fits each scene and compares, for each number of its model on which the positions in the
-//! video depend, their derivatives with differences over the step that suits best: a short one drowns in round-off, a long
-//! one passes over another order of events.
+//! Counts the derivatives that agree with central differences: `cargo run --release --example gradients -- FOLDER`, a folder
+//! of folders with an `observed.json`. Fits each scene. For each model value on which the positions depend, it compares their
+//! derivatives with differences over the best step: round-off spoils short steps, and long ones change the order of events.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -10,11 +9,11 @@ use vrdp::num::{Differential, Jet, LANES, Real, Vec2, never};
 use vrdp::scene::parse;
 use vrdp::world::{Model, Preset, Rollout, SimulationLimits, simulate};
 
-/// Relative to the largest of one and the number itself.
+/// Difference steps, relative to the larger of 1 and the value.
 const STEPS: [f64; 6] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3];
-/// Relative difference, root of the sum over all positions, up to which derivatives agree.
+/// Largest relative difference (2-norm over all positions) of derivatives that agree.
 const TOLERANCE: f64 = 1e-4;
-/// Positions that move by less than this for a change of one do not depend on the number (m).
+/// Positions whose derivative is smaller do not depend on the value (m per unit).
 const DEPENDS: f64 = 1e-6;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -49,7 +48,7 @@ fn agreement(folder: &Path) -> Result<(usize, usize), Box<dyn Error>> {
         let jets: Vec<Jet> = base.iter().enumerate().map(jet).collect();
         let exact = positions(&simulate(model, &jets, times, &SimulationLimits::default()));
         for i in lanes.clone() {
-            let errors = STEPS.map(|step| off(model, times, &base, i, step, &exact, i - first));
+            let errors = STEPS.map(|step| off(model, times, &base, [i, i - first], step, &exact));
             let errors: Vec<f64> = errors.into_iter().flatten().collect();
             if errors.len() == STEPS.len() {
                 all += 1;
@@ -60,15 +59,14 @@ fn agreement(folder: &Path) -> Result<(usize, usize), Box<dyn Error>> {
     Ok((good, all))
 }
 
-/// Relative difference of the derivatives by number `i`; `None` where nothing depends on it.
+/// Relative difference of the derivatives by value `i`, which `exact` holds in `lane`; `None` if no position depends on it.
 fn off(
     model: &Model,
     times: &[f64],
     base: &[f64],
-    i: usize,
+    [i, lane]: [usize; 2],
     step: f64,
     exact: &[Vec2<Jet>],
-    lane: usize,
 ) -> Option<f64> {
     let step = step * base[i].abs().max(1.0);
     let at = |by: f64| {

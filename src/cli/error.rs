@@ -1,4 +1,4 @@
-//! What can go wrong in a command, and the exit status that says so.
+//! Errors of commands, and their exit statuses.
 
 use std::fmt;
 use tonic_types::StatusExt;
@@ -6,7 +6,7 @@ use tonic_types::StatusExt;
 /// A command that failed.
 #[derive(Debug)]
 pub enum Failure {
-    /// The input or the usage is wrong: what, where, what to do.
+    /// Bad input or usage: says what is wrong, where, and what to do.
     Input(String),
     /// Anything else.
     Other(String),
@@ -21,7 +21,7 @@ impl Failure {
         Failure::Other(message.to_string())
     }
 
-    /// With the name of what failed in front.
+    /// Adds the name of the file or scene that failed.
     pub fn at(self, place: &str) -> Self {
         match self {
             Failure::Input(message) => Failure::Input(format!("{place}: {message}")),
@@ -29,15 +29,15 @@ impl Failure {
         }
     }
 
-    /// The failures of some of `count` pieces of work as one: of bad input, if one of them is.
-    pub fn of(mut failures: Vec<Failure>, count: usize) -> Result<(), Failure> {
+    /// Combines the failures of `count` scenes or files: bad input if one of them is.
+    pub fn combined(mut failures: Vec<Failure>, count: usize) -> Result<(), Failure> {
         if count == 1 {
             return failures.pop().map_or(Ok(()), Err);
         }
         if failures.is_empty() {
             return Ok(());
         }
-        let mut message = format!("{} of {count} scenes failed:", failures.len());
+        let mut message = format!("{} of {count} inputs failed:", failures.len());
         for failure in &failures {
             message += &format!("\n{failure}");
         }

@@ -1,141 +1,106 @@
 //! The command line: every command is a client of the service, in this process or remote.
 
-mod ask;
-mod calibrate;
-mod compare;
-mod connect;
-mod demo;
-mod diagnose;
-mod discover;
-mod effects;
+mod commands;
+mod connection;
 mod error;
-mod fit;
-mod health;
-mod import;
 mod input;
-mod ladder;
 mod output;
-mod progress;
-mod replay;
-mod report;
-mod revise;
-mod score;
-mod serve;
-mod simulate;
-mod study;
-mod trace;
-mod wire;
+mod version;
 
 use clap::{Parser, Subcommand};
+use commands::demo;
+use commands::files::{calibrate, import, replay, trace};
+use commands::scene::{ask, fit, score, simulate};
+use commands::service::{effects, health, serve};
+use commands::study::{compare, diagnose, discover, report, revise};
+use connection::Target;
 use error::Failure;
-use std::path::PathBuf;
+use output::progress;
 use std::process::ExitCode;
+use version::version;
 
+/// Understands the physics in a video: fits, predicts, answers questions, and finds missing effects.
 #[derive(Parser)]
-#[command(name = "vrdp", version, about = "Understands the physics in a video.")]
+#[command(name = "vrdp", disable_version_flag = true, arg_required_else_help = true)]
+#[command(override_usage = "vrdp [OPTIONS] <COMMAND>")]
 struct Cli {
+    /// Prints the version; with --verbose also what else its numbers depend on.
+    #[arg(long, short = 'V')]
+    version: bool,
+    /// With --version: adds the numeric fingerprint, the features and the target.
+    #[arg(long, requires = "version")]
+    verbose: bool,
     #[command(flatten)]
     target: Target,
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
-/// Where the service is.
-#[derive(clap::Args, Clone, Default)]
-#[command(next_help_heading = "Options of all commands")]
-struct Target {
-    /// A running service, such as http://127.0.0.1:50051 [default: one inside this process]
-    #[arg(long, global = true, value_name = "URL")]
-    server: Option<String>,
-    /// Folder of the store [default: a temporary folder; for `serve`: vrdp-data]
-    #[arg(long, global = true, value_name = "DIR")]
-    data_dir: Option<PathBuf>,
-    /// Who signed the service's certificate (PEM) [default: whom this system trusts]
-    #[arg(long, global = true, value_name = "FILE")]
-    ca: Option<PathBuf>,
-    /// A certificate (PEM) by which the service knows us, with --key.
-    #[arg(long, global = true, value_name = "FILE")]
-    cert: Option<PathBuf>,
-    /// The private key of --cert (PEM).
-    #[arg(long, global = true, value_name = "FILE")]
-    key: Option<PathBuf>,
-    /// File with the token by which the service knows our tenant.
-    #[arg(long, global = true, value_name = "FILE")]
-    token: Option<PathBuf>,
-    /// Shows no progress, only results.
-    #[arg(long, short, global = true)]
-    quiet: bool,
-}
-
-impl Target {
-    /// Refuses what the command would not heed.
-    fn check(&self, command: &Command) -> Result<(), Failure> {
-        let known =
-            [("--ca", &self.ca), ("--cert", &self.cert), ("--key", &self.key), ("--token", &self.token)];
-        let known = known.iter().find(|(_, file)| file.is_some()).map(|(flag, _)| *flag);
-        let remote = self.server.as_ref().map(|_| "--server").or(known);
-        let folder = self.data_dir.as_ref().map(|_| "--data-dir");
-        let useless = match command {
-            Command::Serve(_) => remote,
-            Command::Demo(_) | Command::Trace(_) | Command::Replay(_) => remote.or(folder),
-            Command::Health => folder,
-            _ if self.server.is_some() => folder,
-            _ => None,
-        };
-        match (useless, known) {
-            (Some("--data-dir"), _) if self.server.is_some() => {
-                Err(Failure::input("--data-dir is this process's own store: leave it out with --server"))
-            }
-            (Some(flag), _) => {
-                Err(Failure::input(format!("{flag} is of no use to this command: leave it out")))
-            }
-            (None, Some(flag)) if self.server.is_none() && !matches!(command, Command::Health) => {
-                Err(Failure::input(format!("{flag} is for a service elsewhere: give its --server too")))
-            }
-            _ => Ok(()),
+/// Refuses an option that has no effect on the command.
+fn check(target: &Target, command: &Command) -> Result<(), Failure> {
+    let credentials =
+        [("--ca", &target.ca), ("--cert", &target.cert), ("--key", &target.key), ("--token", &target.token)];
+    let credential = credentials.iter().find(|(_, file)| file.is_some()).map(|(flag, _)| *flag);
+    let remote = target.server.as_ref().map(|_| "--server").or(credential);
+    let folder = target.data_dir.as_ref().map(|_| "--data-dir");
+    let unused = match command {
+        Command::Serve(_) => remote,
+        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) => remote.or(folder),
+        Command::Health => folder,
+        _ if target.server.is_some() => folder,
+        _ => None,
+    };
+    match (unused, credential) {
+        (Some("--data-dir"), _) if target.server.is_some() => {
+            Err(Failure::input("--data-dir is the store of this process; with --server, leave it out"))
         }
+        (Some(flag), _) => Err(Failure::input(format!("{flag} has no effect on this command; leave it out"))),
+        (None, Some(flag)) if target.server.is_none() && !matches!(command, Command::Health) => {
+            Err(Failure::input(format!("{flag} needs a remote service; name it with --server")))
+        }
+        _ => Ok(()),
     }
 }
 
 #[derive(Subcommand)]
 enum Command {
     /// Runs the service until SIGTERM.
-    Serve(serve::Args),
-    /// Shows what it does on real scenes, over real gRPC.
-    Demo(demo::Args),
+    Serve(serve::ServeArgs),
+    /// Runs all steps on real scenes: fit, predict, answer, find a hidden effect, write a report.
+    Demo(demo::DemoArgs),
     /// Fits a model to each scene.
-    Fit(fit::Args),
-    /// Predicts, or imagines what would have been.
-    Simulate(simulate::Args),
+    Fit(fit::FitArgs),
+    /// Predicts how a scene continues, or how it would with changes.
+    Simulate(simulate::SimulateArgs),
     /// Answers a question about a scene.
-    Ask(ask::Args),
-    /// Residuals of each scene's model, and where it fails.
-    Compare(compare::Args),
-    /// Ranked candidates for the effect that a set-up's model lacks.
-    Diagnose(diagnose::Args),
-    /// Finds the missing effects of a set-up, adds them, and shows the error fall.
-    Discover(discover::Args),
-    /// One page with pictures: where the model fails, what was missing, and how far the error falls.
-    Report(report::Args),
-    /// Estimates a camera from points known in the image and in the world.
-    Calibrate(calibrate::Args),
-    /// Turns files of others into scenes.
-    Import(import::Args),
-    /// Puts an effect or a law of your own into a set-up's model, or takes one out; keeps the history.
-    Revise(revise::Args),
-    /// The catalogue of physical effects.
-    Effects(effects::Args),
-    /// Answers every question beside each scene, and tells how many answers are right.
-    Score(score::Args),
-    /// What is in a trace file, whether it is whole, and its numbers as CSV.
-    Trace(trace::Args),
+    Ask(ask::AskArgs),
+    /// Compares each scene with its model: residuals, and where the model fails.
+    Compare(compare::CompareArgs),
+    /// Ranks the effects that the model of a set-up may lack.
+    Diagnose(diagnose::DiagnoseArgs),
+    /// Finds the missing effects of a set-up, adds them, and shows the errors before and after.
+    Discover(discover::DiscoverArgs),
+    /// Writes one HTML page: where the model fails, what was missing, the errors before and after.
+    Report(report::ReportArgs),
+    /// Estimates a camera from points whose image and world positions are known.
+    Calibrate(calibrate::CalibrateArgs),
+    /// Converts CLEVRER, CSV and Tracker files to scene files.
+    Import(import::ImportArgs),
+    /// Adds an effect or a formula of your own to the model of a set-up, or removes one; keeps the history.
+    Revise(revise::ReviseArgs),
+    /// Lists the physical effects.
+    Effects(effects::EffectsArgs),
+    /// Answers all questions of each scene and prints the accuracy.
+    Score(score::ScoreArgs),
+    /// Shows, checks or exports a trace file.
+    Trace(trace::TraceArgs),
     /// Plays a trace file, or simulates it again and compares bit for bit.
-    Replay(replay::Args),
-    /// Whether a service is serving (exit status 0 or 1).
+    Replay(replay::ReplayArgs),
+    /// Checks whether a service is running (exit status 0 or 1).
     Health,
 }
 
-/// What a shell says of a program that was interrupted.
+/// Exit status of a program that was interrupted, as shells use it.
 const INTERRUPTED: u8 = 130;
 
 /// Parses the arguments and runs the command: 0 done, 2 bad input or usage, 130 interrupted, 1 anything else.
@@ -144,24 +109,32 @@ pub fn main() -> ExitCode {
     if cli.target.quiet {
         progress::silence();
     }
+    if cli.version {
+        return exit(Some(output::print(&version(cli.verbose))));
+    }
+    let Some(command) = cli.command else {
+        return exit(Some(Err(Failure::input("no command is given; `vrdp --help` lists them"))));
+    };
     let runtime = match tokio::runtime::Builder::new_multi_thread().enable_all().build() {
         Ok(runtime) => runtime,
-        Err(error) => {
-            output::tell(&format!("error: {error}"));
-            return ExitCode::from(1);
-        }
+        Err(error) => return exit(Some(Err(Failure::other(error)))),
     };
-    // These two end in their own way.
-    let ends_itself = matches!(cli.command, Command::Serve(_) | Command::Replay(_));
+    // These two handle SIGTERM and ctrl-c themselves.
+    let handles_signals = matches!(command, Command::Serve(_) | Command::Replay(_));
     let done = runtime.block_on(async {
         tokio::select! {
-            done = run(cli) => Some(done),
-            // What is dropped then deletes its temporary store.
-            _ = serve::interrupted(), if !ends_itself => None,
+            done = run(&cli.target, command) => Some(done),
+            // Dropping the command deletes its temporary store.
+            _ = serve::interrupted(), if !handles_signals => None,
         }
     });
-    // Work that nobody waits for any more does not keep the program.
+    // Background work must not keep the program alive.
     runtime.shutdown_background();
+    exit(done)
+}
+
+/// Prints what failed, if anything; `None`: the command was interrupted.
+fn exit(done: Option<Result<(), Failure>>) -> ExitCode {
     match done {
         Some(Ok(())) => ExitCode::SUCCESS,
         Some(Err(failure)) => {
@@ -175,26 +148,26 @@ pub fn main() -> ExitCode {
     }
 }
 
-async fn run(cli: Cli) -> Result<(), Failure> {
-    cli.target.check(&cli.command)?;
-    match cli.command {
-        Command::Serve(args) => serve::run(&cli.target, args).await,
+async fn run(target: &Target, command: Command) -> Result<(), Failure> {
+    check(target, &command)?;
+    match command {
+        Command::Serve(args) => serve::run(target, args).await,
         Command::Demo(args) => demo::run(args).await,
-        Command::Fit(args) => fit::run(&cli.target, args).await,
-        Command::Simulate(args) => simulate::run(&cli.target, args).await,
-        Command::Ask(args) => ask::run(&cli.target, args).await,
-        Command::Compare(args) => compare::run(&cli.target, args).await,
-        Command::Diagnose(args) => diagnose::run(&cli.target, args).await,
-        Command::Discover(args) => discover::run(&cli.target, args).await,
-        Command::Report(args) => report::run(&cli.target, args).await,
-        Command::Calibrate(args) => calibrate::run(&cli.target, args).await,
-        Command::Import(args) => import::run(&cli.target, args).await,
-        Command::Revise(args) => revise::run(&cli.target, args).await,
-        Command::Effects(args) => effects::run(&cli.target, args).await,
-        Command::Score(args) => score::run(&cli.target, args).await,
+        Command::Fit(args) => fit::run(target, args).await,
+        Command::Simulate(args) => simulate::run(target, args).await,
+        Command::Ask(args) => ask::run(target, args).await,
+        Command::Compare(args) => compare::run(target, args).await,
+        Command::Diagnose(args) => diagnose::run(target, args).await,
+        Command::Discover(args) => discover::run(target, args).await,
+        Command::Report(args) => report::run(target, args).await,
+        Command::Calibrate(args) => calibrate::run(target, args).await,
+        Command::Import(args) => import::run(target, args).await,
+        Command::Revise(args) => revise::run(target, args).await,
+        Command::Effects(args) => effects::run(target, args).await,
+        Command::Score(args) => score::run(target, args).await,
         Command::Trace(args) => trace::run(args),
         Command::Replay(args) => replay::run(args).await,
-        Command::Health => health::run(&cli.target).await,
+        Command::Health => health::run(target).await,
     }
 }
 
@@ -209,9 +182,9 @@ mod tests {
     }
 
     #[test]
-    fn what_a_command_would_not_heed_is_refused() {
+    fn options_without_effect_are_refused() {
         let refused = |line: &str| match Cli::try_parse_from(line.split(' ')) {
-            Ok(cli) => cli.target.check(&cli.command).err().map(|failure| failure.to_string()),
+            Ok(cli) => check(&cli.target, &cli.command.unwrap()).err().map(|failure| failure.to_string()),
             Err(error) => Some(error.to_string()),
         };
         for fine in [
@@ -233,8 +206,20 @@ mod tests {
             ("vrdp health --data-dir d", "--data-dir"),
             ("vrdp discover s --frames 9", "--json"),
             ("vrdp replay f --verify --loop", "--loop"),
+            ("vrdp --verbose effects", "--version"),
         ] {
-            assert!(refused(line).is_some_and(|told| told.contains(named)), "{line}");
+            assert!(refused(line).is_some_and(|message| message.contains(named)), "{line}");
         }
+    }
+
+    #[test]
+    fn the_version_needs_no_command() {
+        for (line, verbose) in
+            [("vrdp --version", false), ("vrdp -V", false), ("vrdp --version --verbose", true)]
+        {
+            let cli = Cli::try_parse_from(line.split(' ')).unwrap();
+            assert!(cli.version && cli.verbose == verbose && cli.command.is_none(), "{line}");
+        }
+        assert!(Cli::try_parse_from(["vrdp"]).is_err());
     }
 }

@@ -7,7 +7,7 @@ use super::state::Engine;
 use super::traces::file::TraceKind;
 use super::traces::stored::TraceFilter;
 use crate::reason::{AskOptions, Question};
-use crate::report::{Answered, Report, TraceLink, report};
+use crate::report::{AnsweredQuestion, ReportData, TraceLink, report};
 use std::sync::Arc;
 
 /// A question that the page answers.
@@ -88,10 +88,10 @@ impl Engine {
             let scenes: Vec<_> = scenes.iter().map(|s| s.as_ref().clone()).collect();
             let answered = answers.iter().filter_map(|(question, scene, model, done)| {
                 let model = &model.fit.scenes.first()?.model;
-                Some(Answered { question, scene, model, answer: &done.answer })
+                Some(AnsweredQuestion { question, scene, model, answer: &done.answer })
             });
-            let answers: Vec<Answered> = answered.collect();
-            let (html, pictures) = report(&Report {
+            let answers: Vec<AnsweredQuestion> = answered.collect();
+            let (html, pictures) = report(&ReportData {
                 scenes: &scenes,
                 discovery: &discovery,
                 answers: &answers,

@@ -1,11 +1,11 @@
-//! Pictures as SVG: axes, scales, ticks. Colours are CSS classes, so that a page can be dark or light.
+//! Pictures as SVG: axes, scales, ticks. Colours are CSS classes: the page may be dark or light.
 
 use crate::num::elementary;
 use maud::{Markup, PreEscaped, Render, html};
 
 /// Colours and lines of pictures, light and dark.
-pub const STYLE: &str = include_str!("picture.css");
-/// Size of a chart, and the room of its axes (px).
+pub const PICTURE_STYLE: &str = include_str!("picture.css");
+/// Size of a chart, and the margins for its axes (px).
 const WIDTH: f64 = 400.0;
 const HEIGHT: f64 = 250.0;
 const LEFT: f64 = 52.0;
@@ -13,7 +13,7 @@ const RIGHT: f64 = 12.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 42.0;
 
-/// A drawing with its name as a file, and what it shows.
+/// A drawing: file name, title, caption, size (px) and SVG elements.
 pub struct Picture {
     pub name: String,
     pub title: String,
@@ -23,7 +23,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// As a part of a page.
+    /// The figure for a page.
     pub fn figure(&self) -> Markup {
         html! {
             figure {
@@ -34,10 +34,12 @@ impl Picture {
         }
     }
 
-    /// As a file of its own, for light paper.
+    /// The SVG file, with a white background.
     pub fn file(&self) -> String {
-        self.svg(html! { style { (PreEscaped(STYLE)) } rect class="paper" width="100%" height="100%" {} })
-            .into_string()
+        self.svg(
+            html! { style { (PreEscaped(PICTURE_STYLE)) } rect class="paper" width="100%" height="100%" {} },
+        )
+        .into_string()
     }
 
     pub fn svg(&self, head: Markup) -> Markup {
@@ -49,30 +51,30 @@ impl Picture {
     }
 }
 
-/// A length or place in a drawing: never NaN, never infinite.
+/// A length or position in a drawing as text: never NaN, never infinite.
 pub fn px(v: f64) -> impl Render {
     let v = if v.is_finite() { v.clamp(-1e5, 1e5) } else { 0.0 };
     let text = format!("{v:.1}");
     PreEscaped(text.strip_suffix(".0").map(str::to_string).unwrap_or(text))
 }
 
-/// Points as the data of a path; a point that is absent interrupts it.
+/// The data of a path through the points; `None` interrupts it.
 pub fn line(points: impl Iterator<Item = Option<(f64, f64)>>) -> String {
-    let (mut out, mut down) = (String::new(), false);
+    let (mut out, mut connected) = (String::new(), false);
     for point in points {
         match point.filter(|(x, y)| x.is_finite() && y.is_finite()) {
             Some((x, y)) => {
-                out += if down { "L" } else { "M" };
+                out += if connected { "L" } else { "M" };
                 out += &format!("{} {}", px(x).render().into_string(), px(y).render().into_string());
-                down = true;
+                connected = true;
             }
-            None => down = false,
+            None => connected = false,
         }
     }
     out
 }
 
-/// Points as dots of one path.
+/// The data of a path that draws each point as a dot.
 pub fn dots(points: impl Iterator<Item = (f64, f64)>) -> String {
     let finite = points.filter(|(x, y)| x.is_finite() && y.is_finite());
     finite
@@ -80,7 +82,7 @@ pub fn dots(points: impl Iterator<Item = (f64, f64)>) -> String {
         .collect()
 }
 
-/// One axis: its range, what it measures, and whether it counts powers of ten.
+/// One axis: its range, its label, and whether it is logarithmic.
 pub struct Axis {
     pub low: f64,
     pub high: f64,
@@ -89,7 +91,7 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Around the values, with zero in view where `zero` says so.
+    /// A range around the values; includes zero if `zero`.
     pub fn around(label: &str, values: impl Iterator<Item = f64>, zero: bool) -> Axis {
         let start = if zero { (0.0, 0.0) } else { (f64::INFINITY, f64::NEG_INFINITY) };
         let (low, high) = values.filter(|v| v.is_finite()).fold(start, |(l, h), v| (l.min(v), h.max(v)));
@@ -100,7 +102,7 @@ impl Axis {
         Axis { low, high, label: label.into(), logarithmic: false }
     }
 
-    /// Whole powers of ten around positive values.
+    /// A logarithmic range of whole powers of ten around the positive values.
     pub fn decades(label: &str, values: impl Iterator<Item = f64>) -> Axis {
         let start = (f64::INFINITY, 0.0f64);
         let good = values.filter(|v| v.is_finite() && *v > 0.0);
@@ -136,7 +138,7 @@ impl Axis {
     }
 }
 
-/// A number for people: three digits, no more zeros than it needs.
+/// A number with three significant digits, without trailing zeros.
 pub fn number(v: f64) -> String {
     if !v.is_finite() {
         return "–".into();
@@ -152,7 +154,7 @@ pub fn number(v: f64) -> String {
     if text == "-0" { "0".into() } else { text.replace('-', "−") }
 }
 
-/// Two axes and the place between them.
+/// Two axes and the area between them.
 pub struct Chart {
     pub x: Axis,
     pub y: Axis,
@@ -164,12 +166,12 @@ impl Chart {
         (LEFT + inner.0 * self.x.share(x), TOP + inner.1 * (1.0 - self.y.share(y).clamp(-0.02, 1.02)))
     }
 
-    /// Where the data stand: left, top, right, bottom (px).
+    /// The area of the data: left, top, right, bottom (px).
     pub fn inside() -> [f64; 4] {
         [LEFT, TOP, WIDTH - RIGHT, HEIGHT - BOTTOM]
     }
 
-    /// The axes with what is drawn between them.
+    /// The picture of the axes with `data` between them.
     pub fn picture(&self, name: &str, title: &str, caption: &str, data: Markup) -> Picture {
         let [left, top, right, bottom] = Self::inside();
         let body = html! {

@@ -1,29 +1,29 @@
-//! The service at a glance: what runs, the videos with their models and reports, the latest traces.
+//! The dashboard of the service: jobs, videos with their models and reports, and the latest traces.
 
 use super::chart::number;
 use super::document::document;
 use maud::{Markup, html};
 
-const STYLE: &str = include_str!("dashboard.css");
-const SCRIPT: &str = include_str!("dashboard.js");
-/// Digits of an id that people are shown.
+const DASHBOARD_STYLE: &str = include_str!("dashboard.css");
+const DASHBOARD_SCRIPT: &str = include_str!("dashboard.js");
+/// Digits of an id that the page shows.
 const DIGITS: usize = 8;
 
-/// What the page shows.
+/// The content of the page.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dashboard {
     pub version: &'static str,
-    /// Jobs on the CPU pool and before it.
+    /// Jobs that run on the CPU pool, and jobs in its queue.
     pub running: usize,
     pub waiting: usize,
-    /// Fits that were computed since the start.
+    /// Number of fits computed since the service started.
     pub fits: u64,
     pub jobs: Vec<JobRow>,
     /// By id.
     pub videos: Vec<VideoRow>,
-    /// The last of these videos, where there are more.
+    /// Id of the last of these videos if there are more.
     pub next: Option<String>,
-    /// The latest, newest first.
+    /// The latest traces, newest first.
     pub traces: Vec<TraceRow>,
     pub traces_in_all: usize,
     pub trace_bytes: u64,
@@ -35,7 +35,7 @@ pub struct JobRow {
     pub video: String,
     /// 0 to 1.
     pub progress: f64,
-    /// Since it began (s).
+    /// Time since the start (s).
     pub seconds: f64,
 }
 
@@ -51,7 +51,7 @@ pub struct VideoRow {
     pub error: Option<(f64, f64)>,
     /// The kind of effect that the latest revision added.
     pub added: Option<String>,
-    /// The videos of each discovery that is kept, this one first.
+    /// The videos of each stored discovery, this one first.
     pub discoveries: Vec<Vec<String>>,
 }
 
@@ -63,16 +63,16 @@ pub struct TraceRow {
     pub size_bytes: u64,
 }
 
-/// The page; its script fetches it again, from the same place only.
+/// The page; its script reloads it from the same origin.
 pub fn dashboard(shown: &Dashboard) -> String {
     let main = html! {
         header {
             p class="kind" { "vrdp " (shown.version) " · " span id="fresh" role="status" {} }
-            h1 { "The service at a glance" }
+            h1 { "Overview of the service" }
         }
         div id="live" { (tiles(shown)) (jobs(shown)) (videos(shown)) (traces(shown)) }
     };
-    document("vrdp", "; connect-src 'self'", STYLE, main, SCRIPT)
+    document("vrdp", "; connect-src 'self'", DASHBOARD_STYLE, main, DASHBOARD_SCRIPT)
 }
 
 fn tiles(shown: &Dashboard) -> Markup {
@@ -80,8 +80,8 @@ fn tiles(shown: &Dashboard) -> Markup {
         |title: &str, value: String| html! { div class="tile" { span { (title) } strong { (value) } } };
     html! {
         div class="tiles" {
-            (tile("jobs that run", shown.running.to_string()))
-            (tile("jobs that wait", shown.waiting.to_string()))
+            (tile("running jobs", shown.running.to_string()))
+            (tile("waiting jobs", shown.waiting.to_string()))
             (tile("fits since the start", shown.fits.to_string()))
             (tile("traces", format!("{} · {}", shown.traces_in_all, size(shown.trace_bytes))))
         }
@@ -91,9 +91,9 @@ fn tiles(shown: &Dashboard) -> Markup {
 fn jobs(shown: &Dashboard) -> Markup {
     html! {
         h2 { "Jobs" }
-        @if shown.jobs.is_empty() { p class="quiet" { "Nothing runs." } }
+        @if shown.jobs.is_empty() { p class="quiet" { "No job is running." } }
         @else { div class="scroll" { table {
-            thead { tr { th { "job" } th { "video" } th { "progress" } th { "for" } } }
+            thead { tr { th { "job" } th { "video" } th { "progress" } th { "time" } } }
             tbody { @for job in &shown.jobs { tr {
                 th { (job.kind) }
                 td { (name_of(shown, &job.video)) }
@@ -108,7 +108,7 @@ fn videos(shown: &Dashboard) -> Markup {
     html! {
         h2 { "Videos" }
         @if shown.videos.is_empty() {
-            p class="quiet" { "None yet. Post one with CreateVideo, or: " code { "vrdp fit SCENE --server http://HOST:PORT" } }
+            p class="quiet" { "No videos yet. Post one with CreateVideo, or run: " code { "vrdp fit SCENE --server http://HOST:PORT" } }
         } @else { div class="scroll" { table {
             thead { tr { th { "video" } th { "length" } th { "objects" } th { "models" } th { "error" } th { "noise" } th { "added" } th { "report" } } }
             tbody { @for video in &shown.videos { tr {
@@ -126,9 +126,9 @@ fn videos(shown: &Dashboard) -> Markup {
     }
 }
 
-/// Links to the discoveries that were made, and to one that the video alone would begin.
+/// Links to the reports of stored discoveries, and one that starts a discovery on this video only.
 fn reports(video: &VideoRow) -> Markup {
-    let alone = video.discoveries.iter().any(|videos| videos.len() == 1);
+    let has_own = video.discoveries.iter().any(|videos| videos.len() == 1);
     let home = format!("/videos/{}/report", video.id);
     html! {
         @for videos in &video.discoveries {
@@ -138,16 +138,16 @@ fn reports(video: &VideoRow) -> Markup {
             }
             " "
         }
-        @if !alone { a href=(home) { "make" } }
+        @if !has_own { a href=(home) { "create" } }
     }
 }
 
 fn traces(shown: &Dashboard) -> Markup {
     html! {
         h2 { "Latest traces" }
-        @if shown.traces.is_empty() { p class="quiet" { "None yet: every fit, simulation and answer leaves one." } }
+        @if shown.traces.is_empty() { p class="quiet" { "No traces yet. Every fit, simulation and answer writes one." } }
         @else { div class="scroll" { table {
-            thead { tr { th { "trace" } th { "video" } th { "of" } th { "size" } } }
+            thead { tr { th { "trace" } th { "video" } th { "content" } th { "size" } } }
             tbody { @for trace in &shown.traces { tr {
                 th { a href={ "/traces/" (trace.id) ".mcap" } { (short(&trace.id)) ".mcap" } }
                 td { (name_of(shown, &trace.video)) }
@@ -162,7 +162,7 @@ fn name_of<'d>(shown: &'d Dashboard, id: &'d str) -> &'d str {
     shown.videos.iter().find(|v| v.id == id).map_or(short(id), |v| &v.name)
 }
 
-/// Ids are of ASCII.
+/// The first digits of an id, which is ASCII.
 fn short(id: &str) -> &str {
     id.get(..DIGITS).unwrap_or(id)
 }

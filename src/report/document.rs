@@ -1,11 +1,11 @@
-//! The frame of a page: one HTML document that needs no network, in the light and in the dark.
+//! The HTML document around a page: it needs no network and has a light and a dark style.
 
-use super::chart::STYLE;
+use super::chart::PICTURE_STYLE;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 const PAGE_STYLE: &str = include_str!("page.css");
 
-/// The document; `fetches` are the directives of its policy for what it may fetch, whatever a name in it holds.
+/// The document. Its content security policy forbids all requests except those of the directives in `fetches`.
 pub fn document(title: &str, fetches: &str, style: &str, main: Markup, script: &str) -> String {
     let policy =
         format!("default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'{fetches}");
@@ -18,7 +18,7 @@ pub fn document(title: &str, fetches: &str, style: &str, main: Markup, script: &
                 meta name="color-scheme" content="light dark";
                 meta http-equiv="Content-Security-Policy" content=(policy);
                 title { (title) }
-                style { (PreEscaped(STYLE)) (PreEscaped(PAGE_STYLE)) (PreEscaped(style)) }
+                style { (PreEscaped(PICTURE_STYLE)) (PreEscaped(PAGE_STYLE)) (PreEscaped(style)) }
             }
             body {
                 main { (main) }

@@ -1,11 +1,11 @@
-//! The page: what was missing in one glance, then the proof, piece by piece. No network, works without its script.
+//! The page of a report: the finding first, then its evidence. It needs no network and works without its script.
 
 use super::chart::{Picture, number};
 use super::document::document;
-use super::look::{Views, direction};
-use super::plots::{class, label, step, word};
-use super::table::{self, Side, name, player};
-use super::{Answered, Report};
+use super::plots::{class, step, word};
+use super::top_view::{self, PlayerSide, name, player};
+use super::views::{ReportViews, direction, label};
+use super::{AnsweredQuestion, ReportData};
 use crate::discover::{FAST, FAST_FREE, FoundEffect, ParameterEstimate, ParameterValue, SLOW_FREE, Verdict};
 use crate::effects::effect;
 use crate::fit::Estimate;
@@ -14,9 +14,9 @@ use crate::reason::DerivationStep;
 use crate::scene::Scene;
 use maud::{Markup, html};
 
-const SCRIPT: &str = include_str!("page.js");
+const PAGE_SCRIPT: &str = include_str!("page.js");
 
-pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
+pub fn html(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> String {
     let [headline, _] = words(report);
     let main = html! {
         (head(report, views, pictures))
@@ -27,37 +27,37 @@ pub fn html(report: &Report, views: &Views, pictures: &[Picture]) -> String {
         @if !report.answers.is_empty() { (answers(report)) }
         @if !report.traces.is_empty() { (traces(report)) }
     };
-    document(&format!("{headline} – vrdp"), "", "", main, SCRIPT)
+    document(&format!("{headline} – vrdp"), "", "", main, PAGE_SCRIPT)
 }
 
 /// Headline, and the verdict in one sentence.
-fn words(report: &Report) -> [String; 2] {
+fn words(report: &ReportData) -> [String; 2] {
     let found = report.discovery;
     let names: Vec<String> = found.effects.iter().map(|e| label(&e.effect)).collect();
     let names = names.join(" and ");
     match found.verdict {
         Verdict::EffectFound => [
             format!("Missing: {names}"),
-            "The model lacked a physical effect. It was found and added.".into(),
+            "The model lacked a physical effect, which was found and added.".into(),
         ],
         Verdict::Ambiguous => [
-            "Something is missing, these videos cannot tell what".into(),
-            "Several laws explain it equally well; see what to film next.".into(),
+            "Something is missing, but these videos do not show what".into(),
+            "Several laws explain the videos equally well. Record the experiment below to decide between them.".into(),
         ],
         Verdict::Adequate => [
             "Nothing is missing".into(),
             "The model explains the videos to within the noise of the tracks.".into(),
         ],
         Verdict::OutsideLibrary => [
-            "Something is missing that no known law explains".into(),
+            "Something is missing that no effect of the library explains".into(),
             match found.formula {
-                Some(_) => "A formula that foretells what it has not seen is given below.".into(),
-                None => "What remains has structure, and no formula that was tried foretells it.".into(),
+                Some(_) => "The formula below predicts the held-out frames.".into(),
+                None => "The residuals have structure, but no tried formula predicts the held-out frames.".into(),
             },
         ],
         Verdict::NotIdentifiable => [
-            "These videos do not tell".into(),
-            "There is too little motion or data to judge the model.".into(),
+            "These videos do not suffice".into(),
+            "They have too little motion or too few frames to judge the model. Record more.".into(),
         ],
     }
 }
@@ -66,19 +66,19 @@ fn picture<'p>(pictures: &'p [Picture], name: &str) -> Option<&'p Picture> {
     pictures.iter().find(|p| p.name == name)
 }
 
-/// Those whose names begin so, in order.
+/// The pictures whose names start so, in order.
 fn figures(pictures: &[Picture], start: &str) -> Markup {
     html! { @for p in pictures.iter().filter(|p| p.name.starts_with(start)) { (p.figure()) } }
 }
 
-/// Three digits, so that a column of them can be compared.
+/// Millimetres with three digits: a column of them is easy to compare.
 fn mm(v: f64) -> String {
     let v = 1e3 * v;
     let digits = if v > 0.0 { (2 - elementary::log10(v).floor() as i32).clamp(0, 3) as usize } else { 0 };
     if v.is_finite() { format!("{v:.digits$} mm") } else { format!("{} mm", number(v)) }
 }
 
-fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
+fn head(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup {
     let found = report.discovery;
     let [headline, verdict] = words(report);
     let ends = found.revisions.first().zip(found.revisions.last());
@@ -94,8 +94,8 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
             div class="tiles" {
                 @if many { (tile("was", "Error before", mm(first.rmse), noises(first.rmse))) }
                 (tile("is", if many { "Error after" } else { "Error" }, mm(last.rmse), noises(last.rmse)))
-                (tile("noise", "Noise floor", mm(found.noise_sigma), "as good as it can get".into()))
-                (tile("", "Fit percentage", percent(views), "of the motion; what noise leaves is below 100 %".into()))
+                (tile("noise", "Noise floor", mm(found.noise_sigma), "no model can be better".into()))
+                (tile("", "Fit percentage", percent(views), "share of the motion that is explained; noise keeps it below 100 %".into()))
             }
         }
     });
@@ -105,31 +105,31 @@ fn head(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
             h1 { (headline) }
             p class="verdict" { (verdict) }
             @if many {
-                dl class="told" {
+                dl class="facts" {
                     @if let Some(place) = worst(report, views) { dt { "Where the first model failed" } dd { (place) } }
                     dt { "What was missing" }
-                    @for e in &found.effects { dd { (law(e)) } }
+                    @for e in &found.effects { dd { (found_effect(e)) } }
                     dt { "How far the error fell" } dd { (tiles.unwrap_or_default()) }
                 }
             } @else {
-                @for e in &found.effects { p { (law(e)) } }
+                @for e in &found.effects { p { (found_effect(e)) } }
                 (tiles.unwrap_or_default())
             }
             p class="quiet" { (found.reason) }
-            @for kinds in &found.ambiguous { p { "Cannot be told apart: " strong { (label(&kinds.join(", "))) } "." } }
+            @for kinds in &found.ambiguous { p { "These effects explain the videos equally well: " strong { (label(&kinds.join(", "))) } "." } }
             @if let Some(e) = &found.experiment {
-                p { "Film next: a " (e.shape) " of " (number(e.mass)) " kg from (" (number(e.position.x)) ", "
+                p { "To decide between them, record this: a " (e.shape) " of " (number(e.mass)) " kg from (" (number(e.position.x)) ", "
                     (number(e.position.y)) ") m at (" (number(e.velocity.x)) ", " (number(e.velocity.y)) ") m/s; after "
-                    (number(e.time)) " s the laws differ by " (number(e.sigmas)) " sigmas." }
+                    (number(e.time)) " s the predictions differ by " (number(e.sigmas)) " standard deviations." }
             }
             @if let Some(formula) = &found.formula { p { "The formula: " code { (formula) } } }
-            div class="figures wide" { @if let Some(p) = picture(pictures, "ladder") { (p.figure()) } (rungs(report)) }
+            div class="figures wide" { @if let Some(p) = picture(pictures, "ladder") { (p.figure()) } (revision_table(report)) }
         }
     }
 }
 
-/// An effect that was found: what it is and its numbers.
-fn law(found: &FoundEffect) -> Markup {
+/// A found effect: its description and its parameters.
+fn found_effect(found: &FoundEffect) -> Markup {
     html! {
         strong { (label(&found.effect)) } @if let Some(entry) = effect(&found.effect) { ": " (entry.spec.doc) }
         ul { @for p in &found.parameters { li { (reported(p)) } } }
@@ -140,13 +140,13 @@ fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-fn percent(views: &Views) -> String {
+fn percent(views: &ReportViews) -> String {
     let shares: Vec<String> = views.stages.iter().map(|s| format!("{:.1} %", s.fit_percent)).collect();
     shares.join(" → ")
 }
 
-/// Where the first model fails most, in words.
-fn worst(report: &Report, views: &Views) -> Option<Markup> {
+/// Where the first model fails most.
+fn worst(report: &ReportData, views: &ReportViews) -> Option<Markup> {
     let [first, .., last] = &views.stages[..] else { return None };
     let (name, before, _) = first.regimes.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let after = last.regimes.iter().find(|r| r.0 == *name)?.1;
@@ -154,30 +154,30 @@ fn worst(report: &Report, views: &Views) -> Option<Markup> {
     let (far, scene) = (views.farthest(video)?, report.scenes.get(video)?);
     let (object, time) = (scene.objects.get(far.object)?, scene.times.get(far.frame)?);
     let meaning = match name.as_str() {
-        FAST_FREE => format!(" (touching nothing, {FAST} m/s or faster)"),
-        SLOW_FREE => format!(" (touching nothing, slower than {FAST} m/s)"),
+        FAST_FREE => format!(" (no contact, {FAST} m/s or faster)"),
+        SLOW_FREE => format!(" (no contact, slower than {FAST} m/s)"),
         _ => String::new(),
     };
     Some(html! {
         ul {
-            li { "Most on: " strong { (name) } (meaning) ", an error of " (mm(*before)) ", now " (mm(after)) }
+            li { "Largest error in: " strong { (name) } (meaning) ", " (mm(*before)) " before, " (mm(after)) " after" }
             @if let Some(way) = direction(&first.unexplained) {
-                li { "What it lacks accelerates objects " strong { (way) } }
+                li { "The missing effect accelerates objects " strong { (way) } }
             }
-            li { "Worst moment: " strong { (mm(far.size())) } " off, the " (table::name(object)) " of " (scene.name) " at "
-                (format!("{time:.2} s")) "; " a href="#see" { "look there" } }
+            li { "Largest residual: " strong { (mm(far.size())) } ", the " (top_view::name(object)) " of " (scene.name) " at "
+                (format!("{time:.2} s")) "; " a href="#see" { "show it" } }
         }
     })
 }
 
-/// The video in which the first model is farthest off.
-fn farthest(report: &Report, views: &Views) -> Option<usize> {
+/// The video with the largest residual of the first model.
+fn farthest(report: &ReportData, views: &ReportViews) -> Option<usize> {
     let far = |video: usize| views.farthest(video).map_or(0.0, |r| r.size());
     (0..report.scenes.len()).max_by(|&a, &b| far(a).total_cmp(&far(b)).then(b.cmp(&a)))
 }
 
-/// The ladder as a table.
-fn rungs(report: &Report) -> Markup {
+/// The errors of the revisions as a table.
+fn revision_table(report: &ReportData) -> Markup {
     let several = report.scenes.len() > 1;
     html! {
         div class="scroll" { table {
@@ -190,17 +190,17 @@ fn rungs(report: &Report) -> Markup {
                 tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} @if several { td {} } td { "1" } }
             }
         } }
-        @if several { p class="quiet" { "Other videos: between contacts, each video by the numbers of the others." } }
+        @if several { p class="quiet" { "Other videos: motion between contacts, each video predicted with the parameters of the others." } }
     }
 }
 
-fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
+fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup {
     let (several, first) = (report.scenes.len() > 1, farthest(report, views));
     html! {
         section aria-labelledby="see" {
-            h2 id="see" { "See it" }
-            p { "Seen from above. Dots: measured. Lines: simulated, each the best for the whole video, so its start may be off too; \
-                 dashed after the video. Filled bodies are simulated, dashed outlines measured: where they part, the model is wrong." }
+            h2 id="see" { "Videos and simulations" }
+            p { "Seen from above. Dots: measured. Lines: simulated, fitted to the whole video, so the start may differ too; \
+                 dashed after the video. Filled bodies are simulated, dashed outlines measured: where they differ, the model is wrong." }
             @if several {
                 p class="scripted" { label { "Video " select class="choose" {
                     @for (k, scene) in report.scenes.iter().enumerate() { option value=(k) selected[first == Some(k)] { (scene.name) } }
@@ -210,7 +210,7 @@ fn see(report: &Report, views: &Views, pictures: &[Picture]) -> Markup {
                 div class="video" {
                     @if several { h3 { (scene.name) } }
                     (legend(scene))
-                    @let sides: Vec<Side> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(Side {
+                    @let sides: Vec<PlayerSide> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(PlayerSide {
                         title: capital(word(views, n)), run: stage.runs.get(k)?,
                         class: class(views.stages.len(), n), measured: true,
                     })).collect();
@@ -233,18 +233,18 @@ fn legend(scene: &Scene) -> Markup {
     html! {
         ul class="legend" {
             @for (k, object) in scene.objects.iter().enumerate() {
-                li { span class="swatch" style={ "background:" (table::colour(&object.color, k)) } {} (name(object)) }
+                li { span class="swatch" style={ "background:" (top_view::colour(&object.color, k)) } {} (name(object)) }
             }
         }
     }
 }
 
-fn fails(views: &Views, pictures: &[Picture]) -> Markup {
+fn fails(views: &ReportViews, pictures: &[Picture]) -> Markup {
     html! {
         section aria-labelledby="fails" {
-            h2 id="fails" { "Where it fails, and on what that depends" }
+            h2 id="fails" { "Where the model fails, and on what the error depends" }
             (regimes(views))
-            p class="quiet" { "Free: touching nothing. Fast: " (FAST) " m/s or more." }
+            p class="quiet" { "Free: no contact. Fast: " (FAST) " m/s or more." }
             div class="figures wide" {
                 (figures(pictures, "residual-map")) (figures(pictures, "residual-acceleration"))
                 (figures(pictures, "autocorrelation")) (figures(pictures, "cause"))
@@ -253,7 +253,7 @@ fn fails(views: &Views, pictures: &[Picture]) -> Markup {
     }
 }
 
-fn regimes(views: &Views) -> Markup {
+fn regimes(views: &ReportViews) -> Markup {
     let Some(first) = views.stages.first() else { return html! {} };
     let mut regimes: Vec<&(String, f64, usize)> = first.regimes.iter().collect();
     regimes.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -275,12 +275,12 @@ fn regimes(views: &Views) -> Markup {
     }
 }
 
-/// A number as text; nothing where it was not measured.
+/// A number as text; empty if it was not measured.
 fn shown(value: Option<f64>, text: fn(f64) -> String) -> String {
     value.map(text).unwrap_or_default()
 }
 
-fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
+fn ranked(report: &ReportData, pictures: &[Picture]) -> Markup {
     let found = report.discovery;
     if found.ranked.is_empty() && found.smallest.is_empty() {
         return html! {};
@@ -300,9 +300,9 @@ fn ranked(report: &Report, pictures: &[Picture]) -> Markup {
                 }
             }
             @if !found.smallest.is_empty() {
-                h3 { "The smallest effect of each kind that would have been seen" }
+                h3 { "The smallest effect of each kind that would have been detected" }
                 div class="scroll" { table {
-                    thead { tr { th { "Kind" } th { "Parameter" } th { "would have been seen from" } } }
+                    thead { tr { th { "Kind" } th { "Parameter" } th { "would have been detected from" } } }
                     tbody { @for s in &found.smallest {
                         tr { th { (label(&s.kind)) } td { (s.parameter) } td { (number(s.value)) " " (unit(&s.unit)) } }
                     } }
@@ -324,7 +324,7 @@ fn reported(p: &ParameterEstimate) -> Markup {
     }
 }
 
-/// As it is printed.
+/// A unit with superscripts; empty for a pure number.
 fn unit(unit: &str) -> String {
     if unit == "1" { String::new() } else { unit.replace("^2", "²").replace("^3", "³") }
 }
@@ -341,19 +341,18 @@ fn estimate(e: &Estimate) -> Markup {
     }
 }
 
-fn parameters(report: &Report) -> Markup {
+fn parameters(report: &ReportData) -> Markup {
     let Some(last) = report.discovery.revisions.last() else { return html! {} };
     let added = |name: &str| report.discovery.effects.iter().any(|e: &FoundEffect| e.effect == name);
     html! {
         section aria-labelledby="parameters" {
             h2 id="parameters" { "Parameters of the last model" }
-            p { "With their 95 % intervals. Of what is marked “not identified” the videos say little: the value is mostly \
-                 the prior's." }
+            p { "With 95 % intervals. The videos do not determine a value marked “not identified”: it comes mostly from the prior." }
             @for (k, scene) in report.scenes.iter().enumerate() {
                 details open[k == 0] {
                     summary { (scene.name) }
                     div class="scroll" { table {
-                        thead { tr { th { "Object" } th { "mass" } th { "restitution" } } }
+                        thead { tr { th { "Object" } th { "mass" } th { "coefficient of restitution" } } }
                         tbody { @for o in last.fit.objects(k) {
                             tr { th { (scene.objects.iter().find(|s| s.id == o.id).map_or(o.id.to_string(), name)) }
                                 (estimate(&o.mass)) (estimate(&o.restitution)) }
@@ -375,27 +374,27 @@ fn parameters(report: &Report) -> Markup {
     }
 }
 
-fn answers(report: &Report) -> Markup {
+fn answers(report: &ReportData) -> Markup {
     html! {
         section aria-labelledby="answers" {
             h2 id="answers" { "Questions" }
             @if report.answers.iter().any(|a| report.scenes.iter().all(|s| s.name != a.scene.name)) {
-                p { "Some are about other videos than those above, each with the model of its own." }
+                p { "Some questions are about other videos, each with its own model." }
             }
             @for (k, answered) in report.answers.iter().enumerate() { (answer(k, answered)) }
         }
     }
 }
 
-fn answer(k: usize, answered: &Answered) -> Markup {
-    let Answered { question, scene, answer, .. } = *answered;
-    let factual = table::factual(answered);
+fn answer(k: usize, answered: &AnsweredQuestion) -> Markup {
+    let AnsweredQuestion { question, scene, answer, .. } = *answered;
+    let factual = top_view::factual(answered);
     let frames = factual.states.len();
-    let prediction = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
+    let changed = answer.simulations.iter().filter(|s| !s.interventions.is_empty());
     let mut sides =
-        vec![Side { title: "As it is, and goes on".into(), run: &factual, class: "", measured: true }];
-    sides.extend(prediction.enumerate().map(|(n, s)| Side {
-        title: if n == 0 { "Imagined".into() } else { format!("Imagined ({})", n + 1) },
+        vec![PlayerSide { title: "Without a change".into(), run: &factual, class: "", measured: true }];
+    sides.extend(changed.enumerate().map(|(n, s)| PlayerSide {
+        title: if n == 0 { "With the change".into() } else { format!("With the change ({})", n + 1) },
         run: &s.best,
         class: "",
         measured: false,
@@ -404,20 +403,20 @@ fn answer(k: usize, answered: &Answered) -> Markup {
         article {
             h3 { "“" (question) "”" }
             p class="quiet" { (scene.name) }
-            @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (trail(&answer.derivation)) }
+            @if let Some(text) = &answer.answer { p class="verdict" { (text) " (" (share(answer.probability)) ")" } (derivation(&answer.derivation)) }
             @for choice in &answer.choices {
                 p { (choice.choice) ": " strong { (if choice.correct { "yes ✓" } else { "no ✗" }) }
                     span class="quiet" { " " (share(if choice.correct { choice.probability } else { 1.0 - choice.probability })) " sure" } }
-                (trail(&choice.derivation))
+                (derivation(&choice.derivation))
             }
             p { (answer.explanation) }
             @if frames > 0 { (legend(scene)) (player(&format!("answer-{}", k + 1), scene, &sides, None, html! {})) }
-            div class="figures" { @for p in table::of_answer(k, answered) { (p.figure()) } }
+            div class="figures" { @for p in top_view::of_answer(k, answered) { (p.figure()) } }
         }
     }
 }
 
-/// The name of a trace as far as it takes to tell it from others.
+/// The name of a trace, shortened.
 fn short(name: &str) -> String {
     const DIGITS: usize = "traces/".len() + 12;
     name.chars().take(DIGITS).collect()
@@ -427,20 +426,20 @@ fn share(p: f64) -> String {
     format!("{:.0} %", 100.0 * p)
 }
 
-/// Steps but for words of the question that stand for themselves.
-fn trail(steps: &[DerivationStep]) -> Markup {
+/// The steps of the program, without those whose result repeats the word.
+fn derivation(steps: &[DerivationStep]) -> Markup {
     html! {
-        details { summary { "How it came about" } ol { @for s in steps.iter().filter(|s| s.token != s.result) {
+        details { summary { "Derivation" } ol { @for s in steps.iter().filter(|s| s.token != s.result) {
             li { code { (s.token) } " " (s.result) }
         } } }
     }
 }
 
-fn traces(report: &Report) -> Markup {
+fn traces(report: &ReportData) -> Markup {
     html! {
         section aria-labelledby="traces" {
             h2 id="traces" { "Traces" }
-            p { "The simulations above, number by number, as MCAP files for Foxglove or Rerun." }
+            p { "The numbers of the simulations above, as MCAP files for Foxglove or Rerun." }
             ul class="traces" { @for t in report.traces {
                 li { (t.about) ": " @match &t.href { Some(href) => { a href=(href) { (short(&t.name)) } }, None => { code { (t.name) } } } }
             } }

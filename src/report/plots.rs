@@ -1,38 +1,40 @@
-//! What the residuals look like: against time, over the table, against themselves and against what may cause them; and
-//! what was done about it.
+//! Pictures of the residuals: against time, on the table, their autocorrelation, and against possible causes; pictures of
+//! the revisions and of the candidates.
 
-use super::Report;
+use super::ReportData;
 use super::chart::{Axis, Chart, Picture, dots, line, number, px};
-use super::look::{NINETY_NINE, Residual, Stage, Views, along, left, weighted_mean};
-use super::table::View;
+use super::top_view::PlanView;
+use super::views::{
+    ModelStage, NINETY_NINE, PositionResidual, ReportViews, along, label, left, weighted_mean,
+};
 use crate::discover::UnexplainedAcceleration;
 use crate::num::{elementary, quantile};
 use crate::scene::Scene;
 use maud::{Markup, html};
 
-/// Candidates that are drawn.
+/// Number of candidates in the picture.
 const CANDIDATES: usize = 8;
-/// Groups of equal number along a cause.
+/// Number of groups, of equal size, whose means are drawn.
 const GROUPS: usize = 8;
 /// Bars: width of names, of a row, of the picture (px).
 const NAMES: f64 = 150.0;
 const ROW: f64 = 36.0;
 const WIDTH: f64 = 400.0;
-/// Length of the longest usual arrow (px).
+/// Length of the arrow at the 90 % quantile of the accelerations (px).
 const ARROW: f64 = 34.0;
 
-/// The classes of the first and the last model.
+/// The CSS class of a model.
 pub fn class(stages: usize, stage: usize) -> &'static str {
     if stages > 1 && stage == 0 { "before" } else { "after" }
 }
 
-/// What a model is called.
-pub fn word(views: &Views, stage: usize) -> &str {
+/// The name of a model.
+pub fn word(views: &ReportViews, stage: usize) -> &str {
     views.names.get(stage).map_or("the model", String::as_str)
 }
 
-/// All pictures but those of the table from above.
-pub fn all(report: &Report, views: &Views) -> Vec<Picture> {
+/// All pictures except those of the table from above.
+pub fn all(report: &ReportData, views: &ReportViews) -> Vec<Picture> {
     let mut all = vec![ladder(report)];
     for (k, scene) in report.scenes.iter().enumerate() {
         all.push(against_time(k, scene, views));
@@ -53,8 +55,8 @@ pub fn all(report: &Report, views: &Views) -> Vec<Picture> {
     all
 }
 
-/// Errors of the revisions as bars, and the noise as a line.
-fn ladder(report: &Report) -> Picture {
+/// The errors of the revisions as bars, and the noise as a line.
+fn ladder(report: &ReportData) -> Picture {
     let noise = report.discovery.noise_sigma;
     let revisions = &report.discovery.revisions;
     let most =
@@ -83,8 +85,8 @@ fn ladder(report: &Report) -> Picture {
     Picture {
         name: "ladder".into(),
         title: "Error of each revision of the model".into(),
-        caption: "Root mean square error of a coordinate. Strong: all frames; pale: held out, the last quarter of each video, \
-                  predicted by a fit that has not seen it."
+        caption: "Root mean square error per coordinate. Strong: all frames. Pale: held out, the last quarter of each video, \
+                  predicted by a fit of the rest."
             .into(),
         size: [WIDTH, height],
         body,
@@ -94,20 +96,20 @@ fn ladder(report: &Report) -> Picture {
 /// What a revision changes.
 pub fn step(number: usize, effect: Option<&str>) -> String {
     match (number, effect) {
-        (0, _) | (_, None) => "as it began".into(),
+        (0, _) | (_, None) => "start".into(),
         (_, Some(effect)) => format!("+ {}", label(effect)),
     }
 }
 
-fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
+fn against_time(video: usize, scene: &Scene, views: &ReportViews) -> Picture {
     let noise = views.noise.get(video).copied().unwrap_or(0.0);
-    let residuals: Vec<&[Residual]> =
+    let residuals: Vec<&[PositionResidual]> =
         views.stages.iter().filter_map(|s| s.residuals.get(video)).map(Vec::as_slice).collect();
     let frames = scene.times.len();
     let seen: Vec<usize> = (0..frames)
         .map(|f| residuals.first().map_or(0, |r| r.iter().filter(|r| r.frame == f).count()))
         .collect();
-    let rms = |of: &[Residual]| -> Vec<Option<f64>> {
+    let rms = |of: &[PositionResidual]| -> Vec<Option<f64>> {
         let one = |f: usize| {
             let (sum, n) = of
                 .iter()
@@ -160,18 +162,18 @@ fn against_time(video: usize, scene: &Scene, views: &Views) -> Picture {
             y1=(px(top)) y2=(px(bottom)) {}
         (legend(views))
     };
-    let caption = "Root mean square of a coordinate; thick: all objects, thin: each. Green band: 99 % of what noise alone gives. Dotted: contacts.";
+    let caption = "Root mean square per coordinate; thick: all objects, thin: single objects. Green band: 99 % interval of pure noise. Dotted: contacts.";
     chart.picture(&format!("residual-time-{}", video + 1), "Error against time", caption, data)
 }
 
-/// Edge of the 99 % interval of the root mean square of `n` normal numbers (Wilson-Hilferty).
+/// Edge of the 99 % interval of the root mean square of `n` normal numbers (Wilson-Hilferty); `side` is -1 or 1.
 fn edge(n: usize, side: f64) -> f64 {
     let n = n.max(1) as f64;
     let cube = 1.0 - 2.0 / (9.0 * n) + side * NINETY_NINE * (2.0 / (9.0 * n)).sqrt();
     elementary::powi(cube.max(0.05), 3).sqrt()
 }
 
-fn legend(views: &Views) -> Markup {
+fn legend(views: &ReportViews) -> Markup {
     let [left, top, right, _] = Chart::inside();
     let stages = views.stages.len();
     html! {
@@ -185,14 +187,14 @@ fn legend(views: &Views) -> Markup {
     }
 }
 
-fn map(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
+fn map(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage) -> Picture {
     const STEPS: [(f64, &str, &str); 4] = [
         (0.0, "hot1", "< 3"),
         (3.0, "hot2", "3 to 6"),
         (6.0, "hot3", "6 to 12"),
-        (12.0, "hot4", "> 12 sigmas"),
+        (12.0, "hot4", "> 12 standard deviations"),
     ];
-    let view = View::around(report.scenes.iter(), &[]);
+    let view = PlanView::around(report.scenes.iter(), &[]);
     let noise = report.discovery.noise_sigma.max(f64::MIN_POSITIVE);
     let of = |step: usize| {
         let (low, high) = (STEPS[step].0, STEPS.get(step + 1).map_or(f64::INFINITY, |s| s.0));
@@ -212,20 +214,20 @@ fn map(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     };
     Picture {
         name: format!("residual-map-{}", k + 1),
-        title: format!("Where it is off, {}", word(views, k)),
-        caption: "Each measured position of all videos, by how far the simulation is away.".into(),
+        title: format!("Residuals on the table, {}", word(views, k)),
+        caption: "Each measured position of all videos; the colour is the distance to the simulation.".into(),
         size: [w, h + 26.0],
         body,
     }
 }
 
-fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
-    let view = View::around(report.scenes.iter(), &[]);
-    // The same scale for both models.
+fn quiver(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage) -> Picture {
+    let view = PlanView::around(report.scenes.iter(), &[]);
+    // Both models have the same scale.
     let first = views.stages.first().map_or(&[][..], |s| &s.unexplained);
     let mut sizes: Vec<f64> = first.iter().map(|u| u.acceleration.norm()).collect();
-    let usual = quantile(&mut sizes, 0.9).unwrap_or(1.0).max(1e-9);
-    let scale = ARROW / usual;
+    let typical = quantile(&mut sizes, 0.9).unwrap_or(1.0).max(1e-9);
+    let scale = ARROW / typical;
     let arrow = |u: &UnexplainedAcceleration| {
         let (x, y) = view.at(u.position.x, u.position.y);
         let size = u.acceleration.norm().max(1e-12);
@@ -238,11 +240,11 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
                 .into_iter(),
         )
     };
-    let sure = |u: &&UnexplainedAcceleration| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
+    let is_significant = |u: &&UnexplainedAcceleration| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
     let (strong, weak): (Vec<&UnexplainedAcceleration>, Vec<&UnexplainedAcceleration>) =
-        stage.unexplained.iter().partition(sure);
+        stage.unexplained.iter().partition(is_significant);
     let [w, h] = view.size;
-    let round = elementary::powf(10f64, elementary::log10(usual).floor());
+    let round = elementary::powf(10f64, elementary::log10(typical).floor());
     let body = html! {
         @for u in &weak { path class="mute" d=(arrow(u)) {} }
         @for u in &strong { path class=(class(views.stages.len(), k)) d=(arrow(u)) {} }
@@ -252,10 +254,10 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     };
     Picture {
         name: format!("residual-acceleration-{}", k + 1),
-        title: format!("Acceleration that is missing, {}", word(views, k)),
+        title: format!("Missing acceleration, {}", word(views, k)),
         caption: format!(
-            "Measured minus model, over about a second of free motion each. Coloured: beyond 99 % of the noise ({} of {}); \
-             gray: within.",
+            "Measured minus model, each over about a second of free motion. Coloured: outside the 99 % interval of noise ({} of {}); \
+             gray: inside.",
             strong.len(),
             stage.unexplained.len()
         ),
@@ -264,9 +266,9 @@ fn quiver(k: usize, report: &Report, views: &Views, stage: &Stage) -> Picture {
     }
 }
 
-fn autocorrelation(views: &Views) -> Picture {
+fn autocorrelation(views: &ReportViews) -> Picture {
     let curves: Vec<&[f64]> = views.stages.iter().map(|s| s.autocorrelation.as_slice()).collect();
-    // Two coordinates a position.
+    // Each position has two coordinates.
     let band = NINETY_NINE / (2.0 * views.count.max(1) as f64).sqrt();
     let values = curves.iter().flat_map(|c| c.iter().copied()).chain([-band, band]);
     let lags = curves.iter().map(|c| c.len()).max().unwrap_or(2).saturating_sub(1) as f64;
@@ -284,13 +286,13 @@ fn autocorrelation(views: &Views) -> Picture {
         }
         (legend(views))
     };
-    let caption = "How a residual resembles the one some frames later: noise is within the green 99 % band, a missing law \
-                   is not.";
-    chart.picture("autocorrelation", "Is what remains noise?", caption, data)
+    let caption = "Correlation of a residual with the one some frames later. Noise lies within the green 99 % band; a missing effect \
+                   does not.";
+    chart.picture("autocorrelation", "Are the residuals noise?", caption, data)
 }
 
-/// The missing acceleration against speed, time and place.
-fn causes(first: &Stage) -> Vec<Picture> {
+/// The missing acceleration against speed, time and position.
+fn causes(first: &ModelStage) -> Vec<Picture> {
     type Cause = (&'static str, &'static str, fn(&UnexplainedAcceleration) -> f64);
     const CAUSES: [Cause; 4] = [
         ("speed", "speed (m/s)", |u| u.velocity.norm()),
@@ -301,7 +303,7 @@ fn causes(first: &Stage) -> Vec<Picture> {
     let all = &first.unexplained;
     type Part = (&'static str, &'static str, fn(&UnexplainedAcceleration) -> f64);
     const PARTS: [Part; 2] =
-        [("before", "along the motion", along), ("after", "to its left (right: negative)", left)];
+        [("before", "along the motion", along), ("after", "to the left (negative: right)", left)];
     let one = |(name, label, cause): &Cause| {
         let values = all.iter().flat_map(|u| [along(u), left(u)]);
         let chart = Chart {
@@ -331,16 +333,21 @@ fn causes(first: &Stage) -> Vec<Picture> {
             }
         };
         let caption = format!(
-            "Of the first model. Zero everywhere: nothing is missing. A steady rise or fall: it depends on {}.",
-            if name.len() == 1 { "the place" } else { name }
+            "For the first model. Zero everywhere: nothing is missing. A steady rise or fall: the missing effect depends on {}.",
+            if name.len() == 1 { "the position" } else { name }
         );
-        chart.picture(&format!("cause-{name}"), &format!("What is missing, against {name}"), &caption, data)
+        chart.picture(
+            &format!("cause-{name}"),
+            &format!("Missing acceleration against {name}"),
+            &caption,
+            data,
+        )
     };
     CAUSES.iter().map(one).collect()
 }
 
-fn candidates(report: &Report) -> Picture {
-    // Bars of one data set only.
+fn candidates(report: &ReportData) -> Picture {
+    // Only evidence of the same data can be compared: that of the motion between contacts.
     let measured = report.discovery.ranked.iter().filter_map(|r| Some((r, r.log_evidence?)));
     let shown: Vec<_> = measured.take(CANDIDATES).collect();
     let most = shown.iter().map(|r| r.1).fold(1.0, f64::max);
@@ -357,16 +364,11 @@ fn candidates(report: &Report) -> Picture {
     };
     Picture {
         name: "candidates".into(),
-        title: "Which law explains it best".into(),
-        caption: "Log evidence (nats) between contacts of each candidate against the model without it, the price of its parameters paid; 5 \
-                  is strong, and between two candidates only the difference counts. Bold: what was added."
+        title: "Which effect explains the videos best".into(),
+        caption: "Log evidence (nats) of the motion between contacts: gain over the model without the candidate, less the cost of its \
+                  parameters. Above 5 is strong; between two candidates only the difference matters. Bold: added to the model."
             .into(),
         size: [WIDTH, height],
         body,
     }
-}
-
-/// The name of an effect in words.
-pub fn label(effect: &str) -> String {
-    effect.replace('_', " ")
 }

@@ -1,4 +1,4 @@
-//! Pictures without NaN, names that cannot break out, and a page that says what was found.
+//! Tests: pictures without NaN, names that cannot inject markup, and a page that names the finding.
 
 use super::chart::{dots, line, number, px};
 use super::*;
@@ -12,10 +12,10 @@ use maud::Render;
 use proptest::prelude::*;
 
 const FRAMES: usize = 40;
-/// Not to be obeyed by any browser.
+/// A name that tries to inject a script.
 const HOSTILE: &str = "</script><script>alert(1)</script>\"'&";
 
-/// A disc that glides past a cube at rest, both badly named.
+/// A disc that slides past a cube at rest; both have hostile names.
 fn scene() -> Scene {
     let object =
         |id, shape| Object { id, color: HOSTILE.into(), material: "rubber".into(), shape, mass: None };
@@ -90,22 +90,22 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
     let answer =
         ask(&scenes[0], &fitted, 0, &question, &AskOptions { rollouts: 2, seed: 0 }, &never).unwrap();
     let model = &fitted.scenes[0].model;
-    let answers = [Answered { question: HOSTILE, scene: &scenes[0], model, answer: &answer }];
+    let answers = [AnsweredQuestion { question: HOSTILE, scene: &scenes[0], model, answer: &answer }];
     let href = Some(HOSTILE.to_string());
     let traces = [TraceLink { name: HOSTILE.into(), href, about: HOSTILE.into() }];
-    report(&Report { scenes: &scenes, discovery: &discovery, answers: &answers, traces: &traces })
+    report(&ReportData { scenes: &scenes, discovery: &discovery, answers: &answers, traces: &traces })
 }
 
 #[test]
 fn a_page_says_what_was_missing_and_shows_both_models() {
     let (html, pictures) = made(Verdict::EffectFound, 2);
     assert!(html.contains("<h1>Missing: vortex</h1>") && html.contains("without vortex"));
-    for told in
-        ["Where the first model failed", "What was missing", "How far the error fell", "mm off</text>"]
+    for text in
+        ["Where the first model failed", "What was missing", "How far the error fell", "class=\"off\""]
     {
-        assert!(html.contains(told), "{told}");
+        assert!(html.contains(text), "{text}");
     }
-    // Two objects, on two sides and beside the imagined one.
+    // Two objects on three sides: before, after, and the answer without a change.
     assert_eq!(html.matches("class=\"dots thin measured\"").count(), 2 * 3);
     assert_eq!(html.matches("class=\"ghost\"").count(), 2 * 3);
     assert_eq!(html.matches("type=\"range\"").count(), 2);
@@ -123,16 +123,16 @@ fn a_page_says_what_was_missing_and_shows_both_models() {
     assert!(pictures.iter().any(|p| p.0 == "answer-1-counterfactual-1.svg"));
     let (html, _) = made(Verdict::Adequate, 1);
     assert!(html.contains("<h1>Nothing is missing</h1>") && !html.contains("Error before"));
-    assert!(!html.contains("Farthest off"));
-    // Nothing was fitted at all.
-    assert!(made(Verdict::NotIdentifiable, 0).0.contains("These videos do not tell"));
+    assert!(!html.contains("Largest residual"));
+    // No model was fitted.
+    assert!(made(Verdict::NotIdentifiable, 0).0.contains("These videos do not suffice"));
 }
 
 #[test]
 fn names_stay_text_and_pictures_are_whole() {
     let (html, pictures) = made(Verdict::EffectFound, 2);
     assert!(!html.contains("<script>alert") && html.contains("&lt;script&gt;alert"));
-    // The page's own and one a player.
+    // One script of the page, and one for each player.
     assert_eq!(html.matches("<script").count(), 1 + 2);
     for (name, svg) in [("page".to_string(), html)].iter().chain(&pictures) {
         let drawn = svg.split("<script").next().unwrap_or_default();

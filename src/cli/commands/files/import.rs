@@ -1,0 +1,334 @@
+//! `import`: converts files of other programs to scene folders.
+
+use crate::api;
+use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
+use crate::cli::connection::{Connection, Target};
+use crate::cli::error::Failure;
+use crate::cli::output::progress;
+use crate::cli::{input, output};
+use crate::scene::{
+    AttributeScores, CLEVRER_CAMERA, DEFAULT_SIZE, Object, Scene, Track, is_tracker, observed_json, parse,
+    parse_csv, parse_proposals, parse_tracker,
+};
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+
+/// Default frame rate (1/s) of detections, and standard deviation of their edges (px).
+const DEFAULT_FPS: f64 = 25.0;
+const DEFAULT_NOISE: f64 = 1.0;
+
+/// The file formats, for `--help`.
+const FILE_FORMATS: &str = r#"The content of FILE decides its format; each file becomes DIR/NAME/observed.json:
+  annotation  CLEVRER's JSON with object_property and motion_trajectory; objects have a location (m), or an image_center
+              (px) and the file a camera_matrix and image_size (without them: CLEVRER's camera)
+  proposals   CLEVRER's derender proposals: JSON with frames of objects with a mask (COCO
+              run-length) or box [left, top, width, height] (px), and scores
+  CSV         columns id, t or frame, x, y, and optionally yaw, visible, shape, size, mass, material, color; a name may
+              have a unit, as in `x [mm]`; lines above may set `# fps: 50`, `# unit: cm`, `# world: table`
+  Tracker     text that the program Tracker exports"#;
+
+#[derive(clap::Args)]
+#[command(after_help = FILE_FORMATS)]
+pub struct ImportArgs {
+    /// Files to convert; formats below.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Folder for the scene folders.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    out: PathBuf,
+    /// Camera of detections: the JSON of `calibrate`, or one with `camera_matrix` and `image_size` [default: CLEVRER's]
+    #[arg(long, value_name = "FILE")]
+    camera: Option<PathBuf>,
+    /// Radius or half side of the objects of detections and Tracker files (m) [default: 0.2].
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    size: Option<f64>,
+    /// Frame rate of detections (1/s) [default: 25].
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// Standard deviation of the edges of detections (px) [default: 1].
+    #[arg(long, value_name = "PIXELS", value_parser = positive)]
+    noise: Option<f64>,
+    /// Unit of length in Tracker files [default: m].
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Unit {
+    M,
+    Cm,
+    Mm,
+}
+
+fn positive(text: &str) -> Result<f64, &'static str> {
+    text.parse().ok().filter(|v: &f64| v.is_finite() && *v > 0.0).ok_or("give a number above 0")
+}
+
+pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let connection = Connection::open(target).await?;
+    let (mut lines, mut failures, mut done) = (String::new(), vec![], Map::new());
+    for path in &args.files {
+        let name = name(path);
+        let imported = match done.contains_key(&name) {
+            true => Err(Failure::input(format!(
+                "another of these files also becomes {name}; rename one, or use another --out"
+            ))),
+            false => progress::during("importing", one(&connection, &args, path, &name)).await,
+        };
+        match imported {
+            Ok((text, json)) => {
+                lines += &text;
+                done.insert(name, json);
+            }
+            Err(failure) => failures.push(failure.at(&path.display().to_string())),
+        }
+    }
+    match args.json.as_deref() {
+        Some(file) => output::json(file, &json!({ "scenes": done }))?,
+        None => output::print(&lines)?,
+    }
+    connection.close().await?;
+    Failure::combined(failures, args.files.len())
+}
+
+/// Name of the scene that a file becomes.
+fn name(path: &Path) -> String {
+    let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
+        true => path.parent().and_then(Path::file_name),
+        false => path.file_stem(),
+    };
+    name.map_or("scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+/// Imports one file: posts it, writes its scene file, and returns the message and the JSON about it.
+async fn one(
+    connection: &Connection,
+    args: &ImportArgs,
+    path: &Path,
+    name: &str,
+) -> Result<(String, Value), Failure> {
+    let parsed = args.parsed(name, &input::text(path)?)?;
+    let video = connection.create(parsed.request).await?;
+    let linking = video.linking;
+    let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;
+    let file = args.out.join(name).join(input::OBSERVED);
+    if file.canonicalize().ok().is_some_and(|f| path.canonicalize().is_ok_and(|p| p == f)) {
+        return Err(Failure::input(format!(
+            "the result would overwrite the input; use another --out than {}",
+            args.out.display()
+        )));
+    }
+    std::fs::create_dir_all(args.out.join(name))
+        .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
+    output::file(&file, observed_json(&scene).to_string().as_bytes())?;
+    let (kind, file) = (parsed.kind, file.display().to_string());
+    let (gaps, frames) = linking.map_or_else(|| gaps(&scene), |l| (l.gaps_bridged, l.frames_bridged));
+    let (given, dropped) = linking.map_or((None, None), |l| (Some(l.detections), Some(l.detections_dropped)));
+    let mut text = format!(
+        "{file}: {kind}, {} frames, {} objects, {gaps} gaps bridged ({frames} frames)",
+        scene.times.len(),
+        scene.objects.len()
+    );
+    if let (Some(given), Some(dropped)) = (given, dropped) {
+        text += &format!(", {dropped} of {given} detections dropped");
+    }
+    text += &object_lines(&scene, &parsed.names);
+    text.extend(input::outlier_message(&scene).map(|line| format!("\n  {line}")));
+    let json = json!({
+        "file": file,
+        "kind": kind,
+        "frames": scene.times.len(),
+        "objects": scene.objects.len(),
+        "gaps_bridged": gaps,
+        "frames_bridged": frames,
+        "outliers": scene.outliers.len(),
+        "detections": given,
+        "detections_dropped": dropped,
+    });
+    Ok((text + "\n", json))
+}
+
+/// A line for each object; `names` are those of a Tracker file.
+fn object_lines(scene: &Scene, names: &[String]) -> String {
+    let line = |(k, (object, track)): (usize, (&Object, &Track))| {
+        let of = names.get(k).map_or(String::new(), |n| format!(" ({n})"));
+        let (first, last) = (track.samples.first(), track.samples.last());
+        format!(
+            "\n  {} {}{of}: {} samples, frames {} to {}",
+            object.id,
+            object.description(),
+            track.samples.len(),
+            first.map_or(0, |s| s.frame),
+            last.map_or(0, |s| s.frame)
+        )
+    };
+    scene.objects.iter().zip(&scene.tracks).enumerate().map(line).collect()
+}
+
+/// A parsed file: the name of its format, the request that posts it, and the object names of a Tracker file.
+struct ImportedFile {
+    kind: &'static str,
+    request: CreateVideoRequest,
+    names: Vec<String>,
+}
+
+enum FileKind {
+    Annotation,
+    Proposals,
+    Tracker,
+    Csv,
+    Unknown,
+}
+
+fn kind(text: &str) -> FileKind {
+    match serde_json::from_str::<Map<String, Value>>(text.trim_start_matches('\u{feff}')) {
+        Ok(root) if root.contains_key("motion_trajectory") => FileKind::Annotation,
+        Ok(root) if root.contains_key("frames") => FileKind::Proposals,
+        // The parser of annotations explains what is wrong with the JSON.
+        Err(_) if text.trim_start().starts_with('{') => FileKind::Annotation,
+        Ok(_) => FileKind::Unknown,
+        _ if is_tracker(text) => FileKind::Tracker,
+        _ if text.contains([',', ';', '\t']) && !text.trim_start().starts_with('[') => FileKind::Csv,
+        _ => FileKind::Unknown,
+    }
+}
+
+impl ImportArgs {
+    fn parsed(&self, name: &str, text: &str) -> Result<ImportedFile, Failure> {
+        let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
+        let mut names = vec![];
+        let found = kind(text);
+        let (kind, request) = match found {
+            FileKind::Proposals => ("proposals", detections(self, name, text)?),
+            FileKind::Annotation => ("annotation", of_scene(&parse(name, text).map_err(bad)?)),
+            FileKind::Tracker => {
+                let scale = match self.unit {
+                    None | Some(Unit::M) => 1.0,
+                    Some(Unit::Cm) => 1e-2,
+                    Some(Unit::Mm) => 1e-3,
+                };
+                let size = self.size.unwrap_or(DEFAULT_SIZE);
+                let (scene, of_objects) = parse_tracker(name, text, scale, size).map_err(bad)?;
+                names = of_objects;
+                ("tracker", of_scene(&scene))
+            }
+            FileKind::Csv => ("csv", of_scene(&parse_csv(name, text).map_err(bad)?)),
+            FileKind::Unknown => {
+                let message = "unknown format; give a CLEVRER annotation (motion_trajectory), proposals (frames), CSV \
+                               (a header with id, x, y and t or frame) or Tracker text (a header with t, x and y)";
+                return Err(Failure::input(message));
+            }
+        };
+        // After the parser: its error about a broken file says more.
+        if let Some(flag) = self.unused_flag(&found) {
+            return Err(Failure::input(format!("{flag} has no effect on this format; leave it out")));
+        }
+        Ok(ImportedFile { kind, request, names })
+    }
+
+    /// A given flag that has no effect on this format.
+    fn unused_flag(&self, kind: &FileKind) -> Option<&'static str> {
+        let detected = matches!(kind, FileKind::Proposals);
+        let sized = detected || matches!(kind, FileKind::Tracker);
+        let given = [
+            ("--camera", self.camera.is_some() && !detected),
+            ("--fps", self.fps.is_some() && !detected),
+            ("--noise", self.noise.is_some() && !detected),
+            ("--size", self.size.is_some() && !sized),
+            ("--unit", self.unit.is_some() && !matches!(kind, FileKind::Tracker)),
+        ];
+        given.into_iter().find(|(_, unused)| *unused).map(|(flag, _)| flag)
+    }
+}
+
+fn of_scene(scene: &Scene) -> CreateVideoRequest {
+    CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() }
+}
+
+fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {
+    let camera = match &args.camera {
+        Some(path) => camera(path)?,
+        None => api::camera_message(&CLEVRER_CAMERA),
+    };
+    let proposals = parse_proposals(text, [camera.image_width, camera.image_height])
+        .map_err(|e| Failure::input(e.to_string()))?;
+    let scores = |scores: &AttributeScores| {
+        scores
+            .iter()
+            .filter(|s| *s.1 > 0.0)
+            .map(|(word, &score)| Score { word: word.clone(), score })
+            .collect()
+    };
+    let one = |d: &crate::scene::Detection| Detection {
+        frame: d.frame as u32,
+        region: Some(detection::Region::Box(Box {
+            left: d.bounds.left,
+            top: d.bounds.top,
+            width: d.bounds.right - d.bounds.left,
+            height: d.bounds.bottom - d.bounds.top,
+        })),
+        color: scores(&d.color),
+        material: scores(&d.material),
+        shape: scores(&d.shape),
+        score: d.score,
+    };
+    let video = Video {
+        display_name: name.into(),
+        fps: args.fps.unwrap_or(DEFAULT_FPS),
+        camera: Some(camera),
+        image_noise_px: args.noise.unwrap_or(DEFAULT_NOISE),
+        ..Default::default()
+    };
+    Ok(CreateVideoRequest {
+        video: Some(video),
+        detections: proposals.detections.iter().map(one).collect(),
+        object_size: args.size.unwrap_or(DEFAULT_SIZE),
+        frame_count: proposals.frames as u32,
+        ..Default::default()
+    })
+}
+
+/// Reads a camera from a JSON file.
+fn camera(path: &Path) -> Result<Camera, Failure> {
+    let wrong = |what: &str| Failure::input(format!("--camera {}: {what}", path.display()));
+    let root: Value = serde_json::from_str(&input::text(path)?).map_err(|e| wrong(&e.to_string()))?;
+    let numbers = |value: &Value| -> Vec<f64> {
+        value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
+    };
+    let rows = root["camera_matrix"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let matrix: Vec<f64> = rows.iter().take(3).flat_map(numbers).collect();
+    let [image_width, image_height] = numbers(&root["image_size"])[..] else {
+        return Err(wrong("image_size is missing; give [width, height] in pixels"));
+    };
+    if matrix.len() != 12 {
+        return Err(wrong("camera_matrix is not 3 rows of 4 numbers; give the JSON of `vrdp calibrate`"));
+    }
+    Ok(Camera { matrix, image_width, image_height, ..Default::default() })
+}
+
+/// Number of gaps in the tracks, and of frames in them.
+fn gaps(scene: &Scene) -> (u32, u32) {
+    let steps = scene.tracks.iter().flat_map(|t| t.samples.windows(2)).map(|w| w[1].frame - w[0].frame - 1);
+    steps.filter(|&s| s > 0).fold((0, 0), |(gaps, frames), s| (gaps + 1, frames + s as u32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_content_decides_the_format() {
+        assert!(matches!(kind(r#"{"motion_trajectory": []}"#), FileKind::Annotation));
+        assert!(matches!(kind(r#"{"frames": []}"#), FileKind::Proposals));
+        assert!(matches!(kind(r#"{"frames": "#), FileKind::Annotation));
+        assert!(matches!(kind("mass A\nt\tx\ty\n0\t1\t2\n"), FileKind::Tracker));
+        assert!(matches!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n"), FileKind::Csv));
+        assert!(matches!(kind("[1, 2]"), FileKind::Unknown));
+    }
+}

@@ -1,0 +1,6 @@
+//! Commands that read and write files of cameras, tracks and traces.
+
+pub mod calibrate;
+pub mod import;
+pub mod replay;
+pub mod trace;

@@ -1,0 +1,7 @@
+//! The commands, one file each.
+
+pub mod demo;
+pub mod files;
+pub mod scene;
+pub mod service;
+pub mod study;

@@ -1,0 +1,119 @@
+//! `ask`: answers a question about a scene, with probability and explanation.
+
+use crate::api::v1::{AskRequest, AskResponse, Choice, Step, ask_request, choice};
+use crate::cli::connection::{Connection, Target};
+use crate::cli::error::Failure;
+use crate::cli::output::progress;
+use crate::cli::{input, output};
+use crate::reason::examples;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+#[command(after_help = question_forms())]
+pub struct AskArgs {
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    /// The question in English; the forms below are understood.
+    #[arg(long, value_name = "TEXT")]
+    question: String,
+    /// A choice to judge as correct or wrong; may be repeated. Without it the answer is open.
+    #[arg(long, value_name = "TEXT")]
+    choice: Vec<String>,
+    /// Preset or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+fn question_forms() -> String {
+    format!("Examples of questions and choices:\n  {}", examples().join("\n  "))
+}
+
+pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let scene = input::scene(&args.scene)?;
+    let model = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let video = connection.post(&scene).await?;
+    let request = AskRequest { model, ..request(video, &args.question, &args.choice) };
+    let mut reply = progress::during("answering", connection.reasoning().ask(request)).await?.into_inner();
+    if !connection.keeps_traces() {
+        reply.traces.clear();
+    }
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&scene.name, &reply))?,
+        None => output::print(&text(&reply))?,
+    }
+    connection.close().await
+}
+
+/// A question in English.
+pub fn request(video: String, question: &str, choices: &[impl AsRef<str>]) -> AskRequest {
+    let choice = |text: &str| Choice { choice: Some(choice::Choice::Text(text.into())) };
+    AskRequest {
+        video,
+        question: Some(ask_request::Question::Text(question.into())),
+        choices: choices.iter().map(|text| choice(text.as_ref())).collect(),
+        ..Default::default()
+    }
+}
+
+/// The answer as text.
+pub fn text(reply: &AskResponse) -> String {
+    let mut text = String::new();
+    if let Some(answer) = &reply.answer {
+        // An answer of several events already has a probability for each.
+        let has_own = answer.ends_with(" %)");
+        let probability =
+            if has_own { String::new() } else { format!("  ({:.0} %)", 100.0 * reply.probability) };
+        text += &format!("  {answer}{probability}\n{}", derivation(&reply.derivation));
+    }
+    for choice in &reply.choices {
+        let (mark, probability) =
+            if choice.correct { ('✓', choice.probability) } else { ('✗', 1.0 - choice.probability) };
+        text += &format!("  {mark} {}  ({:.0} % sure)\n", choice.choice, 100.0 * probability);
+        text += &derivation(&choice.derivation);
+    }
+    if !reply.explanation.is_empty() {
+        text += &format!("  {}\n", reply.explanation);
+    }
+    text
+}
+
+/// The steps of the program, without those whose result repeats the word, such as `red`.
+fn derivation(steps: &[Step]) -> String {
+    let steps: Vec<&Step> = steps.iter().filter(|s| s.token != s.text).collect();
+    let width = steps.iter().map(|s| s.token.chars().count()).max().unwrap_or(0);
+    steps.iter().map(|s| format!("      {:<width$}  {}\n", s.token, s.text)).collect()
+}
+
+fn to_json(scene: &str, reply: &AskResponse) -> Value {
+    let steps = |trail: &[Step]| -> Vec<Value> {
+        trail.iter().map(|s| json!({ "token": s.token, "text": s.text })).collect()
+    };
+    let choices: Vec<Value> = reply
+        .choices
+        .iter()
+        .map(|c| {
+            json!({
+                "choice": c.choice, "correct": c.correct,
+                "probability": c.probability, "trail": steps(&c.derivation),
+            })
+        })
+        .collect();
+    json!({
+        "scene": scene,
+        "answer": reply.answer,
+        "probability": reply.probability,
+        "choices": choices,
+        "trail": steps(&reply.derivation),
+        "program": reply.program.as_ref().map(|p| &p.tokens),
+        "explanation": reply.explanation,
+        "traces": reply.traces,
+    })
+}

@@ -1,0 +1,283 @@
+//! `fit`: fits a model to each scene, separately or jointly.
+
+use crate::api::v1::{Estimate, FitMethod, FitModelRequest, Model, ModelChoice, SharedEstimate};
+use crate::cli::connection::{Connection, Target};
+use crate::cli::error::Failure;
+use crate::cli::output::progress::TaskProgress;
+use crate::cli::{input, output};
+use crate::num::median;
+use crate::scene::Scene;
+use serde_json::{Map, Value, json};
+use std::path::PathBuf;
+use std::time::Instant;
+
+#[derive(clap::Args)]
+pub struct FitArgs {
+    /// Scene files, scene folders, or folders of scene folders.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
+    /// Preset or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Method that minimises the misfit [default: gauss-newton].
+    #[arg(long, value_enum, value_name = "NAME")]
+    method: Option<MethodName>,
+    /// Fits the scenes jointly: they are videos of one set-up and share its parameters.
+    #[arg(long)]
+    joint: bool,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum MethodName {
+    /// Damped Gauss-Newton.
+    GaussNewton,
+    /// L-BFGS in stages, as in the paper; for comparison.
+    Paper,
+}
+
+pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    let scenes = input::scenes(&args.scenes)?;
+    let count = scenes.len();
+    let start = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let progress = TaskProgress::new(if args.joint { 1 } else { count });
+    let (done, failures) = match args.joint {
+        true => (jointly(&connection, scenes, start, args.method, &progress).await?, vec![]),
+        false => separately(&connection, scenes, start, args.method, &progress).await,
+    };
+    let (mut fitted, mut ratios, mut tables) = (Map::new(), Vec::with_capacity(count), String::new());
+    for (scene, model, seconds) in done {
+        ratios.push(model.rmse / model.noise_sigma);
+        tables += &format!("{}\n{}\n", scene.name, table(&model, |id| name(&scene, id)));
+        fitted.insert(scene.name.clone(), to_json(&model, seconds));
+    }
+    drop(progress);
+    if !ratios.is_empty() {
+        let summary = summary(ratios);
+        match args.json.as_deref() {
+            Some(target) => output::json(target, &json!({ "scenes": fitted }))?,
+            None => output::print(&tables)?,
+        }
+        match args.json.as_deref() {
+            Some("-") => output::tell(&summary),
+            _ => output::print(&format!("{summary}\n"))?,
+        }
+    }
+    connection.close().await?;
+    Failure::combined(failures, count)
+}
+
+/// A scene, its model, and the seconds that the fit took.
+type Fitted = (Scene, Model, f64);
+
+impl MethodName {
+    fn of(method: Option<MethodName>) -> FitMethod {
+        match method {
+            None => FitMethod::Unspecified,
+            Some(MethodName::GaussNewton) => FitMethod::GaussNewton,
+            Some(MethodName::Paper) => FitMethod::StagedLbfgs,
+        }
+    }
+}
+
+async fn separately(
+    connection: &Connection,
+    scenes: Vec<Result<Scene, Failure>>,
+    start: Option<ModelChoice>,
+    method: Option<MethodName>,
+    bar: &TaskProgress,
+) -> (Vec<Fitted>, Vec<Failure>) {
+    let (mut done, mut failures) = (vec![], vec![]);
+    for (i, scene) in scenes.into_iter().enumerate() {
+        let start_time = Instant::now();
+        let fitted = async {
+            let scene = scene?;
+            let progress = |fraction: f64| bar.show(&format!("fitting {}", scene.name), i, fraction);
+            progress(0.0);
+            let model = async {
+                let video = connection.post(&scene).await?;
+                connection.fit(&video, start.clone(), MethodName::of(method), progress).await
+            };
+            let model = model.await.map_err(|e| e.at(&scene.name))?;
+            Ok((scene, model, start_time.elapsed().as_secs_f64()))
+        };
+        match fitted.await {
+            Ok(fitted) => done.push(fitted),
+            Err(failure) => failures.push(failure),
+        }
+    }
+    (done, failures)
+}
+
+/// Fits all scenes at once; fails if one of them fails.
+async fn jointly(
+    connection: &Connection,
+    scenes: Vec<Result<Scene, Failure>>,
+    start: Option<ModelChoice>,
+    method: Option<MethodName>,
+    bar: &TaskProgress,
+) -> Result<Vec<Fitted>, Failure> {
+    let start_time = Instant::now();
+    let mut posted = vec![];
+    for scene in scenes {
+        let scene = scene?;
+        posted.push((connection.post(&scene).await.map_err(|e| e.at(&scene.name))?, scene));
+    }
+    let mut videos = posted.iter().map(|(video, _)| video.clone());
+    let request = FitModelRequest {
+        parent: videos.next().unwrap_or_default(),
+        others: videos.collect(),
+        start,
+        method: MethodName::of(method).into(),
+        ..Default::default()
+    };
+    let progress = |fraction| bar.show("fitting all scenes", 0, fraction);
+    progress(0.0);
+    let models = connection.fit_together(request, progress).await?;
+    let seconds = start_time.elapsed().as_secs_f64();
+    let of = |(video, scene): (String, Scene)| {
+        let own = format!("{video}/");
+        let model = models.iter().find(|m| m.name.starts_with(&own)).cloned();
+        let missing = || Failure::other("the reply of the service has no model; try again").at(&scene.name);
+        let model = model.ok_or_else(missing)?;
+        Ok((scene, model, seconds))
+    };
+    posted.into_iter().map(of).collect()
+}
+
+/// The name of an object: its id, color, material and shape.
+pub fn name(scene: &Scene, id: u32) -> String {
+    match scene.objects.iter().find(|o| o.id == id) {
+        Some(o) if o.color.is_empty() => o.description(),
+        Some(o) => format!("{id} {}", o.description()),
+        None => id.to_string(),
+    }
+}
+
+/// The fit as a table.
+pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
+    let rows: Vec<Vec<String>> = model
+        .objects
+        .iter()
+        .map(|o| vec![name(o.object_id), estimate(o.mass.as_ref()), estimate(o.restitution.as_ref())])
+        .collect();
+    let shared: String = model.shared.iter().map(shared_line).collect();
+    format!(
+        "{}{shared}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        output::table(&["object", "mass", "coefficient of restitution"], &rows),
+        1e3 * model.noise_sigma,
+        1e3 * model.rmse,
+        model.reduced_chi_square,
+        if model.adequate { "" } else { ": above what noise explains; try `vrdp discover`" },
+    )
+}
+
+/// A shared parameter that the video determines: `sliding_friction.mu: rubber 0.0370 ± 0.0010`.
+fn shared_line(shared: &SharedEstimate) -> String {
+    let text = |(k, e): (usize, &Estimate)| {
+        let label =
+            shared.labels.get(k).filter(|l| !l.is_empty()).map(|l| format!("{l} ")).unwrap_or_default();
+        let unit = if e.unit == "1" { "" } else { &e.unit };
+        let text = format!("{label}{} ± {} {unit}", output::number(e.value), output::number(e.sd));
+        (e.identified && e.value.abs() > e.sd).then(|| text.trim_end().to_string())
+    };
+    let texts: Vec<String> = shared.values.iter().enumerate().filter_map(text).collect();
+    match texts.is_empty() {
+        true => String::new(),
+        false => format!("  {}.{}: {}\n", shared.effect, shared.parameter, texts.join(", ")),
+    }
+}
+
+fn estimate(estimate: Option<&Estimate>) -> String {
+    match estimate {
+        Some(e) if e.identified => format!("{:.3} ± {:.3}", e.value, e.sd),
+        Some(e) => format!("({:.3} ± {:.3})", e.value, e.sd),
+        None => "-".into(),
+    }
+}
+
+/// The JSON of an object.
+#[derive(serde::Serialize)]
+struct ObjectEstimates {
+    object_id: u32,
+    mass: Value,
+    restitution: Value,
+}
+
+fn to_json(model: &Model, seconds: f64) -> Value {
+    let objects: Vec<Value> = model
+        .objects
+        .iter()
+        .map(|o| {
+            let (mass, restitution) = (number(o.mass.as_ref()), number(o.restitution.as_ref()));
+            json!(ObjectEstimates { object_id: o.object_id, mass, restitution })
+        })
+        .collect();
+    let mut shared: Map<String, Value> = Map::new();
+    for parameter in &model.shared {
+        let effect = shared.entry(parameter.effect.clone()).or_insert_with(|| json!({}));
+        effect[&parameter.parameter] = vector(parameter);
+    }
+    json!({
+        "model_id": model.name.rsplit('/').next().unwrap_or_default(),
+        "revision": model.revision,
+        "rmse_m": model.rmse,
+        "noise_sigma_m": model.noise_sigma,
+        "reduced_chi_square": model.reduced_chi_square,
+        "identified": model.identified,
+        "seconds": seconds,
+        "objects": objects,
+        "shared": shared,
+    })
+}
+
+fn number(e: Option<&Estimate>) -> Value {
+    e.map_or(
+        Value::Null,
+        |e| json!({ "value": e.value, "sd": e.sd, "unit": e.unit, "identified": e.identified }),
+    )
+}
+
+/// One value as a number; several as lists, with labels.
+fn vector(shared: &SharedEstimate) -> Value {
+    let scalar = shared.labels.len() <= 1 && shared.labels.iter().all(String::is_empty);
+    if scalar {
+        return number(shared.values.first());
+    }
+    let list = |f: &dyn Fn(&Estimate) -> Value| shared.values.iter().map(f).collect::<Vec<_>>();
+    json!({
+        "labels": shared.labels,
+        "value": list(&|e| json!(e.value)),
+        "sd": list(&|e| json!(e.sd)),
+        "unit": shared.values.first().map_or("", |e| e.unit.as_str()),
+        "identified": list(&|e| json!(e.identified)),
+    })
+}
+
+/// Median and worst ratio of rmse to noise.
+fn summary(mut ratios: Vec<f64>) -> String {
+    let median = median(&mut ratios).unwrap_or(f64::NAN);
+    let worst = ratios.iter().copied().max_by(f64::total_cmp).unwrap_or(f64::NAN);
+    let scenes = if ratios.len() == 1 { "scene" } else { "scenes" };
+    format!("{} {scenes}: rmse over noise {median:.3} (median), {worst:.3} (worst)", ratios.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_summary_has_median_and_worst() {
+        assert_eq!(
+            summary(vec![3.0, 1.0, 1.5, 1.1]),
+            "4 scenes: rmse over noise 1.300 (median), 3.000 (worst)"
+        );
+        assert_eq!(summary(vec![1.2]), "1 scene: rmse over noise 1.200 (median), 1.200 (worst)");
+    }
+}

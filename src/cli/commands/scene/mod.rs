@@ -1,0 +1,6 @@
+//! Commands about single scenes.
+
+pub mod ask;
+pub mod fit;
+pub mod score;
+pub mod simulate;

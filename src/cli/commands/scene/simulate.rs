@@ -1,0 +1,263 @@
+//! `simulate`: predicts how a scene continues, with or without interventions.
+
+use crate::api::v1::intervention::{
+    Kind, Remove, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
+};
+use crate::api::v1::{
+    EventKind, GetModelRequest, Intervention, Model, SimulateRequest, SimulateResponse, SimulatedEvent,
+    Vector,
+};
+use crate::cli::connection::{Connection, Target};
+use crate::cli::error::Failure;
+use crate::cli::output::progress;
+use crate::cli::{input, output};
+use crate::scene::Scene;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// Smallest probability of an event in the table; JSON and traces have all events.
+const LIKELY: f64 = 0.5;
+
+#[derive(clap::Args)]
+pub struct SimulateArgs {
+    #[arg(value_name = "SCENE")]
+    scene: PathBuf,
+    /// Removes an object.
+    #[arg(long, value_name = "ID")]
+    remove: Vec<u32>,
+    /// Multiplies an object's mass.
+    #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
+    mass: Vec<(u32, f64)>,
+    /// Sets the start velocity of an object (m/s).
+    #[arg(long, value_name = "ID=VX,VY", value_parser = input::id_and_vector, allow_hyphen_values = true)]
+    velocity: Vec<(u32, [f64; 2])>,
+    /// Moves the start position of an object (m).
+    #[arg(long, value_name = "ID=DX,DY", value_parser = input::id_and_vector, allow_hyphen_values = true)]
+    shift: Vec<(u32, [f64; 2])>,
+    /// Multiplies the restitution of an object.
+    #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
+    restitution: Vec<(u32, f64)>,
+    /// Switches an effect of the model off.
+    #[arg(long, value_name = "EFFECT")]
+    without: Vec<String>,
+    /// Number of frames, from frame 0 [default: observed + 60].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Preset or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|FILE")]
+    model: Option<String>,
+    /// Writes the trace; else it is kept only with --data-dir or --server.
+    #[arg(long, value_name = "FILE.mcap")]
+    trace: Option<PathBuf>,
+    /// Writes the result as JSON; `-`: to standard output.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
+    if let Some(file) = &args.json {
+        output::writable("--json", file.as_ref())?;
+    }
+    if let Some(file) = &args.trace {
+        if file.as_os_str() == "-" {
+            return Err(Failure::input("--trace -: a trace is binary; give a file"));
+        }
+        output::writable("--trace", file)?;
+    }
+    let scene = input::scene(&args.scene)?;
+    let model = input::model(args.model.as_deref())?;
+    let connection = Connection::open(target).await?;
+    let video = connection.post(&scene).await?;
+    let request = SimulateRequest {
+        video,
+        model,
+        interventions: interventions(&args),
+        frames: args.frames.unwrap_or(0),
+        ..Default::default()
+    };
+    let reply = progress::during("simulating", connection.reasoning().simulate(request)).await?.into_inner();
+    let mut trace = connection.keeps_traces().then(|| reply.trace.clone());
+    if let Some(path) = &args.trace {
+        output::file(path, &connection.download(&reply.trace).await?)?;
+        trace = Some(path.display().to_string());
+    }
+    match args.json.as_deref() {
+        Some(target) => output::json(target, &to_json(&scene, &reply, trace))?,
+        None => {
+            let trace = trace.map_or(String::new(), |trace| format!("\n  trace {trace}\n"));
+            let asked = GetModelRequest { name: reply.model.clone() };
+            let model = connection.models().get_model(asked).await?.into_inner();
+            let notes = notes(&scene, &reply) + &misfit(&model);
+            output::print(&format!("{}{notes}{trace}", events(&scene, &reply.events)))?;
+        }
+    }
+    connection.close().await
+}
+
+fn interventions(args: &SimulateArgs) -> Vec<Intervention> {
+    let remove = args.remove.iter().map(|&object_id| Kind::Remove(Remove { object_id }));
+    let mass = args.mass.iter().map(|&(object_id, factor)| Kind::ScaleMass(ScaleMass { object_id, factor }));
+    let velocity = args.velocity.iter().map(|&(object_id, [x, y])| {
+        Kind::SetVelocity(SetVelocity { object_id, velocity: Some(Vector { x, y }) })
+    });
+    let shift = args
+        .shift
+        .iter()
+        .map(|&(object_id, [x, y])| Kind::Shift(Shift { object_id, by: Some(Vector { x, y }) }));
+    let restitution = args
+        .restitution
+        .iter()
+        .map(|&(object_id, factor)| Kind::ScaleRestitution(ScaleRestitution { object_id, factor }));
+    let without = args
+        .without
+        .iter()
+        .map(|effect| Kind::SwitchEffect(SwitchEffect { effect: effect.clone(), on: false }));
+    let edits = remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(without);
+    edits.map(|kind| Intervention { kind: Some(kind) }).collect()
+}
+
+fn word(event: &SimulatedEvent) -> &'static str {
+    match event.kind() {
+        EventKind::Collision => "collision",
+        EventKind::Enter => "enter",
+        EventKind::Exit => "exit",
+        EventKind::Stop => "stop",
+        EventKind::Unspecified => "unknown",
+    }
+}
+
+/// The likely events as a table; those after the video are marked.
+pub fn events(scene: &Scene, events: &[SimulatedEvent]) -> String {
+    let likely: Vec<&SimulatedEvent> = events.iter().filter(|e| e.probability >= LIKELY).collect();
+    let end = scene.times.len();
+    let later = |event: &SimulatedEvent| event.frame as usize >= end;
+    let rows: Vec<Vec<String>> = likely
+        .iter()
+        .map(|event| {
+            let objects = event.object_ids.iter().map(|id| super::fit::name(scene, *id));
+            let wall = (!event.wall.is_empty()).then(|| format!("wall {}", event.wall));
+            let who: Vec<String> = objects.chain(wall).collect();
+            vec![
+                format!("{:<9}  {}", word(event), who.join(" and ")),
+                format!("{}{}", event.frame, if later(event) { "*" } else { " " }),
+                format!("{:.2} s", event.time),
+                format!("{:.0} %", 100.0 * event.probability),
+            ]
+        })
+        .collect();
+    let mut text = output::table(&["event", "frame ", "time", "probability"], &rows);
+    if likely.iter().any(|e| later(e)) {
+        text += &format!("  * after the video, which has {end} frames\n");
+    }
+    match events.len() - likely.len() {
+        0 => text,
+        n => text + &format!("  {n} less likely events (below {:.0} %) are in --json\n", 100.0 * LIKELY),
+    }
+}
+
+/// Notes under the table of events.
+fn notes(scene: &Scene, reply: &SimulateResponse) -> String {
+    let mut notes = String::new();
+    let unreached = reply.unreached_object_ids.iter().map(|id| super::fit::name(scene, *id));
+    let unreached: Vec<String> = unreached.collect();
+    if !unreached.is_empty() {
+        notes += &format!(
+            "  the change does not reach these objects; they move as observed: {}\n",
+            unreached.join(", ")
+        );
+    }
+    if let Some(cut) = &reply.cut_short {
+        let shown = cut.frame.map_or(String::new(), |f| format!(", the shown one at frame {f}"));
+        notes +=
+            &format!("  {} simulations of the ensemble ended early{shown}: {}\n", cut.rollouts, cut.message);
+    }
+    notes
+}
+
+/// A warning if the model does not fit the video: its probabilities are then too certain.
+fn misfit(model: &Model) -> String {
+    match model.adequate {
+        true => String::new(),
+        false => format!(
+            "  the model does not fit the video (reduced chi-square {:.1}), so its probabilities are too certain; run `vrdp compare` or `vrdp discover`\n",
+            model.reduced_chi_square
+        ),
+    }
+}
+
+fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Value {
+    let frames: Vec<Value> = reply
+        .frames
+        .iter()
+        .map(|frame| {
+            let objects: Vec<Value> = frame
+                .objects
+                .iter()
+                .map(|o| {
+                    json!({
+                        "object_id": o.object_id, "x": o.x, "y": o.y, "yaw": o.yaw,
+                        "vx": o.vx, "vy": o.vy, "spin": o.spin, "sd_m": o.sd,
+                    })
+                })
+                .collect();
+            json!({ "frame": frame.frame, "objects": objects })
+        })
+        .collect();
+    let events: Vec<Value> = reply
+        .events
+        .iter()
+        .map(|e| {
+            json!({
+                "kind": word(e), "frame": e.frame, "time_s": e.time,
+                "object_ids": e.object_ids, "probability": e.probability,
+            })
+        })
+        .collect();
+    let cut_short = reply.cut_short.as_ref();
+    json!({
+        "scene": scene.name,
+        "fps": reply.fps,
+        "observed_frames": reply.observed_frames,
+        "frames": frames,
+        "events": events,
+        "trace": trace,
+        "unreached": reply.unreached_object_ids,
+        "cut_short": cut_short.map(|c| json!({ "rollouts": c.rollouts, "frame": c.frame, "message": c.message })),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_model_that_does_not_fit_the_video_gives_a_warning() {
+        let model = Model { reduced_chi_square: 78.4, ..Default::default() };
+        assert!(misfit(&model).contains("78.4"));
+        assert_eq!(misfit(&Model { adequate: true, ..model }), "");
+    }
+
+    #[test]
+    fn the_table_has_every_likely_event_and_marks_those_after_the_video() {
+        const SCENE: &str = include_str!("../../../../tests/data/clevrer/scene_00022/observed.json");
+        let scene = crate::scene::parse("scene_00022", SCENE).unwrap();
+        let event = |frame: u32, probability| SimulatedEvent {
+            kind: EventKind::Collision.into(),
+            frame,
+            time: f64::from(frame) / 25.0,
+            object_ids: vec![0, 2],
+            probability,
+            wall: String::new(),
+        };
+        let all = [event(40, 1.0), event(90, 0.75), event(127, 0.2), event(128, 0.5)];
+        insta::assert_snapshot!(events(&scene, &all), @r"
+          event                                                frame     time  probability
+          ────────────────────────────────────────────────────────────────────────────────
+          collision  0 gray metal sphere and 2 red metal cube     40   1.60 s        100 %
+          collision  0 gray metal sphere and 2 red metal cube     90   3.60 s         75 %
+          collision  0 gray metal sphere and 2 red metal cube    128*  5.12 s         50 %
+          * after the video, which has 128 frames
+          1 less likely events (below 50 %) are in --json
+        ");
+    }
+}

@@ -1,0 +1,5 @@
+//! Commands that run the service or ask what it offers.
+
+pub mod effects;
+pub mod health;
+pub mod serve;

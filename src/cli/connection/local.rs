@@ -1,0 +1,77 @@
+//! Starts the service inside this process.
+
+use crate::api;
+use crate::cli::error::Failure;
+use crate::config::{Config, DEFAULT_HTTP};
+use crate::engine::{Engine, EngineError};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+
+/// The service running inside this process.
+pub struct LocalService {
+    pub address: SocketAddr,
+    pub http: Option<SocketAddr>,
+    shutdown: CancellationToken,
+    task: JoinHandle<Result<(), Failure>>,
+}
+
+impl LocalService {
+    /// Waits until the service has finished its running requests.
+    pub async fn stop(self) -> Result<(), Failure> {
+        self.shutdown.cancel();
+        self.task.await.map_err(Failure::other)?
+    }
+}
+
+/// Starts the service; when this returns, it accepts calls.
+pub async fn start(config: &Config) -> Result<LocalService, Failure> {
+    let listen = config.listen;
+    let security = config.security().map_err(|e| Failure::input(e.to_string()))?;
+    let listener = TcpListener::bind(listen)
+        .await
+        .map_err(|e| Failure::input(format!("--listen {listen}: {e}; give a free HOST:PORT")))?;
+    let address = listener.local_addr().map_err(Failure::other)?;
+    let http = match config.http {
+        Some(address) => http_listener(address).await?,
+        None => None,
+    };
+    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(|error| match error {
+        EngineError::Store(error) => Failure::input(error.to_string()),
+        error => Failure::other(error),
+    })?;
+    let engine = Arc::new(engine.with_retention(config.retention()));
+    let (shutdown, limits) = (CancellationToken::new(), config.limits());
+    let stop = shutdown.clone().cancelled_owned();
+    let housekeeping = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
+    let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
+    let pages = http.map(|listener| {
+        let stop = shutdown.clone().cancelled_owned();
+        tokio::spawn(api::serve_http(listener, engine.clone(), security.tokens.clone(), stop))
+    });
+    let task = tokio::spawn(async move {
+        let served = api::serve(listener, engine, limits, security, stop).await.map_err(Failure::other);
+        housekeeping.abort();
+        if let Some(pages) = pages {
+            pages.abort();
+        }
+        served
+    });
+    Ok(LocalService { address, http: http_address, shutdown, task })
+}
+
+/// Binds the HTTP port. The default port may be in use by another service: then there is no HTTP port.
+async fn http_listener(address: SocketAddr) -> Result<Option<TcpListener>, Failure> {
+    match TcpListener::bind(address).await {
+        Ok(listener) => Ok(Some(listener)),
+        Err(error) if address == DEFAULT_HTTP => {
+            tracing::warn!(%address, %error, "the HTTP port is in use, so there is none; choose another with --http");
+            Ok(None)
+        }
+        Err(error) => {
+            Err(Failure::input(format!("--http {address}: {error}; give a free HOST:PORT, or '' for none")))
+        }
+    }
+}

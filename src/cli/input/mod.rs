@@ -1,0 +1,9 @@
+//! Reads what a command is given: scenes, models, formulas, and `ID=VALUE` pairs.
+
+mod models;
+mod pairs;
+mod scenes;
+
+pub use models::{formula, model};
+pub use pairs::{id_and_number, id_and_vector};
+pub use scenes::{OBSERVED, outlier_message, scene, scenes, text};

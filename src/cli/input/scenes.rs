@@ -1,0 +1,176 @@
+//! Reads the scenes that a command is given.
+
+use crate::cli::error::Failure;
+use crate::cli::output;
+use crate::scene::{Outlier, Scene, parse, parse_csv};
+use std::cmp::Ordering;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Name of a scene's file in its folder.
+pub const OBSERVED: &str = "observed.json";
+/// Number of outliers that a message lists.
+const OUTLIERS_NAMED: usize = 4;
+/// Largest size of a scene file in bytes: the allowed objects and frames need less.
+pub const MAX_FILE: u64 = 1 << 30;
+
+/// Reads the scenes of the paths: files, folders with an observed.json, folders of such folders or of CSV files.
+/// A scene that cannot be read is an error of its own: the caller reports it after the others are done.
+pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure> {
+    let mut files = Vec::new();
+    for path in paths {
+        if is_regular_file(path)? || path.join(OBSERVED).is_file() {
+            files.push(path.clone());
+            continue;
+        }
+        let entries = std::fs::read_dir(path).map_err(|e| unreadable(path, e))?;
+        let one = |p: &PathBuf| p.join(OBSERVED).is_file() || (is_csv(p) && p.is_file());
+        let mut folders: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(one).collect();
+        if folders.is_empty() {
+            let message = format!(
+                "{}: neither this folder nor its subfolders hold an {OBSERVED} or a CSV file; give a scene file or folder",
+                path.display()
+            );
+            return Err(Failure::input(message));
+        }
+        folders.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+        files.extend(folders);
+    }
+    let mut names = BTreeSet::new();
+    let read =
+        |path: &PathBuf| {
+            let scene = scene(path)?;
+            match names.insert(scene.name.clone()) {
+                true => Ok(scene),
+                false => Err(Failure::input("two scenes have this name; rename the file or folder of one")
+                    .at(&scene.name)),
+            }
+        };
+    Ok(files.iter().map(read).collect())
+}
+
+/// Whether the path is a file; false for a folder. Refuses anything else: a pipe may never end.
+fn is_regular_file(path: &Path) -> Result<bool, Failure> {
+    let found = path.metadata().map_err(|e| unreadable(path, e))?;
+    if found.is_file() && found.len() > MAX_FILE {
+        return Err(unreadable(
+            path,
+            format!("has {} bytes, more than the limit of {MAX_FILE}", found.len()),
+        ));
+    }
+    if !found.is_file() && !found.is_dir() {
+        return Err(unreadable(path, "is neither a file nor a folder"));
+    }
+    Ok(found.is_file())
+}
+
+fn unreadable(path: &Path, why: impl std::fmt::Display) -> Failure {
+    Failure::input(format!("{}: {why}; give a scene file or folder", path.display()))
+}
+
+/// One scene: a file, or a folder with an observed.json; named after the folder, or the file's stem.
+pub fn scene(path: &Path) -> Result<Scene, Failure> {
+    let (file, name) = match path.is_dir() {
+        true => (path.join(OBSERVED), path.canonicalize().ok().and_then(|p| last(p.file_name()))),
+        false if path.file_name().is_some_and(|f| f == OBSERVED) => {
+            let whole = path.canonicalize().unwrap_or(path.to_path_buf());
+            (path.to_path_buf(), whole.parent().and_then(|p| last(p.file_name())))
+        }
+        false => (path.to_path_buf(), last(path.file_stem())),
+    };
+    let place = file.display().to_string();
+    is_regular_file(&file)?;
+    let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
+    let name = name.unwrap_or("scene".into());
+    let braces = text.trim_start_matches('\u{feff}').trim_start().starts_with('{');
+    let rows = is_csv(&file) || !(braces || has(&file, "json"));
+    let read = if rows { parse_csv(&name, &text) } else { parse(&name, &text) };
+    let scene = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    outlier_message(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
+    Ok(scene)
+}
+
+/// A message that lists the tracking outliers of a scene, if there are any.
+pub fn outlier_message(scene: &Scene) -> Option<String> {
+    let one = |outlier: &Outlier| {
+        let id = scene.objects.get(outlier.object).map_or(0, |o| o.id);
+        format!("object {id} in frame {} ({:.3} m off)", outlier.sample.frame, outlier.distance)
+    };
+    let named: Vec<String> = scene.outliers.iter().take(OUTLIERS_NAMED).map(one).collect();
+    let more = scene.outliers.len() - named.len();
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let named = named.join(", ");
+    (!named.is_empty()).then(|| format!("tracking outliers are ignored: {named}{more}"))
+}
+
+fn is_csv(path: &Path) -> bool {
+    has(path, "csv")
+}
+
+fn has(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
+}
+
+/// The text of a file; refuses folders and pipes.
+pub fn text(path: &Path) -> Result<String, Failure> {
+    match is_regular_file(path)? {
+        true => std::fs::read_to_string(path).map_err(|e| unreadable(path, e)),
+        false => Err(unreadable(path, "is a folder")),
+    }
+}
+
+pub fn last(name: Option<&std::ffi::OsStr>) -> Option<String> {
+    name.map(|name| name.to_string_lossy().into_owned())
+}
+
+/// Natural order: `scene_2` before `scene_10`.
+fn natural(a: &str, b: &str) -> Ordering {
+    let (mut a, mut b) = (a, b);
+    loop {
+        let digits = |s: &str| s.bytes().take_while(u8::is_ascii_digit).count();
+        let (m, n) = (digits(a), digits(b));
+        if m > 0 && n > 0 {
+            let (x, y) = (a[..m].trim_start_matches('0'), b[..n].trim_start_matches('0'));
+            let order = x.len().cmp(&y.len()).then(x.cmp(y)).then(m.cmp(&n));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (a, b) = (&a[m..], &b[n..]);
+            continue;
+        }
+        let (mut x, mut y) = (a.chars(), b.chars());
+        match (x.next(), y.next()) {
+            (Some(p), Some(q)) if p == q => (a, b) = (x.as_str(), y.as_str()),
+            (p, q) => return p.cmp(&q),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_in_natural_order() {
+        let mut names = ["s10", "s2", "s02", "s", "t1"];
+        names.sort_by(|a, b| natural(a, b));
+        assert_eq!(names, ["s", "s2", "s02", "s10", "t1"]);
+    }
+
+    #[test]
+    fn one_bad_scene_leaves_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let good = include_str!("../../../tests/data/clevrer/scene_00022/observed.json");
+        for (name, text) in [("a", good), ("b", "{"), ("c", good)] {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+            std::fs::write(folder.path().join(name).join(OBSERVED), text).unwrap();
+        }
+        let read = scenes(&[folder.path().to_path_buf()]).unwrap();
+        let names: Vec<Option<&str>> =
+            read.iter().map(|r| r.as_ref().ok().map(|s| s.name.as_str())).collect();
+        assert_eq!(names, [Some("a"), None, Some("c")]);
+        assert!(
+            scene(Path::new("/dev/null")).unwrap_err().to_string().contains("neither a file nor a folder")
+        );
+    }
+}

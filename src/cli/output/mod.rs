@@ -1,0 +1,9 @@
+//! What a person or a program gets: files, tables, drawings, progress.
+
+pub mod progress;
+pub mod revisions;
+mod table;
+mod write;
+
+pub use table::{number, table};
+pub use write::{file, json, print, tell, writable};
