@@ -33,7 +33,7 @@ def laws(rng, s):
     way = lambda size: size * np.array([math.cos(a := rng.uniform(0, 2 * math.pi)), math.sin(a)])
     near = rng.uniform(-0.8, 0.8, 2)
     u = s * rng.uniform(0.8, 1.25)
-    wind, lean, swing = way(0.085 * u), way(0.085 * u), way(0.12 * u)
+    wind, slope, swing = way(0.085 * u), way(0.085 * u), way(0.12 * u)
     f, phase, axis = rng.uniform(0.35, 0.8), rng.uniform(0, 6.28), way(1.0)
     spring = rng.random() < 0.5
     pull = lambda d: 0.08 * u * d if spring else 0.12 * u * d / ((d ** 2).sum(-1, keepdims=True) + 0.09) ** 1.5
@@ -46,7 +46,7 @@ def laws(rng, s):
         "linear_drag": ({"c": 0.2 * u}, lambda x, v, w, m, t: -0.2 * u * v),
         "quadratic_drag": ({"c": 0.28 * u}, lambda x, v, w, m, t: -0.28 * u * col(speed(v)) * v),
         "uniform_force": ({"F": [*wind]}, lambda x, v, w, m, t: wind + 0 * v),
-        "tilt": ({"a": [*lean]}, lambda x, v, w, m, t: col(m) * lean),
+        "tilt": ({"a": [*slope]}, lambda x, v, w, m, t: col(m) * slope),
         "attractor": ({"center": [*near], **source}, lambda x, v, w, m, t: pull(near - x)),
         "vortex": ({"center": [*near], "c": 0.2 * u, "Omega": 0.6}, lambda x, v, w, m, t: -0.2 * u * (v - 0.6 * perp(x - near))),
         "coriolis": ({"Omega": 0.083 * u}, lambda x, v, w, m, t: -2 * 0.083 * u * col(m) * perp(v)),
@@ -73,7 +73,7 @@ def laws(rng, s):
         "speed_dependent_restitution": {"v0": 1.3 / u},
         "sticky_contact": {},
         "soft_contact": {"duration": 0.1 * u},
-        # No physics, but what is seen or believed is wrong; of an object: of the first, a marker's is no ball.
+        # No physics, but the measurement or the stated mass is wrong; of an object: of the first, a marker is never on a ball.
         "wrong_scale": {"scale": 1 + 0.06 * u},
         "tilted_camera": {"h": [*tilt]},
         "off_centre_marker": {"object_id": 0, "arm": [*arm]},
@@ -197,10 +197,10 @@ class Bullet:
         self.call("setPhysicsEngineParameter", fixedTimeStep=self.dt, numSolverIterations=50, restitutionVelocityThreshold=0.01,
                   contactERP=0.02)
         self.mu, self.params = world["mu"], params if kind == "friction_patch" else None
-        root, self.rub = math.sqrt(world["restitution"]), math.sqrt(params.get("mu", 0))
+        root, self.contact_mu = math.sqrt(world["restitution"]), math.sqrt(params.get("mu", 0))
         plane = self.still(self.call("createCollisionShape", self.pb.GEOM_PLANE), 0)
         # The same friction for all, where that of contacts is asked for.
-        self.call("changeDynamics", plane, -1, lateralFriction=self.mu["metal"] / self.rub if self.rub else 1)
+        self.call("changeDynamics", plane, -1, lateralFriction=self.mu["metal"] / self.contact_mu if self.contact_mu else 1)
         box = lambda *half: self.call("createCollisionShape", self.pb.GEOM_BOX, halfExtents=half)
         round_ = lambda r: self.call("createCollisionShape", self.pb.GEOM_CYLINDER, radius=r, height=2 * SIZE)
         if kind == "hidden_wall":
@@ -220,7 +220,7 @@ class Bullet:
             spin = [*perp(b["v"]) / SIZE] if b["rolls"] else [0, 0]
             self.call("resetBaseVelocity", body, [*b["v"], 0], [*spin, b["w"]])
             self.bodies.append(body)
-            self.rubs(b, body, 1)
+            self.set_friction(b, body, 1)
 
     def __del__(self):
         self.pb.disconnect(self.client)
@@ -233,10 +233,10 @@ class Bullet:
         self.call("changeDynamics", body, -1, lateralFriction=0.0, restitution=restitution, contactProcessingThreshold=0)
         return body
 
-    def rubs(self, b, body, factor):
+    def set_friction(self, b, body, factor):
         mu = factor * self.mu[b["material"]]
         slide = SLIDE_MU if b["rolls"] else mu
-        self.call("changeDynamics", body, -1, lateralFriction=self.rub or slide, rollingFriction=1.4 * SIZE * mu if b["rolls"] else 0)
+        self.call("changeDynamics", body, -1, lateralFriction=self.contact_mu or slide, rollingFriction=1.4 * SIZE * mu if b["rolls"] else 0)
 
     def state(self):
         places = [self.call("getBasePositionAndOrientation", b) for b in self.bodies]
@@ -249,7 +249,7 @@ class Bullet:
             at = self.call("getBasePositionAndOrientation", body)[0]
             if self.params:
                 inside = math.dist(at[:2], self.params["center"]) < self.params["radius"]
-                self.rubs(b, body, self.params["k"] if inside else 1)
+                self.set_friction(b, body, self.params["k"] if inside else 1)
             self.call("applyExternalForce", body, -1, [*push, 0], at, self.pb.WORLD_FRAME)
         self.call("stepSimulation")
 
@@ -430,10 +430,10 @@ def group(folder, engine, kind, strength, seed, noise, lost):
         if kind == "wrong_size":
             objects[0]["size"] = SIZE / params["factor"]
         see = lambda k, p: {"object_id": k, "location": [*p[:2].round(5), SIZE], "orientation": [0, 0, round(p[2], 5)], "inside_camera_view": True}
-        film = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row) if seen[f, k]]} for f, row in enumerate(noisy)]
+        frames = [{"frame_id": f, "objects": [see(k, p) for k, p in enumerate(row) if seen[f, k]]} for f, row in enumerate(noisy)]
         name = f"scene_{index:02}"
         write(folder / name / "observed.json", {"scene_index": index, "video_filename": f"{name}.mp4", "fps": FPS, "world": "table",
-                                                "object_property": objects, "motion_trajectory": film, "noise_sigma": noise})
+                                                "object_property": objects, "motion_trajectory": frames, "noise_sigma": noise})
         write(folder / name / "truth.json", {"seed": number, "engine": engine, "fps": FPS, "hidden_effects": hidden, "n_observed": FRAMES,
                                              "noise_sigma": noise, "objects": objects, "trajectory": true.round(6).tolist()})
     write(folder / "group.json", {"group": folder.name, "engine": engine, "effect": kind, "strength": strength, "outside": kind in OUTSIDE,
