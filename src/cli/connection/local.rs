@@ -45,7 +45,8 @@ pub async fn start(config: &Config) -> Result<LocalService, Failure> {
     let engine = Arc::new(engine.with_retention(config.retention()));
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
-    let housekeeping = tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
+    let housekeeping =
+        tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
     let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
     let pages = http.map(|listener| {
         let stop = shutdown.clone().cancelled_owned();

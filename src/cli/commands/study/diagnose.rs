@@ -85,7 +85,7 @@ fn to_json(found: &Diagnosis, names: &[String]) -> Value {
     let scenes: Map<String, Value> =
         names.iter().zip(videos).map(|(name, v)| (name.clone(), compare::to_json(v))).collect();
     let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "contact_log_evidence": r.contact_log_evidence, "held_out_rmse_m": r.held_out_rmse });
-    let jump = |j: &crate::api::v1::ChangePoint| {
+    let change_point = |j: &crate::api::v1::ChangePoint| {
         let scene = videos.iter().position(|v| v.video == j.video).and_then(|k| names.get(k));
         let (at, change) = (j.position.unwrap_or_default(), j.change.unwrap_or_default());
         json!({ "scene": scene, "frame": j.frame, "position": [at.x, at.y], "change": [change.x, change.y], "sigmas": j.sigmas })
@@ -97,6 +97,6 @@ fn to_json(found: &Diagnosis, names: &[String]) -> Value {
         "summary": found.comparison.as_ref().map(|c| c.summary.clone()),
         "free_motion_chi_square": found.free_motion_chi_square,
         "ranked": found.ranked.iter().map(ranked).collect::<Vec<_>>(),
-        "jumps": found.change_points.iter().map(jump).collect::<Vec<_>>(),
+        "change_points": found.change_points.iter().map(change_point).collect::<Vec<_>>(),
     })
 }

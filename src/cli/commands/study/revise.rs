@@ -360,7 +360,8 @@ mod tests {
         let written =
             Revision { added: Some(written), models: vec!["m/012345678".into()], ..Default::default() };
         assert!(listing(&[written]).contains("  01234567  ax = -k*vx\n            ay = 0\n"));
-        let mut unknown = Revision { not_identifiable_reason: "record more frames".into(), ..Default::default() };
+        let mut unknown =
+            Revision { not_identifiable_reason: "record more frames".into(), ..Default::default() };
         unknown.set_worth(Worth::NotIdentifiable);
         assert_eq!(verdict(&unknown), "NOT_IDENTIFIABLE: record more frames");
     }
