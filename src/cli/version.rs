@@ -1,6 +1,6 @@
 //! The version of the program, and what else its numbers depend on.
 
-const NUMERIC_FINGERPRINT: &str = "";
+use crate::num::NUMERIC_FINGERPRINT;
 use std::env::consts::{ARCH, OS};
 
 /// `vrdp 0.1.0`; `verbose` adds lines for the numeric fingerprint, the features and the target.
@@ -12,7 +12,8 @@ pub fn version(verbose: bool) -> String {
     let features: &[&str] = if cfg!(feature = "otlp") { &["otlp"] } else { &[] };
     let features = if features.is_empty() { "none".into() } else { features.join(", ") };
     format!(
-        "{version}numeric fingerprint: {NUMERIC_FINGERPRINT}\nfeatures: {features}\ntarget: {ARCH}-{OS}\n"
+        "{version}numeric fingerprint: {}\nfeatures: {features}\ntarget: {ARCH}-{OS}\n",
+        *NUMERIC_FINGERPRINT
     )
 }
 
@@ -28,6 +29,6 @@ mod tests {
             long.lines().skip(1).filter_map(|line| Some(line.split_once(": ")?.0)).collect();
         assert!(long.starts_with(&short));
         assert_eq!(names, ["numeric fingerprint", "features", "target"]);
-        assert!(long.contains(&NUMERIC_FINGERPRINT.to_string()));
+        assert!(long.contains(NUMERIC_FINGERPRINT.as_str()));
     }
 }

@@ -4,7 +4,8 @@ use crate::num::elementary;
 
 /// A number with four decimals, or with four significant digits if it is small.
 pub fn number(v: f64) -> String {
-    let digits = if v == 0.0 { 4 } else { (3 - elementary::log10(v.abs()).floor() as i32).clamp(4, 12) as usize };
+    let digits =
+        if v == 0.0 { 4 } else { (3 - elementary::log10(v.abs()).floor() as i32).clamp(4, 12) as usize };
     format!("{v:.digits$}")
 }
 

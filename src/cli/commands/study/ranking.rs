@@ -23,6 +23,9 @@ pub fn ranking(ranked: &[RankedEffect], most: usize, videos: usize) -> String {
     };
     let shown = ranked.iter().enumerate().filter(|(k, r)| *k < most || r.kind == FORMULA);
     let rows: Vec<Vec<String>> = shown.map(|(_, r)| row(r)).collect();
-    let table = output::table(&["candidate", "log evidence between contacts", "at contacts", "other videos mm"][..columns], &rows);
+    let table = output::table(
+        &["candidate", "log evidence between contacts", "at contacts", "other videos mm"][..columns],
+        &rows,
+    );
     format!("\n{table}{LOG_EVIDENCE}{}", if videos > 1 { revisions::OTHER_VIDEOS } else { "" })
 }
