@@ -2,12 +2,10 @@
 
 use crate::discover::{ChangeEvidence, Comparison, Diagnosis, Discovery, FoundEffect, PredictionErrors};
 use crate::fit::Fit;
+use crate::num::NUMERIC_FINGERPRINT;
 use crate::reason::{Answer, Prediction};
 use crate::scene::canonical_digest;
 use serde::{Deserialize, Serialize};
-
-// Until `num` has it.
-const NUMERIC_FINGERPRINT: &str = "";
 
 /// The id of a result: a digest of `inputs`, of the program's version and of its arithmetic.
 ///
@@ -15,7 +13,7 @@ const NUMERIC_FINGERPRINT: &str = "";
 /// finds a result of this one under its id: it computes the result again. Ids of videos are digests of what was
 /// observed only; they stay the same.
 pub fn result_digest<T: Serialize>(kind: &str, inputs: &T) -> String {
-    canonical_digest(kind, &(inputs, env!("CARGO_PKG_VERSION"), NUMERIC_FINGERPRINT))
+    canonical_digest(kind, &(inputs, env!("CARGO_PKG_VERSION"), NUMERIC_FINGERPRINT.as_str()))
 }
 
 /// A fit as it is stored.

@@ -1,10 +1,8 @@
 //! Which program and which arithmetic wrote a trace.
 
+use crate::num::NUMERIC_FINGERPRINT;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
-
-// Until `num` has it.
-pub(super) const NUMERIC_FINGERPRINT: &str = "none";
 
 /// Largest difference of a number (m, rad, m/s, rad/s, s) between programs: rounding differs, and contacts amplify it.
 pub const TOLERANCE: f64 = 1e-6;
@@ -22,10 +20,11 @@ const FINGERPRINT: &str = "numeric_fingerprint";
 pub fn origin_difference(metadata: &BTreeMap<String, String>) -> Option<String> {
     let within = format!("numbers are compared within {TOLERANCE:e}, not bit for bit");
     let (wrote, ours) = (metadata.get("build").map_or("", String::as_str), build());
+    let fingerprint = NUMERIC_FINGERPRINT.as_str();
     match metadata.get(FINGERPRINT) {
-        Some(found) if found != NUMERIC_FINGERPRINT => Some(format!(
+        Some(found) if found != fingerprint => Some(format!(
             "the trace was computed with other arithmetic (fingerprint {found}, this program has \
-             {NUMERIC_FINGERPRINT}): sin, cos, exp and the like return other last digits there, so {within}"
+             {fingerprint}): sin, cos, exp and the like return other last digits there, so {within}"
         )),
         None => Some(format!(
             "the trace names no arithmetic, because an older program ({wrote:?}) wrote it, so {within}"
@@ -41,7 +40,7 @@ pub fn origin_difference(metadata: &BTreeMap<String, String>) -> Option<String> 
 pub fn metadata(kind: &str, scene: &Scene, video: &str, model: &str) -> BTreeMap<String, String> {
     [
         ("build", build()),
-        (FINGERPRINT, NUMERIC_FINGERPRINT.to_string()),
+        (FINGERPRINT, NUMERIC_FINGERPRINT.as_str().to_string()),
         ("kind", kind.to_string()),
         ("scene", scene.name.clone()),
         ("video", video.to_string()),

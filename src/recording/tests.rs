@@ -1,10 +1,8 @@
 //! Tests of trace files: complete, deterministic, replayed bit for bit, and safe to read when damaged.
 
-use super::origin::NUMERIC_FINGERPRINT;
 use super::*;
 use crate::fit::{FitOptions, fit, initial_model};
-use crate::num::never;
-use crate::num::vec2;
+use crate::num::{NUMERIC_FINGERPRINT, never, vec2};
 use crate::reason::{LikelyEvent, PredictionRequest, predict};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Event, EventKind, Intervention, Preset, trace};
@@ -204,7 +202,10 @@ fn a_trace_of_other_arithmetic_is_named_as_such() {
     other[at] ^= 1;
     let found = verify(Cursor::new(&other), &never).unwrap();
     let sentence = found.origin_difference.clone().unwrap();
-    assert!(sentence.contains("other arithmetic") && sentence.contains(NUMERIC_FINGERPRINT), "{sentence}");
+    assert!(
+        sentence.contains("other arithmetic") && sentence.contains(NUMERIC_FINGERPRINT.as_str()),
+        "{sentence}"
+    );
     assert!(found.holds() && !found.identical, "{found:?}");
 }
 
