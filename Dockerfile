@@ -3,6 +3,8 @@ FROM rust:1-slim-bookworm AS build
 # Names every dependency inside the binary, for scanners.
 RUN cargo install --locked --version 0.7.0 cargo-auditable
 WORKDIR /src
+# `dist` optimises across crates; `release` builds in a third of the time.
+ARG PROFILE=dist
 # With --target they hold for the program alone, not for build scripts.
 ENV RUSTFLAGS="-C target-feature=+crt-static"
 
@@ -12,7 +14,7 @@ RUN mkdir -p src benches \
     && for file in build.rs src/main.rs; do echo 'fn main() {}' >$file; done \
     && touch src/lib.rs \
     && sed -n '/^\[\[bench\]\]/{n;s/name = "\(.*\)"/benches\/\1.rs/p}' Cargo.toml | xargs -r touch \
-    && cargo auditable build --release --locked --target "$(rustc --print host-tuple)"
+    && cargo auditable build --profile "$PROFILE" --locked --target "$(rustc --print host-tuple)"
 
 COPY build.rs ./
 COPY proto proto
@@ -20,9 +22,9 @@ COPY src src
 # The scenes of `vrdp demo`.
 COPY tests tests
 RUN touch build.rs src/main.rs src/lib.rs \
-    && cargo auditable build --release --locked --target "$(rustc --print host-tuple)" \
+    && cargo auditable build --profile "$PROFILE" --locked --target "$(rustc --print host-tuple)" \
     && mkdir -p /image /owned/data \
-    && strip -o /image/vrdp target/*/release/vrdp
+    && strip -o /image/vrdp target/*/"$PROFILE"/vrdp
 
 FROM gcr.io/distroless/static-debian12:nonroot
 LABEL org.opencontainers.image.title="vrdp" \

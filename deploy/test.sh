@@ -94,7 +94,7 @@ fi
 
 step "build"
 begin=$(tenths)
-compose build >"$work/log" 2>&1 || { tail -n 40 "$work/log"; exit 1; }
+compose build --build-arg PROFILE=release >"$work/log" 2>&1 || { tail -n 40 "$work/log"; exit 1; }
 size=$(docker image inspect -f '{{.Size}}' vrdp)
 echo "built in $(since "$begin") s; image: $size bytes"
 [ "$size" -le 50000000 ]

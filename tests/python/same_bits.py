@@ -1,9 +1,9 @@
 """Runs the program with and without fused multiply-add and compares every byte of its results.
 
-    same_bits.py VRDP SCENES [--effects GROUPS] [--simulations N] [--emulate]
+    same_bits.py VRDP SCENES [--effects GROUPS] [--simulations N] [--emulate N]
 
-Two kinds of processor: this one, and one whose C library is kept from FMA and AVX2 (GLIBC_TUNABLES). With --emulate there
-is a third, a Nehalem of 2008 in qemu-x86_64, which lacks the instructions themselves. SCENES is a folder of scenes: each is
+Two kinds of processor: this one, and one whose C library is kept from FMA and AVX2 (GLIBC_TUNABLES). For the first
+--emulate scenes there is a third, a Nehalem of 2008 in qemu-x86_64, which lacks the instructions themselves. SCENES is a folder of scenes: each is
 fitted and simulated, N times in all (by default once a scene), its trace replayed on the other kind. GROUPS is a folder of
 groups of scenes: `discover` runs on each. Only the field `seconds` may differ.
 """
@@ -26,19 +26,24 @@ def main():
     parser.add_argument("scenes", type=pathlib.Path)
     parser.add_argument("--effects", type=pathlib.Path)
     parser.add_argument("--simulations", type=int, default=0)
-    parser.add_argument("--emulate", action="store_true")
+    parser.add_argument("--emulate", type=int, default=0)
     arguments = parser.parse_args()
     kinds = {"fma": ([arguments.vrdp], {}), "no-fma": ([arguments.vrdp], {"GLIBC_TUNABLES": WITHOUT_FMA})}
-    if arguments.emulate:
-        kinds["nehalem"] = (["qemu-x86_64", "-cpu", "Nehalem", arguments.vrdp], {})
+    emulated = {**kinds, "nehalem": (["qemu-x86_64", "-cpu", "Nehalem", arguments.vrdp], {})}
     with tempfile.TemporaryDirectory() as work:
         work = pathlib.Path(work)
         scenes = sorted(path.parent for path in arguments.scenes.rglob("observed.json"))
-        print(f"{fits(kinds, work, scenes)} fits, {simulations(kinds, work, scenes, arguments.simulations)} simulations", end="")
+        few = set(scenes[: arguments.emulate])
+
+        def kinds_of(scene):
+            return emulated if scene in few else kinds
+
+        print(f"{fits(kinds_of, work, scenes)} fits", end="")
+        print(f", {simulations(kinds_of, work, scenes, arguments.simulations)} simulations", end="")
         if arguments.effects:
             groups = sorted({path.parent.parent for path in arguments.effects.rglob("observed.json")})
             print(f", {discoveries(kinds, work, groups)} discoveries", end="")
-        print(f": equal bytes on {', '.join(kinds)}")
+        print(f": equal bytes on {', '.join(kinds)}; {len(few)} scenes on nehalem")
 
 
 def run(kind, *words):
@@ -71,13 +76,13 @@ def on_each(kinds, work, name, *words):
     same(results)
 
 
-def fits(kinds, work, scenes):
+def fits(kinds_of, work, scenes):
     for scene in scenes:
-        on_each(kinds, work, f"fit-{scene.name}", "fit", scene)
+        on_each(kinds_of(scene), work, f"fit-{scene.name}", "fit", scene)
     return len(scenes)
 
 
-def simulations(kinds, work, scenes, count):
+def simulations(kinds_of, work, scenes, count):
     """Each scene as it was recorded, then with one object after the other removed or made heavier."""
     variants = []
     for scene in scenes:
@@ -89,6 +94,7 @@ def simulations(kinds, work, scenes, count):
     variants = variants[: count or len(scenes)]
     for number, (_, scene, edit) in enumerate(variants):
         traces, results = [], []
+        kinds = kinds_of(scene)
         for label, kind in kinds.items():
             traces.append(work / f"{number}-{label}.mcap")
             results.append(work / f"{number}-{label}.json")
