@@ -275,7 +275,9 @@ fn a_private_language_stays_out() {
     let mut violations = Vec::new();
     for path in files.into_iter().filter(|path| !list.contains(path) && !path.starts_with(&inside)) {
         let text = std::fs::read_to_string(&path).unwrap();
-        for (number, line) in text.lines().enumerate() {
+        // A stored key keeps its name: older data must stay readable.
+        let is_key = |line: &str| line.trim_start().starts_with("#[serde(rename = ");
+        for (number, line) in text.lines().enumerate().filter(|(_, line)| !is_key(line)) {
             let lower = line.to_lowercase();
             let found = words(line).into_iter().filter(|word| FORBIDDEN.contains(&word.as_str()));
             let phrases = FORBIDDEN_PHRASES.iter().filter(|phrase| lower.contains(**phrase));
