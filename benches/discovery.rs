@@ -91,7 +91,9 @@ const FORCES: [(&str, Law); 17] = [
         direction(u).scaled(0.3 * k * all[i].mass * (TAU * (0.8 + 0.4 * u[1]) * t + 3.0 * u[2]).cos())
     }),
     // Not in the library.
-    ("outside: cubic drag", |k, _, _, all, i| all[i].v.scaled(-0.4 * k * all[i].v.norm_squared())),
+    ("outside: quartic drag", |k, _, _, all, i| {
+        all[i].v.scaled(-0.4 * k * all[i].v.norm_squared() * all[i].v.norm())
+    }),
     ("outside: saddle", |k, _, _, all, i| vec2(all[i].x.x, -all[i].x.y).scaled(0.12 * k)),
     ("outside: shear wind", |k, _, _, all, i| vec2(0.12 * k * all[i].x.y, 0.0)),
     ("none", |_, _, _, _, _| Vec2::zero()),

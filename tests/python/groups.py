@@ -55,8 +55,9 @@ def laws(rng, s):
         "pair_attraction": (pairs, lambda x, v, w, m, t: pairs_force(x, 0.116 * u, 0.3)),
         "pair_repulsion": (pairs, lambda x, v, w, m, t: pairs_force(x, -0.116 * u, 0.3)),
         "time_periodic": ({"a": 0.12 * u, "f": f, "phi": (phase + math.pi * (swing[0] < 0)) % (2 * math.pi)}, lambda x, v, w, m, t: np.outer(m, swing) * math.cos(2 * math.pi * f * t + phase)),
-        # No library lists these.
         "cubic_drag": ({"c": 0.3 * u}, lambda x, v, w, m, t: -0.3 * u * col(speed(v) ** 2) * v),
+        # No library lists these.
+        "quartic_drag": ({"c": 0.3 * u}, lambda x, v, w, m, t: -0.3 * u * col(speed(v) ** 3) * v),
         "saddle": ({"k": 0.08 * u}, lambda x, v, w, m, t: 0.08 * u * col(m) * (2 * turned(x) - x)),
         "growing_wind": ({"b": 0.04 * u}, lambda x, v, w, m, t: 0.04 * u * t * np.outer(m, axis)),
         "inverse_distance": ({"center": [*near], "S": 0.12 * u}, lambda x, v, w, m, t: 0.12 * u * (near - x) / ((near - x) ** 2).sum(-1, keepdims=True).clip(0.05 ** 2)),
@@ -83,7 +84,7 @@ def laws(rng, s):
     return forces | {k: (p, None) for k, p in others.items()}
 
 
-OUTSIDE = ["cubic_drag", "saddle", "growing_wind", "inverse_distance", "anisotropic_drag"]
+OUTSIDE = ["quartic_drag", "saddle", "growing_wind", "inverse_distance", "anisotropic_drag"]
 RIVALS = ["wrong_scale", "tilted_camera", "off_centre_marker", "wrong_size"]
 ONLY = {"soft_contact": ["mujoco"], "speed_dependent_restitution": ["pymunk", "box2d"], "sticky_contact": ["pymunk"]}
 
