@@ -34,6 +34,7 @@ mod force {
     pub mod attractor_inverse_square;
     pub mod attractor_spring;
     pub mod coriolis;
+    pub mod cubic_drag;
     pub mod lateral;
     pub mod linear_drag;
     pub mod magnus;
@@ -82,6 +83,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<friction::damping::Damping>(),
     EffectEntry::of::<force::linear_drag::LinearDrag>(),
     EffectEntry::of::<force::quadratic_drag::QuadraticDrag>(),
+    EffectEntry::of::<force::cubic_drag::CubicDrag>(),
     EffectEntry::of::<contact::restitution::Restitution>(),
     EffectEntry::of::<contact::contact_friction::ContactFriction>(),
     EffectEntry::of::<contact::contact_distance::ContactDistance>(),
