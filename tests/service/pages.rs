@@ -99,7 +99,7 @@ async fn the_dashboard_leads_to_reports_and_traces() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let (address, pages) = open(&service, None).await;
-    assert!(get(address, "/").await.contains("None yet"));
+    assert!(get(address, "/").await.contains("No videos yet"));
     let name = service.create(video("<script>pages", 20)).await.unwrap();
     let ask_for = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
     let done = service.reasoning().simulate(ask_for).await.unwrap().into_inner();

@@ -211,7 +211,7 @@ async fn a_damaged_file_is_not_handed_out_and_is_repaired_by_the_next_request() 
         for refused in [read().await, replay().await] {
             let refused = refused.unwrap_err();
             assert_eq!(refused.code(), Code::DataLoss, "{refused:?}");
-            assert!(refused.message().contains("ask again"), "{refused:?}");
+            assert!(refused.message().contains("request its simulation again"), "{refused:?}");
         }
         service.reasoning().simulate(simulate(&video, 0)).await.unwrap();
         assert_eq!(std::fs::read(&file).unwrap(), whole);
