@@ -221,7 +221,7 @@ pub fn levenberg_marquardt<P: LeastSquares>(
         at.iterations = iteration + 1;
         let step = descend(problem, &at.point, &linearization, &normal, (&mut damping, schedule), progress)?;
         (at.linearization, at.normal) = (Some(linearization), Some(normal));
-        let Some((next, converged)) = step else {
+        let Some(Descent { to: next, converged }) = step else {
             at.ended = Ended::Converged;
             return Ok(at);
         };
@@ -245,7 +245,13 @@ struct Accepted<E> {
     evaluation: E,
 }
 
-/// The steps of one iteration: where they lead and whether the search has converged there; `None` if no step lowers the cost.
+/// Where one iteration leads, and whether the search has converged there.
+struct Descent<E> {
+    to: Accepted<E>,
+    converged: bool,
+}
+
+/// The steps of one iteration; `None` if no step lowers the cost.
 fn descend<P: LeastSquares>(
     problem: &mut P,
     point: &[f64],
@@ -253,7 +259,7 @@ fn descend<P: LeastSquares>(
     normal: &NormalEquations,
     (damping, schedule): (&mut f64, &Schedule),
     progress: f64,
-) -> Result<Option<(Accepted<P::Evaluation>, bool)>, P::Error> {
+) -> Result<Option<Descent<P::Evaluation>>, P::Error> {
     let NormalEquations { cost, gradient, hessian } = normal;
     let mut accepted = None;
     for _ in 0..schedule.trials {
@@ -286,7 +292,7 @@ fn descend<P: LeastSquares>(
         }
         fall = gain;
     }
-    Ok(Some((best, fall <= enough)))
+    Ok(Some(Descent { to: best, converged: fall <= enough }))
 }
 
 /// One damped step, if it leads below `cost`.

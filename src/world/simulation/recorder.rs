@@ -9,12 +9,14 @@ use crate::world::trace::{Event, EventKind};
 /// Impulses between one pair, or stops of one body, within this time (s) are recorded as one event.
 const SAME_EVENT: f64 = 0.1;
 
+/// `[time][body]`; `None` before a body enters.
+pub(in crate::world) type RecordedStates<T> = Vec<Vec<Option<Kinematics<T>>>>;
+
 /// States at the requested times and the events so far.
 pub(in crate::world) struct Recorder<'m, T> {
     /// s.
     times: &'m [f64],
-    /// `[time][body]`.
-    states: Vec<Vec<Option<Kinematics<T>>>>,
+    states: RecordedStates<T>,
     /// For each body, index of the next requested time.
     next: Vec<usize>,
     events: Vec<Event>,
@@ -70,7 +72,7 @@ impl<'m, T: Scalar> Recorder<'m, T> {
     }
 
     /// States and events.
-    pub fn finish(self) -> (Vec<Vec<Option<Kinematics<T>>>>, Vec<Event>) {
+    pub fn finish(self) -> (RecordedStates<T>, Vec<Event>) {
         (self.states, self.events)
     }
 }
