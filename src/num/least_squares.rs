@@ -221,7 +221,7 @@ pub fn levenberg_marquardt<P: LeastSquares>(
         at.iterations = iteration + 1;
         let step = descend(problem, &at.point, &linearization, &normal, (&mut damping, schedule), progress)?;
         (at.linearization, at.normal) = (Some(linearization), Some(normal));
-        let Some(Descent { to: next, converged }) = step else {
+        let Some(Iterate { to: next, converged }) = step else {
             at.ended = Ended::Converged;
             return Ok(at);
         };
@@ -246,7 +246,7 @@ struct Accepted<E> {
 }
 
 /// Where one iteration leads, and whether the search has converged there.
-struct Descent<E> {
+struct Iterate<E> {
     to: Accepted<E>,
     converged: bool,
 }
@@ -259,7 +259,7 @@ fn descend<P: LeastSquares>(
     normal: &NormalEquations,
     (damping, schedule): (&mut f64, &Schedule),
     progress: f64,
-) -> Result<Option<Descent<P::Evaluation>>, P::Error> {
+) -> Result<Option<Iterate<P::Evaluation>>, P::Error> {
     let NormalEquations { cost, gradient, hessian } = normal;
     let mut accepted = None;
     for _ in 0..schedule.trials {
@@ -292,7 +292,7 @@ fn descend<P: LeastSquares>(
         }
         fall = gain;
     }
-    Ok(Some(Descent { to: best, converged: fall <= enough }))
+    Ok(Some(Iterate { to: best, converged: fall <= enough }))
 }
 
 /// One damped step, if it leads below `cost`.
