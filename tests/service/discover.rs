@@ -76,9 +76,7 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     );
 
     let page = report(&service, &videos).await;
-    for text in
-        ["Missing: coriolis", "Error of each revision", "+ coriolis", "noise floor", "How it came about"]
-    {
+    for text in ["Missing: coriolis", "Error of each revision", "+ coriolis", "noise floor", "Derivation"] {
         assert!(page.html.contains(text), "{text}");
     }
     assert!(page.pictures.iter().any(|p| p.name == "ladder.svg" && p.svg.contains("+ coriolis")));
