@@ -4,7 +4,7 @@ use super::elementary;
 use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssign};
 
-/// A scalar the physics can be computed in: exactly `f64`, [`Jet`] and [`JetF32`].
+/// A scalar the physics can be computed in: exactly `f64`, [`Jet`](super::Jet) and [`JetF32`](super::JetF32).
 pub trait Real:
     Copy
     + Debug

@@ -1,7 +1,7 @@
 //! The model and its simulation: bodies under effects, exact contacts, a trace of states and events.
 //!
-//! The folders build on each other in this order: [`model`] and [`trace`] (data), `motion` (single bodies), `contact` (pairs of
-//! bodies), `simulation` (the state of a run and its events). [`simulate`] drives a run; [`observation`] adds the camera.
+//! The folders build on each other in this order: `model` and `trace` (data), `motion` (single bodies), `contact` (pairs of
+//! bodies), `simulation` (the state of a run and its events). [`simulate`] drives a run; `observation` adds the camera.
 
 mod acceleration_field;
 mod contact;

@@ -16,7 +16,7 @@ pub struct FormulaParameter {
 }
 
 impl FormulaParameter {
-    /// Missing bounds are those of [`BOUND`]; a missing start is 0, or the bound nearest to 0.
+    /// Missing bounds are those of `BOUND`; a missing start is 0, or the bound nearest to 0.
     pub fn new(name: String, unit: String, start: Option<f64>, min: Option<f64>, max: Option<f64>) -> Self {
         let bound = BOUND * start.map_or(1.0, |v| v.abs().max(1.0));
         let (min, max) = (min.unwrap_or(-bound), max.unwrap_or(bound));
