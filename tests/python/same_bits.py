@@ -4,7 +4,7 @@
 
 Two kinds of processor: this one, and one whose C library is kept from FMA and AVX2 (GLIBC_TUNABLES). For the first
 --emulate scenes there is a third, a Nehalem of 2008 in qemu-x86_64, which lacks the instructions themselves. SCENES is a folder of scenes: each is
-fitted and simulated, N times in all (by default once a scene), its trace replayed on the other kind. GROUPS is a folder of
+fitted and simulated, N times in all (by default once a scene), each 20th trace verified on the other kind. GROUPS is a folder of
 groups of scenes: `discover` runs on each. Only the field `seconds` may differ.
 """
 
@@ -68,12 +68,18 @@ def same(results):
             sys.exit(f"{path.name} differs from {results[0].name}")
 
 
-def on_each(kinds, work, name, *words):
-    results = []
+def on_each(kinds, work, name, *words, trace=False):
+    """The traces, if asked for; their bytes are compared too."""
+    results, traces = [], []
     for label, kind in kinds.items():
         results.append(work / f"{name}-{label}.json")
-        run(kind, *words, "--quiet", "--json", results[-1])
+        traces.append(work / f"{name}-{label}.mcap")
+        run(kind, *words, *(["--trace", traces[-1]] if trace else []), "--quiet", "--json", results[-1])
     same(results)
+    for other in traces[1:] if trace else []:
+        if not filecmp.cmp(traces[0], other, shallow=False):
+            sys.exit(f"{other.name} differs from {traces[0].name}")
+    return traces
 
 
 def fits(kinds_of, work, scenes):
@@ -93,16 +99,8 @@ def simulations(kinds_of, work, scenes, count):
     variants.sort(key=lambda variant: variant[:2])
     variants = variants[: count or len(scenes)]
     for number, (_, scene, edit) in enumerate(variants):
-        traces, results = [], []
         kinds = kinds_of(scene)
-        for label, kind in kinds.items():
-            traces.append(work / f"{number}-{label}.mcap")
-            results.append(work / f"{number}-{label}.json")
-            run(kind, "simulate", scene, *edit, "--trace", traces[-1], "--quiet", "--json", results[-1])
-        same(results)
-        for other in traces[1:]:
-            if not filecmp.cmp(traces[0], other, shallow=False):
-                sys.exit(f"the traces of simulation {number} ({scene.name} {edit}) differ")
+        traces = on_each(kinds, work, f"{number}-{scene.name}", "simulate", scene, *edit, trace=True)
         if number % 20 == 0:
             run(list(kinds.values())[-1], "replay", "--verify", traces[0])
     return len(variants)
