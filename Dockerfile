@@ -3,7 +3,7 @@ FROM rust:1-slim-bookworm AS build
 # Names every dependency inside the binary, for scanners.
 RUN cargo install --locked --version 0.7.0 cargo-auditable
 WORKDIR /src
-# `dist` optimises across crates; `release` builds in a third of the time.
+# `dist` optimises across crates, `release` each crate by itself.
 ARG PROFILE=dist
 # With --target they hold for the program alone, not for build scripts.
 ENV RUSTFLAGS="-C target-feature=+crt-static"
