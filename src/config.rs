@@ -4,7 +4,8 @@
 use crate::api::{Security, ServerLimits, Tokens};
 use crate::engine::{Capacity, Retention};
 use figment::Figment;
-use figment::providers::{Env, Format, Serialized, Toml};
+use figment::providers::{Env, Format, Serialized};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
@@ -136,6 +137,19 @@ fn address<E: serde::de::Error>(text: &str) -> Result<SocketAddr, E> {
     let wrong = |why: String| E::custom(format!("is {text:?}: {why}; give HOST:PORT"));
     let found = text.to_socket_addrs().map_err(|e| wrong(e.to_string()))?;
     found.min_by_key(SocketAddr::is_ipv6).ok_or_else(|| wrong("no address found".into()))
+}
+
+/// TOML files, as figment reads them.
+struct Toml;
+
+impl Format for Toml {
+    type Error = toml::de::Error;
+
+    const NAME: &'static str = "TOML";
+
+    fn from_str<T: DeserializeOwned>(text: &str) -> Result<T, toml::de::Error> {
+        toml::from_str(text)
+    }
 }
 
 /// Each error with its key and its file or variable, without positions in our source.

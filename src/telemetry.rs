@@ -1,9 +1,10 @@
 //! Logs to standard error, as text or as JSON; spans to a collector, if the settings name one.
 
 use std::io::IsTerminal;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
-use tracing_subscriber::{EnvFilter, Layer, fmt};
+use tracing_subscriber::{Layer, fmt};
 
 /// Sends the remaining spans when it is dropped.
 #[must_use]
@@ -16,7 +17,8 @@ pub struct Telemetry {
 /// Starts logging; a second call changes nothing. Refuses an invalid filter, and a collector (URL of its OTLP port over
 /// gRPC) if this build has no feature `otlp`. To be called inside the runtime.
 pub fn init(filter: &str, json: bool, collector: Option<&str>) -> Result<Telemetry, String> {
-    let filter = EnvFilter::try_new(filter)
+    let filter: Targets = filter
+        .parse()
         .map_err(|e| format!("log {filter:?}: {e}; give a filter such as info or vrdp=debug"))?;
     let text = fmt::layer().with_ansi(std::io::stderr().is_terminal()).with_writer(std::io::stderr);
     let logs = if json { text.json().boxed() } else { text.boxed() };
@@ -41,7 +43,6 @@ fn spans(collector: &str) -> Result<(Spans, Telemetry), String> {
     use opentelemetry::trace::TracerProvider;
     use opentelemetry_otlp::{SpanExporter, WithExportConfig};
     use opentelemetry_sdk::{Resource, trace::SdkTracerProvider};
-    use tracing_subscriber::filter::Targets;
     let exporter = SpanExporter::builder().with_tonic().with_endpoint(collector).build();
     let exporter = exporter.map_err(|e| format!("otlp {collector:?}: {e}; give the URL of a collector"))?;
     let resource = Resource::builder().with_service_name("vrdp").build();

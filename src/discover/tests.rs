@@ -130,6 +130,7 @@ fn check(law: &str, values: &[(&str, f64)]) {
 fn each_law_is_named_with_its_parameters() {
     check("linear_drag", &[("c", 0.3)]);
     check("quadratic_drag", &[("c", 0.3)]);
+    check("cubic_drag", &[("c", 0.3)]);
     check("uniform_force", &[("F_x", 0.05), ("F_y", -0.08)]);
     check("tilt", &[("a_x", 0.05), ("a_y", 0.06)]);
     check("coriolis", &[("Omega", 0.12)]);

@@ -1,11 +1,11 @@
 //! Fits of single videos, and the stored models.
 
+use super::cache::JobHandle;
 use super::error::EngineError;
 use super::metric_names;
 use super::model_source::{ModelSource, ModelSourceKind};
 use super::pool::JobContext;
 use super::results::{StoredFit, result_digest};
-use super::single_flight::JobHandle;
 use super::state::Engine;
 use super::traces::file;
 use crate::fit::{FitOptions, estimate_one, with_draws};

@@ -1,12 +1,12 @@
 //! Joint fits of several videos of one set-up: they share its physics, keep their own motion, and each gets its model.
 
+use super::cache::JobHandle;
 use super::error::EngineError;
 use super::limits::MAX_STUDY_VIDEOS;
 use super::metric_names;
 use super::model_source::ModelSource;
 use super::pool::JobContext;
 use super::results::{StoredFit, result_digest};
-use super::single_flight::JobHandle;
 use super::state::Engine;
 use super::traces::file;
 use crate::fit::{FitError, FitOptions, fit};

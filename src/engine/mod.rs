@@ -1,7 +1,7 @@
 //! Joins core and edges: looks up or computes what a request needs, once, on the CPU pool, and stores it.
 //!
 //! A request runs through these parts:
-//! * `single_flight`: equal requests share one job; its result stays in memory.
+//! * `cache`: equal requests share one job; its result stays in memory.
 //! * `pool`: jobs run on a fixed number of threads behind a bounded queue.
 //! * `store` (the room below): results are durable before they are returned.
 //! * `traces`: each simulation, fit and discovery leaves one file that can be replayed.
@@ -9,6 +9,7 @@
 //! Ids of results hold the program's version and the numeric fingerprint (`results::result_digest`): results of other
 //! arithmetic are never mixed with ours.
 
+mod cache;
 mod error;
 mod fits;
 mod joint;
@@ -20,13 +21,13 @@ mod pool;
 mod predictions;
 mod report_page;
 mod results;
-mod single_flight;
 mod state;
 mod studies;
 mod traces;
 mod videos;
 
 pub use crate::store::Tenant;
+pub use cache::{Job, JobHandle, Update};
 pub use error::EngineError;
 pub use joint::JointVideos;
 pub use limits::{
@@ -40,7 +41,6 @@ pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,
     Study, TrajectoryPair,
 };
-pub use single_flight::{Job, JobHandle, Update};
 pub use state::{Capacity, Engine};
 pub use studies::{MAX_EFFECTS, StudyKind};
 pub use traces::file::{TraceKind, TraceRecord};

@@ -1,8 +1,8 @@
 //! What a tenant has stored and running, for the dashboard.
 
+use super::cache::Job;
 use super::error::EngineError;
 use super::results::{Findings, Study};
-use super::single_flight::Job;
 use super::state::Engine;
 use super::traces::file::{TraceKind, TraceRecord};
 use super::traces::stored::TraceFilter;

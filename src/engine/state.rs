@@ -1,16 +1,15 @@
 //! The engine: what all jobs and tenants share, and how a job reaches it.
 
+use super::cache::{Job, RecentResults, SingleFlightCache};
 use super::error::EngineError;
 use super::limits::MAX_REPLAYS;
 use super::metric_names;
 use super::pool::{JobContext, Load, Pool};
 use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
-use super::single_flight::{Job, SingleFlightCache};
 use super::traces::backlog::Backlog;
 use super::traces::retention::TraceRetention;
 use crate::scene::Scene;
 use crate::store::{Store, StoreError, TableKind, Tenant};
-use moka::future::Cache;
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -43,7 +42,7 @@ pub struct Engine {
     pub(super) ingest_pool: Arc<Pool>,
     capacity: Capacity,
     start: Instant,
-    pub(super) scenes: Cache<String, Arc<Scene>>,
+    pub(super) scenes: RecentResults<Scene>,
     pub(super) fits: SingleFlightCache<StoredFit>,
     pub(super) joint_fits: SingleFlightCache<Vec<StoredFit>>,
     /// Fits with draws from their posteriors.
@@ -68,10 +67,7 @@ impl Engine {
             ingest_pool: Arc::new(Pool::new(1, capacity.queue)?),
             capacity,
             start: Instant::now(),
-            scenes: Cache::builder()
-                .max_capacity(CACHED_BYTES)
-                .weigher(|_, scene: &Arc<Scene>| u32::try_from(scene_bytes(scene)).unwrap_or(u32::MAX))
-                .build(),
+            scenes: RecentResults::new(CACHED_BYTES, scene_bytes),
             fits: SingleFlightCache::new("fit", CACHED_BYTES, fit_bytes),
             joint_fits: SingleFlightCache::new("joint_fit", CACHED_BYTES, |fits| {
                 fits.iter().map(fit_bytes).sum()

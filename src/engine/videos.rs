@@ -24,12 +24,12 @@ impl Engine {
 
     pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {
         let key = self.key(id);
-        if let Some(scene) = self.scenes.get(&key).await {
+        if let Some(scene) = self.scenes.get(&key) {
             return Ok(scene);
         }
         let found = self.store.get::<Scene>(TableKind::Videos, id).await?;
         let scene = Arc::new(found.ok_or_else(|| EngineError::no_video(id))?);
-        self.scenes.insert(key, scene.clone()).await;
+        self.scenes.insert(key, scene.clone());
         Ok(scene)
     }
 

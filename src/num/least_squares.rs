@@ -112,6 +112,21 @@ pub struct Schedule {
     pub at_bounds: AtBounds,
 }
 
+impl Schedule {
+    /// Marquardt's: by tens from 1e-3, without chord steps; bounds clamp.
+    pub const MARQUARDT: Schedule = Schedule {
+        initial: 1e-3,
+        min: 1e-12,
+        max: 1e12,
+        max_at_start: f64::INFINITY,
+        min_after_rejection: 0.0,
+        growth: 10.0,
+        trials: usize::MAX,
+        chord_below: 0.0,
+        at_bounds: AtBounds::Clamp,
+    };
+}
+
 /// A least-squares problem, as [`levenberg_marquardt`] needs it.
 pub trait LeastSquares {
     /// What is known of a point beside its cost, such as its residuals.
@@ -383,18 +398,6 @@ mod tests {
     use super::*;
     use std::convert::Infallible;
 
-    const SCHEDULE: Schedule = Schedule {
-        initial: 1e-3,
-        min: 1e-12,
-        max: 1e12,
-        max_at_start: f64::INFINITY,
-        min_after_rejection: 0.0,
-        growth: 10.0,
-        trials: usize::MAX,
-        chord_below: 0.0,
-        at_bounds: AtBounds::Clamp,
-    };
-
     /// Rosenbrock's function: residuals 10 (y - x^2) and 1 - x.
     struct Rosenbrock([Bounds; 2]);
 
@@ -427,7 +430,7 @@ mod tests {
 
     #[track_caller]
     fn check(bounds: [Bounds; 2], at_bounds: AtBounds, expected: [f64; 2]) {
-        let schedule = Schedule { at_bounds, ..SCHEDULE };
+        let schedule = Schedule { at_bounds, ..Schedule::MARQUARDT };
         let Ok(found) = levenberg_marquardt(&mut Rosenbrock(bounds), vec![-1.2, 0.0], None, &schedule, 200);
         assert_eq!(found.ended, Ended::Converged);
         let off = found.point.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -62,10 +62,10 @@ pub trait Real:
         self.chain(elementary::ln(self.value()), 1.0 / self.value())
     }
     fn sin(self) -> Self {
-        self.sin_cos().0
+        if Self::DIFFERENTIATES { self.sin_cos().0 } else { Self::constant(elementary::sin(self.value())) }
     }
     fn cos(self) -> Self {
-        self.sin_cos().1
+        if Self::DIFFERENTIATES { self.sin_cos().1 } else { Self::constant(elementary::cos(self.value())) }
     }
     fn sin_cos(self) -> (Self, Self) {
         let (sin, cos) = elementary::sin_cos(self.value());

@@ -4,6 +4,7 @@
 use super::input::{StudyInput, StudyKind, check_request};
 use super::revision;
 use crate::discover::{DiscoverOptions, compare, diagnose, discover};
+use crate::engine::cache::JobHandle;
 use crate::engine::error::EngineError;
 use crate::engine::joint::one_set_up;
 use crate::engine::limits;
@@ -14,7 +15,6 @@ use crate::engine::predictions::DEFAULT_FUTURE_FRAMES;
 use crate::engine::results::{
     Discovered, Findings, OptionalPose, StoredFit, Study, TrajectoryPair, result_digest,
 };
-use crate::engine::single_flight::JobHandle;
 use crate::engine::state::Engine;
 use crate::engine::traces::file;
 use crate::fit::{FitError, FitOptions};

@@ -1,8 +1,6 @@
 //! The least-squares problem of a calibration: reprojection errors and priors, minimised by Levenberg-Marquardt.
 
-use crate::num::{
-    AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, elementary, levenberg_marquardt,
-};
+use crate::num::{Bounds, LeastSquares, NormalEquations, Schedule, elementary, levenberg_marquardt};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, residual, rotation};
 use crate::scene::camera::linear_start::LIKELY_FOCAL;
 use nalgebra::{DMatrix, DVector, Rotation3, SMatrix};
@@ -16,24 +14,13 @@ const ASPECT_DEVIATION: f64 = 0.01;
 const CENTRE_DEVIATION: f64 = 0.03;
 /// Most iterations.
 const MAX_ITERATIONS: usize = 100;
-const SCHEDULE: Schedule = Schedule {
-    initial: 1e-3,
-    min: 1e-12,
-    max: 1e12,
-    max_at_start: f64::INFINITY,
-    min_after_rejection: 0.0,
-    growth: 10.0,
-    trials: usize::MAX,
-    chord_below: 0.0,
-    at_bounds: AtBounds::Clamp,
-};
 
 /// Minimises the cost of `calibrate` at a fixed pixel noise `sigma` (px); also returns the standard deviation of the focal
 /// length's logarithm.
 pub(super) fn refine(pairs: &[PointPair], start: LensPose, sigma: f64, size: [f64; 2]) -> (LensPose, f64) {
     let mut problem = Reprojection { pairs, sigma, size, focal_sd: FOCAL_DEVIATION };
     let start = start.as_slice().to_vec();
-    match levenberg_marquardt(&mut problem, start, None, &SCHEDULE, MAX_ITERATIONS) {
+    match levenberg_marquardt(&mut problem, start, None, &Schedule::MARQUARDT, MAX_ITERATIONS) {
         Ok(found) => (LensPose::from_column_slice(&found.point), problem.focal_sd),
     }
 }

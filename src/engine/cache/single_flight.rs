@@ -8,10 +8,10 @@
 //! * Only successful results enter the cache; an error goes to the callers of that job only.
 //! * The cache is bounded by the bytes of its results, as `weight` estimates them.
 
-use super::error::EngineError;
-use super::metric_names;
-use super::pool::JobContext;
-use moka::future::Cache;
+use super::recent_results::RecentResults;
+use crate::engine::error::EngineError;
+use crate::engine::metric_names;
+use crate::engine::pool::JobContext;
 use std::collections::HashMap;
 use std::future::Future;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -28,7 +28,7 @@ type JobOutcome<T> = Result<Arc<T>, EngineError>;
 pub struct SingleFlightCache<T> {
     /// What the results are; a label of metrics.
     kind: &'static str,
-    cache: Cache<String, Arc<T>>,
+    cache: RecentResults<T>,
     in_flight: InFlightMap<T>,
 }
 
@@ -84,9 +84,7 @@ pub struct JobHandle<T> {
 impl<T: Send + Sync + 'static> SingleFlightCache<T> {
     /// Keeps results of up to `bytes` in memory; `weight` estimates the bytes of each.
     pub fn new(kind: &'static str, bytes: u64, weight: fn(&T) -> usize) -> Self {
-        let weigher = move |_: &String, value: &Arc<T>| u32::try_from(weight(value)).unwrap_or(u32::MAX);
-        let cache = Cache::builder().max_capacity(bytes).weigher(weigher).build();
-        SingleFlightCache { kind, cache, in_flight: Arc::default() }
+        SingleFlightCache { kind, cache: RecentResults::new(bytes, weight), in_flight: Arc::default() }
     }
 
     /// The running jobs whose keys begin with `prefix`, the oldest first.
@@ -111,7 +109,7 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
         F: FnOnce(JobContext) -> W + Send,
         W: Future<Output = Result<T, EngineError>> + Send + 'static,
     {
-        let cached = self.cache.get(&key).await;
+        let cached = self.cache.get(&key);
         let mut in_flight = locked(&self.in_flight);
         if let Some(job) = in_flight.get(&key).filter(|_| cached.is_none()) {
             *locked(&job.callers) += 1;
@@ -152,7 +150,7 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
         let work = work.instrument(tracing::info_span!("work", kind));
         let finish = async move {
             // Another job may have finished between the look-up in the cache and the lock.
-            let task = match cache.get(&key).await {
+            let task = match cache.get(&key) {
                 Some(value) => Ok(Ok(value)),
                 None => tokio::spawn(work).await.map(|result| result.map(Arc::new)),
             };
@@ -161,7 +159,7 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
                 Err(EngineError::Internal { id: format!("task-{kind}"), message: error.to_string() })
             });
             if let Ok(value) = &outcome {
-                cache.insert(key.clone(), value.clone()).await;
+                cache.insert(key.clone(), value.clone());
             }
             forget(&in_flight, &key, &job);
             job.stage.send_replace(JobStage::Done(outcome));
