@@ -16,7 +16,9 @@ impl<T> Weighter<String, Arc<T>> for Bytes<T> {
     }
 }
 
-pub struct RecentResults<T>(Arc<Mutex<Cache<String, Arc<T>, Bytes<T>>>>);
+type Entries<T> = Cache<String, Arc<T>, Bytes<T>>;
+
+pub struct RecentResults<T>(Arc<Mutex<Entries<T>>>);
 
 impl<T> Clone for RecentResults<T> {
     fn clone(&self) -> Self {
@@ -40,7 +42,7 @@ impl<T> RecentResults<T> {
     }
 
     /// No code panics while it holds the lock, so a poisoned lock is taken as it is.
-    fn locked(&self) -> MutexGuard<'_, Cache<String, Arc<T>, Bytes<T>>> {
+    fn locked(&self) -> MutexGuard<'_, Entries<T>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
