@@ -164,9 +164,14 @@ fn described(errors: &figment::Error) -> String {
     errors.clone().into_iter().map(one).collect::<Vec<_>>().join("; ")
 }
 
+/// Variables of settings. Three others with the same prefix name the service for the commands that call one.
+fn environment() -> Env {
+    Env::prefixed("VRDP_").ignore(&["server", "ca", "token"])
+}
+
 /// The URL of a service on this machine with the settings of this environment (`VRDP_LISTEN`, `VRDP_TLS_CERT`).
 pub fn local_service_url() -> Result<String, ConfigError> {
-    let figment = Figment::from(Serialized::defaults(Config::default())).merge(Env::prefixed("VRDP_"));
+    let figment = Figment::from(Serialized::defaults(Config::default())).merge(environment());
     let config: Config = figment.extract().map_err(Box::new)?;
     let mut address = config.listen;
     match address.ip() {
@@ -187,7 +192,7 @@ impl Config {
             }
             figment = figment.merge(Toml::file_exact(file));
         }
-        let figment = figment.merge(Env::prefixed("VRDP_")).merge(Serialized::defaults(flags));
+        let figment = figment.merge(environment()).merge(Serialized::defaults(flags));
         let config: Config = figment.extract().map_err(Box::new)?;
         config.check()?;
         Ok(config)

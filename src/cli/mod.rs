@@ -123,7 +123,7 @@ pub fn main() -> ExitCode {
     let handles_signals = matches!(command, Command::Serve(_) | Command::Replay(_));
     let done = runtime.block_on(async {
         tokio::select! {
-            done = run(&cli.target, command) => Some(done),
+            done = run(cli.target, command) => Some(done),
             // Dropping the command deletes its temporary store.
             _ = serve::interrupted(), if !handles_signals => None,
         }
@@ -148,8 +148,9 @@ fn exit(done: Option<Result<(), Failure>>) -> ExitCode {
     }
 }
 
-async fn run(target: &Target, command: Command) -> Result<(), Failure> {
-    check(target, &command)?;
+async fn run(target: Target, command: Command) -> Result<(), Failure> {
+    check(&target, &command)?;
+    let target = &target.or_environment(|name| std::env::var_os(name));
     match command {
         Command::Serve(args) => serve::run(target, args).await,
         Command::Demo(args) => demo::run(args).await,

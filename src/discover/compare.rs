@@ -177,7 +177,8 @@ fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual],
     ];
     let mut looks: Vec<(String, &str, &str)> = vec![];
     for o in &scene.objects {
-        let look = (format!("{} {}", o.material, o.shape.word()), o.shape.word(), o.material.as_str());
+        let name = format!("{} {}", o.material, o.shape.word()).trim().to_string();
+        let look = (name, o.shape.word(), o.material.as_str());
         if !looks.contains(&look) {
             looks.push(look);
         }
@@ -193,7 +194,13 @@ fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual],
         let own: Vec<&PositionResidual> = residuals.iter().filter(|r| belongs(r.object, r.frame)).collect();
         let rmse = rms(own.iter().copied());
         let reduced_chi_square = elementary::powi(rmse / sigma, 2);
-        (own.len() >= FEWEST).then_some(Regime { regime: name, rmse, reduced_chi_square, frames: own.len() })
+        // What holds everywhere says nothing of where the model fails.
+        (FEWEST..residuals.len()).contains(&own.len()).then_some(Regime {
+            regime: name,
+            rmse,
+            reduced_chi_square,
+            frames: own.len(),
+        })
     };
     all.into_iter().filter_map(regime).collect()
 }

@@ -6,4 +6,4 @@ mod table;
 mod write;
 
 pub use table::{number, table};
-pub use write::{file, json, print, tell, writable};
+pub use write::{file, json, print, result, tell, writable};

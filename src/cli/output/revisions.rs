@@ -1,7 +1,7 @@
 //! The errors of revisions as a table, as bars in a terminal and as an SVG; the drawings mark the noise.
 
 use super::table::table as aligned;
-use crate::api::v1::Revision;
+use crate::api::v1::{Revision, Worth};
 
 /// Characters of the longest bar.
 const CELLS: usize = 40;
@@ -15,6 +15,9 @@ pub const HELD_OUT: &str = "  held out: the last quarter of each video, predicte
 pub const OTHER_VIDEOS: &str =
     "  other videos: motion between contacts, each video predicted with the parameters of the others\n";
 
+/// Against the revision it was made from.
+const EVIDENCE: &str = "  log evidence: gain over the revision it was made from, in nats, less the price of its parameters (BIC)\n";
+
 /// What a revision changes.
 pub fn change(r: &Revision) -> String {
     match (r.effect.as_str(), r.removed.as_str()) {
@@ -24,22 +27,26 @@ pub fn change(r: &Revision) -> String {
     }
 }
 
-/// A table of the errors of revisions, with a legend; the errors on other videos only if there are `several`.
+/// A table of the errors of revisions, with a legend: the errors on other videos only if there are `several`, the evidence
+/// only where a revision was weighed against its parent.
 pub fn table(revisions: &[&Revision], several: bool, name: impl Fn(&Revision) -> String) -> String {
+    let is_weighed = |r: &Revision| r.worth() != Worth::Unspecified && r.worth() != Worth::NotIdentifiable;
+    let weighed = revisions.iter().any(|r| is_weighed(r));
     let mm = |v: f64| format!("{:.2}", 1e3 * v);
-    let shown = |cells: [String; 5]| -> Vec<String> {
-        let cells = cells.into_iter().enumerate();
-        cells.filter(|(column, _)| several || *column != 3).map(|(_, cell)| cell).collect()
+    let shown = |cells: [String; 6]| -> Vec<String> {
+        let is_shown = |column: usize| (several || column != 2) && (weighed || column != 5);
+        cells.into_iter().enumerate().filter(|(column, _)| is_shown(*column)).map(|(_, cell)| cell).collect()
     };
-    let header =
-        shown(["revision", "rmse mm", "held out mm", "other videos mm", "chi-square"].map(String::from));
+    let header = ["revision", "held out mm", "other videos mm", "rmse mm", "chi-square", "log evidence"];
+    let header = shown(header.map(String::from));
     let row = |r: &&Revision| {
         let chi = format!("{:.2}", r.reduced_chi_square);
-        shown([name(r), mm(r.rmse), mm(r.held_out_rmse), mm(r.left_out_rmse), chi])
+        let evidence = if is_weighed(r) { format!("{:.1}", r.log_evidence) } else { "-".into() };
+        shown([name(r), mm(r.held_out_rmse), mm(r.left_out_rmse), mm(r.rmse), chi, evidence])
     };
     let rows: Vec<Vec<String>> = revisions.iter().map(row).collect();
     let table = aligned(&header.iter().map(String::as_str).collect::<Vec<_>>(), &rows);
-    table + HELD_OUT + if several { OTHER_VIDEOS } else { "" }
+    table + HELD_OUT + if several { OTHER_VIDEOS } else { "" } + if weighed { EVIDENCE } else { "" }
 }
 
 fn largest(revisions: &[&Revision], noise: f64) -> f64 {

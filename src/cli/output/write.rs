@@ -30,6 +30,14 @@ pub fn writable(flag: &str, path: &Path) -> Result<(), Failure> {
     }
 }
 
+/// Prints the text, and writes the JSON beside it if a file is named; `-` puts the JSON in the text's place.
+pub fn result(json_file: Option<&str>, text: &str, value: impl FnOnce() -> Value) -> Result<(), Failure> {
+    if let Some(file) = json_file {
+        json(file, &value())?;
+    }
+    if json_file == Some("-") { Ok(()) } else { print(text) }
+}
+
 /// Writes JSON to `target`; `-` is standard output.
 pub fn json(target: &str, value: &Value) -> Result<(), Failure> {
     let mut text = value.to_string();
@@ -61,6 +69,14 @@ pub fn tell(line: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn json_stands_beside_the_text() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.json");
+        result(file.to_str(), "", || serde_json::json!({ "mass": 1.5 })).unwrap();
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "{\"mass\":1.5}\n");
+    }
 
     #[test]
     fn unwritable_files_are_refused() {

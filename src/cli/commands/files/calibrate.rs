@@ -63,10 +63,7 @@ pub async fn run(target: &Target, args: CalibrateArgs) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let found =
         progress::during("calibrating", connection.videos().calibrate_camera(request)).await?.into_inner();
-    match args.json.as_deref() {
-        Some(file) => output::json(file, &to_json(&found, size))?,
-        None => output::print(&text(&found, given, &counts))?,
-    }
+    output::result(args.json.as_deref(), &text(&found, given, &counts), || to_json(&found, size))?;
     connection.close().await
 }
 

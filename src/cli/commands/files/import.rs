@@ -51,7 +51,7 @@ pub struct ImportArgs {
     /// Unit of length in Tracker files [default: m].
     #[arg(long, value_enum)]
     unit: Option<Unit>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -89,10 +89,7 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
             Err(failure) => failures.push(failure.at(&path.display().to_string())),
         }
     }
-    match args.json.as_deref() {
-        Some(file) => output::json(file, &json!({ "scenes": done }))?,
-        None => output::print(&lines)?,
-    }
+    output::result(args.json.as_deref(), &lines, || json!({ "scenes": done }))?;
     connection.close().await?;
     Failure::combined(failures, args.files.len())
 }

@@ -32,7 +32,7 @@ pub struct ReplayArgs {
     /// Repeats until ctrl-c.
     #[arg(long = "loop")]
     again: bool,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -76,25 +76,21 @@ pub async fn run(args: ReplayArgs) -> Result<(), Failure> {
 
 fn verify_again(args: &ReplayArgs) -> Result<(), Failure> {
     let found = verify(open(&args.file)?, &never).map_err(|e| failure(&args.file, e))?;
-    if let Some(target) = &args.json {
+    let value = || {
         let worst = found.worst.as_ref().map(|d| {
             json!({
                 "topic": d.topic, "time_s": d.time, "what": d.what,
                 "recorded": d.recorded, "again": d.recomputed,
             })
         });
-        let value = json!({
+        json!({
             "holds": found.holds(), "kind": found.kind, "build": found.build, "this_build": build(),
             "identical": found.identical, "messages": found.messages, "differing": found.differing,
             "unmatched": found.unmatched, "worst": worst, "tolerance": TOLERANCE,
             "origin_difference": found.origin_difference,
-        });
-        output::json(target, &value)?;
-    }
-    let text = report(&found);
-    if args.json.as_deref() != Some("-") {
-        output::print(&text)?;
-    }
+        })
+    };
+    output::result(args.json.as_deref(), &report(&found), value)?;
     match found.holds() {
         true => Ok(()),
         false => {
@@ -156,8 +152,10 @@ fn play(args: &ReplayArgs, to: f64) -> Result<(), Failure> {
         }
     }
     bar.finish_and_clear();
-    if let Some(target) = &args.json {
-        return output::json(target, &json!({ "frames": frames, "events": events, "rounds": rounds }));
-    }
-    output::print(&format!("{frames} frames, {events} events\n"))
+    let text = format!("{frames} frames, {events} events\n");
+    output::result(
+        args.json.as_deref(),
+        &text,
+        || json!({ "frames": frames, "events": events, "rounds": rounds }),
+    )
 }

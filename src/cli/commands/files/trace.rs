@@ -7,7 +7,7 @@ use crate::recording::{
     MAX_TIME, Message, RecordingError, ScanReport, ScannedItem, TraceReader, origin_difference, scan,
 };
 use prost::Message as _;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs::File;
 use std::io::{BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ enum Action {
 struct FileArgs {
     #[arg(value_name = "FILE.mcap")]
     file: PathBuf,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -75,16 +75,6 @@ pub fn open(path: &Path) -> Result<File, Failure> {
     }
 }
 
-fn show(named: &FileArgs, value: &Value, text: &str) -> Result<(), Failure> {
-    match &named.json {
-        Some(target) => {
-            output::json(target, value)?;
-            if target == "-" { Ok(()) } else { output::print(text) }
-        }
-        None => output::print(text),
-    }
-}
-
 fn info(named: &FileArgs) -> Result<(), Failure> {
     let wrong = |e| failure(&named.file, e);
     let mut reader = TraceReader::open(open(&named.file)?).map_err(wrong)?;
@@ -114,7 +104,7 @@ fn info(named: &FileArgs) -> Result<(), Failure> {
             .map(|(name, bytes)| json!({ "name": name, "bytes": bytes }))
             .collect::<Vec<_>>(),
     });
-    show(named, &value, &text)
+    output::result(named.json.as_deref(), &text, || value)
 }
 
 fn verify(named: &FileArgs) -> Result<(), Failure> {
@@ -154,7 +144,7 @@ fn verify(named: &FileArgs) -> Result<(), Failure> {
     if !report.is_whole() && report.stated.is_none() {
         text += "  the summary is damaged too, so the number of missing messages is unknown\n";
     }
-    show(named, &value, &text)?;
+    output::result(named.json.as_deref(), &text, || value)?;
     match report.is_whole() {
         true => Ok(()),
         false => Err(Failure::other(format!(

@@ -23,7 +23,7 @@ pub struct AskArgs {
     /// Preset or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -45,10 +45,7 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
     if !connection.keeps_traces() {
         reply.traces.clear();
     }
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&scene.name, &reply))?,
-        None => output::print(&text(&reply))?,
-    }
+    output::result(args.json.as_deref(), &text(&reply), || to_json(&scene.name, &reply))?;
     connection.close().await
 }
 

@@ -25,7 +25,7 @@ pub struct FitArgs {
     /// Fits the scenes jointly: they are videos of one set-up and share its parameters.
     #[arg(long)]
     joint: bool,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -60,10 +60,7 @@ pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
     drop(progress);
     if !ratios.is_empty() {
         let summary = summary(ratios);
-        match args.json.as_deref() {
-            Some(target) => output::json(target, &json!({ "scenes": fitted }))?,
-            None => output::print(&tables)?,
-        }
+        output::result(args.json.as_deref(), &tables, || json!({ "scenes": fitted }))?;
         match args.json.as_deref() {
             Some("-") => output::tell(&summary),
             _ => output::print(&format!("{summary}\n"))?,

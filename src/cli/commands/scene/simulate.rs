@@ -49,7 +49,7 @@ pub struct SimulateArgs {
     /// Writes the trace; else it is kept only with --data-dir or --server.
     #[arg(long, value_name = "FILE.mcap")]
     trace: Option<PathBuf>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -81,16 +81,13 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
         output::file(path, &connection.download(&reply.trace).await?)?;
         trace = Some(path.display().to_string());
     }
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&scene, &reply, trace))?,
-        None => {
-            let trace = trace.map_or(String::new(), |trace| format!("\n  trace {trace}\n"));
-            let asked = GetModelRequest { name: reply.model.clone() };
-            let model = connection.models().get_model(asked).await?.into_inner();
-            let notes = notes(&scene, &reply) + &misfit(&model);
-            output::print(&format!("{}{notes}{trace}", events(&scene, &reply.events)))?;
-        }
+    let asked = GetModelRequest { name: reply.model.clone() };
+    let model = connection.models().get_model(asked).await?.into_inner();
+    let mut text = events(&scene, &reply.events) + &notes(&scene, &reply) + &misfit(&model);
+    if let Some(trace) = &trace {
+        text += &format!("\n  trace {trace}\n");
     }
+    output::result(args.json.as_deref(), &text, || to_json(&scene, &reply, trace))?;
     connection.close().await
 }
 

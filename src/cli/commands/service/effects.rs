@@ -11,7 +11,7 @@ pub struct EffectsArgs {
     /// Names of the effects to show [default: all].
     #[arg(value_name = "EFFECT")]
     effects: Vec<String>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -27,12 +27,8 @@ pub async fn run(target: &Target, args: EffectsArgs) -> Result<(), Failure> {
         )));
     }
     effects.retain(|e| args.effects.is_empty() || args.effects.contains(&e.name));
-    match args.json.as_deref() {
-        Some(target) => {
-            output::json(target, &json!({ "effects": effects.iter().map(to_json).collect::<Vec<_>>() }))?;
-        }
-        None => output::print(&effects.iter().map(text).collect::<String>())?,
-    }
+    let value = || json!({ "effects": effects.iter().map(to_json).collect::<Vec<_>>() });
+    output::result(args.json.as_deref(), &effects.iter().map(text).collect::<String>(), value)?;
     connection.close().await
 }
 

@@ -20,7 +20,7 @@ pub struct CompareArgs {
     /// Preset or model file to compare with [default: by the scene's world].
     #[arg(long, visible_alias = "model", value_name = "NAME|FILE")]
     with: Option<String>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -52,12 +52,8 @@ pub async fn run(target: &Target, args: CompareArgs) -> Result<(), Failure> {
         summaries.push(format!("{}: {}", scene.name, comparison.summary));
     }
     drop(progress);
-    match args.json.as_deref() {
-        Some(target) => {
-            output::json(target, &json!({ "scenes": found, "summary": summaries.join("\n") }))?;
-        }
-        None => output::print(&tables)?,
-    }
+    let value = || json!({ "scenes": found, "summary": summaries.join("\n") });
+    output::result(args.json.as_deref(), &tables, value)?;
     connection.close().await
 }
 

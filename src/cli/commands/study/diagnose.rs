@@ -27,7 +27,7 @@ pub struct DiagnoseArgs {
     /// with it (see `vrdp revise --help`); may be repeated.
     #[arg(long, value_name = "TEXT|FILE")]
     formula: Vec<String>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -53,10 +53,7 @@ pub async fn run(target: &Target, args: DiagnoseArgs) -> Result<(), Failure> {
     };
     let found = stream::result("diagnosing", open, event).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&found, &names))?,
-        None => output::print(&text(&found, names.len()))?,
-    }
+    output::result(args.json.as_deref(), &text(&found, names.len()), || to_json(&found, &names))?;
     connection.close().await
 }
 

@@ -34,7 +34,7 @@ pub struct DiscoverArgs {
     /// Number of simulated frames in the JSON, from frame 0 [default: observed + 60].
     #[arg(long, value_name = "N", requires = "json")]
     frames: Option<u32>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -50,10 +50,7 @@ pub async fn run(target: &Target, args: DiscoverArgs) -> Result<(), Failure> {
     let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
     let found = search(&connection, request).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
-    match args.json.as_deref() {
-        Some(target) => output::json(target, &to_json(&found, &names))?,
-        None => output::print(&text(&found))?,
-    }
+    output::result(args.json.as_deref(), &text(&found), || to_json(&found, &names))?;
     connection.close().await
 }
 

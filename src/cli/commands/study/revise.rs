@@ -63,7 +63,7 @@ pub struct ReviseArgs {
     /// Starts a new history from a preset or a model file.
     #[arg(long, value_name = "NAME|FILE", conflicts_with = "list")]
     model: Option<String>,
-    /// Writes the result as JSON; `-`: to standard output.
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
 }
@@ -94,13 +94,8 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     let mut study = connection.study(&scenes, start).await?;
     let known = history(&connection, &study.videos).await?;
     if args.list {
-        match args.json.as_deref() {
-            Some(file) => {
-                let all: Vec<Value> = known.iter().map(to_json).collect();
-                output::json(file, &json!({ "revisions": all }))?;
-            }
-            None => output::print(&listing(&known))?,
-        }
+        let value = || json!({ "revisions": known.iter().map(to_json).collect::<Vec<Value>>() });
+        output::result(args.json.as_deref(), &listing(&known), value)?;
         return connection.close().await;
     }
     study.models = match (&args.on, &study.start) {
@@ -113,18 +108,12 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
         (Some(addition), _) => add(&connection, study.clone(), addition).await?,
         (None, effect) => remove(&connection, study.clone(), effect.unwrap_or_default()).await?,
     };
-    match args.json.as_deref() {
-        Some(file) => {
-            let of = |r: &Option<Revision>| r.as_ref().map(to_json);
-            output::json(file, &json!({ "before": of(&found.before), "after": of(&found.after) }))?;
-        }
-        None => {
-            let known = history(&connection, &study.videos).await?;
-            let names: Vec<&str> = scenes.iter().map(|s| s.name.as_str()).collect();
-            let names: Vec<(&str, &str)> = study.videos.iter().map(String::as_str).zip(names).collect();
-            output::print(&text(&found, &known, &names, is_kept))?;
-        }
-    }
+    let known = history(&connection, &study.videos).await?;
+    let names = scenes.iter().map(|s| s.name.as_str());
+    let names: Vec<(&str, &str)> = study.videos.iter().map(String::as_str).zip(names).collect();
+    let of = |r: &Option<Revision>| r.as_ref().map(to_json);
+    let value = || json!({ "before": of(&found.before), "after": of(&found.after) });
+    output::result(args.json.as_deref(), &text(&found, &known, &names, is_kept), value)?;
     connection.close().await
 }
 
