@@ -7,7 +7,7 @@ use super::free::at_values;
 use super::intervals::{by_object, plausible};
 use super::jackknife::{LawParameters, of_videos};
 use super::outcome::{
-    FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterValue, RankedEffect, may_be_none, reported,
+    FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterValue, RankedEffect, may_be_none,
 };
 use super::proof::{deviance, lost};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
@@ -261,6 +261,7 @@ pub fn change(
     }
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
+    added.iter().for_each(|added| added.widen(&mut after.fit));
     Ok(ChangeResult { before, after, added, weight, too_little })
 }
 
@@ -452,7 +453,7 @@ pub fn found(
     let sd = plausible(lens, fit, name, &numbers.names, &told);
     let values: Vec<f64> = told.iter().map(|t| t.0).collect();
     if let Some(entry) = entry {
-        return Ok(FoundEffect::of(entry, reported(entry, &values, &sd)));
+        return Ok(FoundEffect::with_numbers(entry, &values, &sd));
     }
     let one = |((p, at), sd): ((&FormulaParameter, &f64), &f64)| {
         let number = |z: f64| ParameterValue::Number(at + z * NINETY_FIVE * sd);
@@ -461,7 +462,8 @@ pub fn found(
     };
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
     let text = formula.map(|f| f.text.clone());
-    Ok(FoundEffect { kind: FORMULA.into(), effect: name.into(), parameters, text })
+    let deviations = own.iter().map(|p| p.name.clone()).zip(sd).collect();
+    Ok(FoundEffect { kind: FORMULA.into(), effect: name.into(), parameters, text, deviations })
 }
 
 /// A number of a law as the first of a fit's scenes has it.

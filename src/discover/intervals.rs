@@ -120,7 +120,7 @@ pub fn found(
             sd[k] = elementary::hypot(sd[k], apart);
         }
     }
-    FoundEffect::of(c.entry, reported(c.entry, &values, &sd))
+    FoundEffect::with_numbers(c.entry, &values, &sd)
 }
 
 /// Deviations of a law's numbers, which trajectories have as `told` (values and deviations): of those that are too narrow free
@@ -198,9 +198,9 @@ pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> FoundE
         high: id,
         owner: None,
     });
-    let mut parameters = reported(c.entry, values, sd);
-    parameters.extend(object);
-    FoundEffect::of(c.entry, parameters)
+    let mut found = FoundEffect::with_numbers(c.entry, values, sd);
+    found.parameters.extend(object);
+    found
 }
 
 /// Numbers of a law of contact and their deviations: those of the `videos` that are followed, else those of short films. Near
@@ -328,9 +328,11 @@ pub fn unfollowed(last: &Revision) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::change::{ModelChange, Origin, change};
+    use super::super::discovery::discover;
     use super::super::tests::{CUBE, DISC, film, models};
     use super::super::verdict::DiscoverOptions;
     use super::*;
+    use crate::fit::{FitOptions, StartPoint, estimate};
     use crate::num::never;
 
     fn row(effect: &str, motion: Option<f64>, contacts: Option<f64>) -> RankedEffect {
@@ -379,6 +381,36 @@ mod tests {
         let spin = RankedEffect::of_trajectories("ball_spin", "ball_spin", &revision);
         assert_eq!((spin.log_evidence, spin.contact_log_evidence), (None, None));
         assert_eq!(spin.held_out_rmse, Some(revision.left_out_rmse));
+    }
+
+    /// What `discover` and `revise` tell of a law and what fits, traces and reports tell of its revision are one posterior.
+    #[test]
+    fn a_law_and_its_revision_have_one_uncertainty() {
+        let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
+        // The videos disagree, which the noise does not explain.
+        let with = |c: f64, speeds: [f64; 2]| film(&speeds.map(launch), Some(("linear_drag", &[("c", c)])));
+        let scenes = [with(0.30, [1.0, 1.6]), with(0.32, [1.3, 2.2])].concat();
+        let (base, options) = (models(&scenes), DiscoverOptions::default());
+        let asked = ModelChange::Add("linear_drag".into());
+        let made = change(&scenes, &Origin::Start(&base), &asked, &options.fit, &never).expect("it runs");
+        let found = discover(&scenes, &base, &options, &never).expect("it runs");
+        let last = found.revisions.last().expect("the first is always there");
+        let near = FitOptions { start_point: StartPoint::NearOptimum, ..options.fit };
+        let again = estimate(&scenes, &made.after.fit.models(), &near, &never).expect("it runs");
+        let sd = |fit| estimates_of(fit, "linear_drag", "c")[0].sd;
+        assert!(sd(&made.after.fit) > 1.5 * sd(&again), "{} {}", sd(&made.after.fit), sd(&again));
+        let told = [made.added.as_ref().expect("it was added"), &found.effects[0]];
+        for (told, fit) in told.into_iter().zip([&made.after.fit, &last.fit]) {
+            let [e] = estimates_of(fit, "linear_drag", "c")[..] else { panic!("one value: {fit:?}") };
+            let number = |value: &ParameterValue| match value {
+                ParameterValue::Number(number) => *number,
+                other => panic!("{other:?}"),
+            };
+            let p = &told.parameters[0];
+            let sd = (number(&p.high) - number(&p.low)) / (2.0 * NINETY_FIVE);
+            assert!((sd / e.sd - 1.0).abs() < 1e-6, "{sd} {}", e.sd);
+            assert!((number(&p.value) - e.value).abs() < 1e-12, "{p:?} {}", e.value);
+        }
     }
 
     #[test]

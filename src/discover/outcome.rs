@@ -2,6 +2,7 @@
 
 use super::revise::Revision;
 use crate::effects::{EffectEntry, Quantity};
+use crate::fit::Fit;
 use crate::num::{Vec2, elementary};
 use serde::{Deserialize, Serialize};
 
@@ -64,12 +65,29 @@ pub struct FoundEffect {
     /// Of a formula: its text.
     #[serde(default)]
     pub text: Option<String>,
+    /// Name and standard deviation of each of the law's own parameters (in its unit); the intervals follow from these.
+    #[serde(default)]
+    pub deviations: Vec<(String, f64)>,
 }
 
 impl FoundEffect {
     /// A law of the library.
     pub fn of(entry: &EffectEntry, parameters: Vec<ParameterEstimate>) -> FoundEffect {
-        FoundEffect { kind: entry.kind.into(), effect: entry.spec.name.into(), parameters, text: None }
+        let (kind, effect) = (entry.kind.into(), entry.spec.name.into());
+        FoundEffect { kind, effect, parameters, text: None, deviations: vec![] }
+    }
+
+    /// A law of the library with a value and a standard deviation for each of its parameters.
+    pub fn with_numbers(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> FoundEffect {
+        let names = entry.spec.params.iter().map(|p| p.name.to_string());
+        let deviations = names.zip(sd.iter().copied()).collect();
+        FoundEffect { deviations, ..FoundEffect::of(entry, reported(entry, values, sd)) }
+    }
+
+    /// Gives the fit that the effect is told of the same standard deviations: its own are those of the noise alone, and do not
+    /// hold how far the videos disagree.
+    pub fn widen(&self, fit: &mut Fit) {
+        self.deviations.iter().for_each(|(parameter, sd)| fit.widen(&self.effect, parameter, *sd));
     }
 
     /// The number that a parameter has.

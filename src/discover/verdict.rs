@@ -301,6 +301,9 @@ pub fn conclude(
         () if !effects.is_empty() => Verdict::EffectFound,
         () => Verdict::Adequate,
     };
+    if let Some(last) = revisions.last_mut() {
+        effects.iter().for_each(|effect| effect.widen(&mut last.fit));
+    }
     let experiment = match verdict {
         Verdict::Ambiguous => tell_apart(lens, &motion),
         _ => None,

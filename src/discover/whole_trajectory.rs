@@ -6,7 +6,7 @@ use super::hidden_geometry::{HiddenPlace, discs_between, walls};
 use super::intervals::FOLLOWED;
 use super::jackknife::{LawParameters, numbers_of};
 use super::negligible::{frame, is_slight, longest_contact};
-use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict, reported};
+use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict};
 use super::proof;
 use super::restitution_decay::decays;
 use super::revise::{
@@ -424,7 +424,7 @@ pub fn spinning(
         known.map_or((0.0, 0.0), |e| (e.value, e.sd))
     };
     let (values, sd): (Vec<f64>, Vec<f64>) = spin.parameters.iter().map(number).unzip();
-    let found = FoundEffect::of(entry, reported(entry, &values, &sd));
+    let found = FoundEffect::with_numbers(entry, &values, &sd);
     Ok(Some(Discovery {
         verdict: Verdict::EffectFound,
         ranked: vec![RankedEffect::of_trajectories(&found.kind, &found.effect, &revision)],

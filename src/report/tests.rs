@@ -65,7 +65,13 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         owner: None,
     };
     let parameters = vec![parameter];
-    let effect = FoundEffect { kind: "vortex".into(), effect: "vortex".into(), parameters, text: None };
+    let effect = FoundEffect {
+        kind: "vortex".into(),
+        effect: "vortex".into(),
+        parameters,
+        text: None,
+        deviations: vec![],
+    };
     let ranked = RankedEffect {
         kind: HOSTILE.into(),
         effect: "x".into(),

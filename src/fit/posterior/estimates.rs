@@ -42,6 +42,16 @@ impl Fit {
         }
     }
 
+    /// Raises the standard deviation of a law's parameter to `sd` (in its unit) where the fit has one value of it: something that
+    /// the noise does not explain is known to add to it.
+    pub fn widen(&mut self, effect: &str, parameter: &str, sd: f64) {
+        let is_of = |e: &Estimate| ParamId::parse(&e.name).is_some_and(|id| id.is_of(effect, parameter));
+        let mut own: Vec<&mut Estimate> = self.posterior.estimates.iter_mut().filter(|e| is_of(e)).collect();
+        if let [only] = &mut own[..] {
+            only.sd = only.sd.max(sd);
+        }
+    }
+
     /// How many draws the fit has.
     pub fn draws(&self) -> usize {
         self.posterior.draws.len()
