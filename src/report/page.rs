@@ -336,7 +336,7 @@ fn estimate(e: &Estimate) -> Markup {
     }
     html! {
         td class=[(!e.identified).then_some("open")] {
-            (number(e.value)) " ± " (number(1.96 * e.sd)) " " (unit) @if !e.identified { " (not identified)" }
+            (number(e.value)) " ± " (number(e.sd)) " " (unit) @if !e.identified { " (not identified)" }
         }
     }
 }
@@ -347,12 +347,12 @@ fn parameters(report: &ReportData) -> Markup {
     html! {
         section aria-labelledby="parameters" {
             h2 id="parameters" { "Parameters of the last model" }
-            p { "With 95 % intervals. The videos do not determine a value marked “not identified”: it comes mostly from the prior." }
+            p { "±: standard deviation. The videos do not determine a value marked “not identified”: it comes mostly from the prior. Two objects rebound with about the product of their restitution factors." }
             @for (k, scene) in report.scenes.iter().enumerate() {
                 details open[k == 0] {
                     summary { (scene.name) }
                     div class="scroll" { table {
-                        thead { tr { th { "Object" } th { "mass" } th { "coefficient of restitution" } } }
+                        thead { tr { th { "Object" } th { "mass" } th { "restitution factor" } } }
                         tbody { @for o in last.fit.objects(k) {
                             tr { th { (scene.objects.iter().find(|s| s.id == o.id).map_or(o.id.to_string(), name)) }
                                 (estimate(&o.mass)) (estimate(&o.restitution)) }

@@ -34,7 +34,7 @@ pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
 }
 
 /// The start model: a preset, a model of the service (`videos/...`), or a model file.
-pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
+pub fn model(flag: &str, choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
     let Some(choice) = choice else { return Ok(None) };
     let kind = if Preset::named(choice).is_some() {
         model_choice::Choice::Preset(choice.into())
@@ -49,7 +49,7 @@ pub fn model(choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
             let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
             let known = known.join(", ");
             Failure::input(format!(
-                "--model {choice}: is neither a preset nor a readable model file ({e}); the presets are {known}"
+                "{flag} {choice}: is neither a preset nor a readable model file ({e}); the presets are {known}"
             ))
         };
         let text = read.map_err(|e| wrong(&e))?;

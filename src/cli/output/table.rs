@@ -9,6 +9,24 @@ pub fn number(v: f64) -> String {
     format!("{v:.digits$}")
 }
 
+/// Numbers with as many decimals as an uncertainty of this size leaves them: two of its digits.
+pub fn decimals(uncertainty: f64) -> usize {
+    let is_usable = uncertainty.is_finite() && uncertainty > 0.0;
+    if is_usable { (1 - elementary::log10(uncertainty).floor() as i32).clamp(0, 12) as usize } else { 4 }
+}
+
+/// A value with its standard deviation: `0.877 ± 0.013`.
+pub fn measured(value: f64, sd: f64) -> String {
+    let digits = decimals(sd);
+    format!("{value:.digits$} ± {sd:.digits$}")
+}
+
+/// A value with its interval: `0.0872 [0.0790 to 0.0953]`.
+pub fn with_interval(value: f64, low: f64, high: f64) -> String {
+    let digits = decimals(0.5 * (high - low));
+    format!("{value:.digits$} [{low:.digits$} to {high:.digits$}]")
+}
+
 /// A table whose columns fit their widest cell: the first left-aligned, the others right-aligned.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let count = |s: &str| s.chars().count();
@@ -33,6 +51,14 @@ pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_number_has_the_digits_that_its_uncertainty_leaves() {
+        assert_eq!(measured(0.877_312, 0.013_449), "0.877 ± 0.013");
+        assert_eq!(measured(1234.5, 56.0), "1234 ± 56");
+        assert_eq!(measured(2.0, 0.0), "2.0000 ± 0.0000");
+        assert_eq!(with_interval(-0.000_084_6, -0.000_572, 0.000_402_8), "-0.00008 [-0.00057 to 0.00040]");
+    }
 
     #[test]
     fn columns_line_up() {

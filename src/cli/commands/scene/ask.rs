@@ -37,7 +37,7 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
         output::writable("--json", file.as_ref())?;
     }
     let scene = input::scene(&args.scene)?;
-    let model = input::model(args.model.as_deref())?;
+    let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
     let request = AskRequest { model, ..request(video, &args.question, &args.choice) };

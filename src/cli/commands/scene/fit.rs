@@ -44,7 +44,7 @@ pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
     }
     let scenes = input::scenes(&args.scenes)?;
     let count = scenes.len();
-    let start = input::model(args.model.as_deref())?;
+    let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let progress = TaskProgress::new(if args.joint { 1 } else { count });
     let (done, failures) = match args.joint {
@@ -157,6 +157,11 @@ pub fn name(scene: &Scene, id: u32) -> String {
     }
 }
 
+/// What the numbers of the table are.
+const LEGEND: &str =
+    "\n  ±: standard deviation; in parentheses: comes mostly from the prior; given: not fitted
+  two objects rebound with about the product of their restitution factors\n";
+
 /// The fit as a table.
 pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
     let rows: Vec<Vec<String>> = model
@@ -166,8 +171,8 @@ pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
         .collect();
     let shared: String = model.shared.iter().map(shared_line).collect();
     format!(
-        "{}{shared}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
-        output::table(&["object", "mass", "coefficient of restitution"], &rows),
+        "{}{shared}{LEGEND}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        output::table(&["object", "mass", "restitution factor"], &rows),
         1e3 * model.noise_sigma,
         1e3 * model.rmse,
         model.reduced_chi_square,
@@ -175,14 +180,20 @@ pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
     )
 }
 
-/// A shared parameter that the video determines: `sliding_friction.mu: rubber 0.0370 ± 0.0010`.
+/// A shared parameter that differs from zero: `sliding_friction.mu: rubber 0.0370 ± 0.0010`, or of an object
+/// `damping.linear: [2] 0.012 ± 0.010 1/s`; in parentheses where it comes mostly from the prior.
 fn shared_line(shared: &SharedEstimate) -> String {
     let text = |(k, e): (usize, &Estimate)| {
-        let label =
-            shared.labels.get(k).filter(|l| !l.is_empty()).map(|l| format!("{l} ")).unwrap_or_default();
+        let is_id = |l: &str| l.starts_with(|c: char| c.is_ascii_digit());
+        let label = match shared.labels.get(k).map_or("", String::as_str) {
+            "" => String::new(),
+            id if is_id(id) => format!("[{id}] "),
+            word => format!("{word} "),
+        };
         let unit = if e.unit == "1" { "" } else { &e.unit };
-        let text = format!("{label}{} ± {} {unit}", output::number(e.value), output::number(e.sd));
-        (e.identified && e.value.abs() > e.sd).then(|| text.trim_end().to_string())
+        let number = format!("{} {unit}", output::measured(e.value, e.sd)).trim_end().to_string();
+        let number = if e.identified { number } else { format!("({number})") };
+        (e.sd > 0.0 && e.value.abs() > e.sd).then(|| label + &number)
     };
     let texts: Vec<String> = shared.values.iter().enumerate().filter_map(text).collect();
     match texts.is_empty() {
@@ -193,8 +204,9 @@ fn shared_line(shared: &SharedEstimate) -> String {
 
 fn estimate(estimate: Option<&Estimate>) -> String {
     match estimate {
-        Some(e) if e.identified => format!("{:.3} ± {:.3}", e.value, e.sd),
-        Some(e) => format!("({:.3} ± {:.3})", e.value, e.sd),
+        Some(e) if e.sd == 0.0 => format!("{:.3} given", e.value),
+        Some(e) if e.identified => output::measured(e.value, e.sd),
+        Some(e) => format!("({})", output::measured(e.value, e.sd)),
         None => "-".into(),
     }
 }

@@ -40,7 +40,7 @@ pub struct ScoreArgs {
 
 pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
     let folders = folders(&args.scenes)?;
-    let model = input::model(args.model.as_deref())?;
+    let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let bar = progress::bar(folders.len() as u64, "{msg:20} {bar:40} {pos}/{len} scenes, {eta} left");
     let (mut answers, mut scores, mut refused) = (Map::new(), Scores::default(), vec![]);

@@ -65,7 +65,7 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
         output::writable("--trace", file)?;
     }
     let scene = input::scene(&args.scene)?;
-    let model = input::model(args.model.as_deref())?;
+    let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
     let request = SimulateRequest {

@@ -30,7 +30,7 @@ pub async fn run(target: &Target, args: CompareArgs) -> Result<(), Failure> {
         output::writable("--json", file.as_ref())?;
     }
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let start = input::model(args.with.as_deref())?;
+    let start = input::model("--with", args.with.as_deref())?;
     let connection = Connection::open(target).await?;
     let progress = TaskProgress::new(scenes.len());
     let (mut found, mut summaries, mut tables) = (Map::new(), vec![], String::new());

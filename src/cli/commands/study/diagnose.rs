@@ -37,7 +37,7 @@ pub async fn run(target: &Target, args: DiagnoseArgs) -> Result<(), Failure> {
         output::writable("--json", file.as_ref())?;
     }
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let start = input::model(args.model.as_deref())?;
+    let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let study = Some(connection.study(&scenes, start).await?);
     let mut candidates = vec![];

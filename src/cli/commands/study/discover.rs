@@ -44,7 +44,7 @@ pub async fn run(target: &Target, args: DiscoverArgs) -> Result<(), Failure> {
         output::writable("--json", file.as_ref())?;
     }
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let start = input::model(args.model.as_deref())?;
+    let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let study = Some(connection.study(&scenes, start).await?);
     let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
@@ -82,7 +82,7 @@ pub fn text(found: &Discovery) -> String {
         };
     }
     if !found.effects.is_empty() {
-        text += "  in brackets: 95 % intervals\n";
+        text += "  in square brackets: 95 % intervals\n";
     }
     for kinds in &found.ambiguous {
         text += &format!("\n  these effects explain the videos equally well: {}\n", kinds.kinds.join(", "));
@@ -162,14 +162,15 @@ pub fn parameter_lines(all: &[FoundParameter], names: &[(&str, &str)]) -> String
 
 /// A parameter with its interval; in parentheses if the data do not determine it.
 fn parameter(p: &FoundParameter) -> String {
-    let list = |v: &[f64]| v.iter().map(|v| output::number(*v)).collect::<Vec<_>>().join(", ");
     match p.value[..] {
         [] => format!("{} {}", p.name, p.word),
         [object] if p.name == "object_id" => format!("object {object:.0}"),
         _ => {
             let unit = if p.unit == "1" { "" } else { &p.unit };
-            let text =
-                format!("{} {} [{} to {}] {unit}", p.name, list(&p.value), list(&p.low), list(&p.high));
+            let ends = p.low.iter().zip(&p.high);
+            let numbers =
+                p.value.iter().zip(ends).map(|(v, (low, high))| output::with_interval(*v, *low, *high));
+            let text = format!("{} {} {unit}", p.name, numbers.collect::<Vec<_>>().join(", "));
             let text = text.trim_end().to_string();
             if p.owner.as_ref().is_some_and(|o| !o.identified) { format!("({text})") } else { text }
         }

@@ -36,7 +36,7 @@ pub struct ReportArgs {
 pub async fn run(target: &Target, args: ReportArgs) -> Result<(), Failure> {
     output::writable("--out", &args.out)?;
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let start = input::model(args.model.as_deref())?;
+    let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let study = connection.study(&scenes, start).await?;
     let choices: [&str; 0] = [];

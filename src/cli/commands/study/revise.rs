@@ -89,7 +89,7 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     let formula = args.add_formula.as_deref().map(|given| input::formula(given, args.name.as_deref()));
     let formula = formula.transpose()?;
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let start = input::model(args.model.as_deref())?;
+    let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let mut study = connection.study(&scenes, start).await?;
     let known = history(&connection, &study.videos).await?;
@@ -338,8 +338,8 @@ mod tests {
         };
         let all = [factor(3, "", true), factor(5, "videos/b", false)];
         insta::assert_snapshot!(discover::parameter_lines(&all, &[("videos/a", "left"), ("videos/b", "right")]), @r"
-          object 3: factor 2.0000 [0.5000 to 3.5000]
-          object 5 of right: (factor 2.0000 [0.5000 to 3.5000])
+          object 3: factor 2.0 [0.5 to 3.5]
+          object 5 of right: (factor 2.0 [0.5 to 3.5])
         ");
         let added = crate::api::v1::FoundEffect { parameters: all.to_vec(), ..Default::default() };
         let listed = discover::parameters(&added);
