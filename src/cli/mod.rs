@@ -12,7 +12,7 @@ use commands::demo;
 use commands::files::{calibrate, import, replay, trace};
 use commands::scene::{ask, fit, score, simulate};
 use commands::service::{effects, health, serve};
-use commands::study::{compare, diagnose, discover, report, revise};
+use commands::study::{compare, diagnose, discover, report, revise, show};
 use connection::Target;
 use error::Failure;
 use output::progress;
@@ -88,6 +88,8 @@ enum Command {
     Import(import::ImportArgs),
     /// Adds an effect or a formula of your own to the model of a set-up, or removes one; keeps the history.
     Revise(revise::ReviseArgs),
+    /// Shows the numbers of a fitted model with their uncertainty, to read or to cite; without an id lists all models.
+    Show(show::ShowArgs),
     /// Lists the physical effects.
     Effects(effects::EffectsArgs),
     /// Answers all questions of each scene and prints the accuracy.
@@ -164,6 +166,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Calibrate(args) => calibrate::run(target, args).await,
         Command::Import(args) => import::run(target, args).await,
         Command::Revise(args) => revise::run(target, args).await,
+        Command::Show(args) => show::run(target, args).await,
         Command::Effects(args) => effects::run(target, args).await,
         Command::Score(args) => score::run(target, args).await,
         Command::Trace(args) => trace::run(args),

@@ -14,7 +14,7 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 /// Half-width of the 95 % interval of a normal distribution, in standard deviations.
-const NINETY_FIVE: f64 = 1.96;
+pub const NINETY_FIVE: f64 = 1.96;
 /// Log evidence (nats) above which a candidate is strong.
 const STRONG: f64 = 5.0;
 /// Number of candidates in the table.

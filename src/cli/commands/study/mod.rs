@@ -6,3 +6,4 @@ pub mod discover;
 mod ranking;
 pub mod report;
 pub mod revise;
+pub mod show;

@@ -291,7 +291,8 @@ fn formula_lines(r: &Revision, added: &FoundEffect) -> String {
     format!("  {}  {}\n", id(r), text.join(&format!("\n  {:DIGITS$}  ", "")))
 }
 
-fn to_json(r: &Revision) -> Value {
+/// The JSON of a revision.
+pub fn to_json(r: &Revision) -> Value {
     let word = |w: &str| if w.is_empty() { Value::Null } else { json!(w) };
     let worth = match r.worth() {
         Worth::Better => json!("BETTER"),
