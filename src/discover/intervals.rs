@@ -90,8 +90,8 @@ fn merged(motion: Vec<RankedEffect>, contacts: Vec<RankedEffect>, added: &[&str]
     rows
 }
 
-/// An effect of force with its numbers: of the fit in trajectory space where that has followed the contacts and the lens
-/// agrees, else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
+/// An effect of force with its numbers: of the fit in trajectory space, as the revision's model has them, where that has followed
+/// the contacts; else of the lens. What rest and contacts do to a trajectory and what smoothing does to the lens is in neither's
 /// own deviation: the interval holds both.
 pub fn found(
     lens: &WeakFormRegression,
@@ -113,11 +113,8 @@ pub fn found(
             sd[k] = scatter.as_ref().map_or(sd[k], |all| widened(sd[k], all[at]));
         }
         if let (true, [e]) = (followed, &estimates_of(&revision.fit, c.entry.spec.name, p.name)[..]) {
-            let apart = e.value - values[k];
-            if apart.abs() < AGREE * sd[k] {
-                values[k] = e.value;
-            }
-            sd[k] = elementary::hypot(sd[k], apart);
+            sd[k] = elementary::hypot(sd[k], e.value - values[k]);
+            values[k] = e.value;
         }
     }
     FoundEffect::with_numbers(c.entry, &values, &sd)
