@@ -417,7 +417,8 @@ mod tests {
         let names = ShownModel::of(&apart, "0").unwrap().numbers().into_iter().map(|n| n.name);
         assert!(names.collect::<Vec<_>>().contains(&"linear_drag.c (video 2)".to_string()));
         assert_eq!(heads(&known).count(), 1);
-        let rows = listing(&known).lines().map(|l| l.split_whitespace().collect::<Vec<_>>().join(" "));
+        let listed = listing(&known);
+        let rows = listed.lines().map(|l| l.split_whitespace().collect::<Vec<_>>().join(" "));
         assert!(rows.collect::<Vec<_>>().contains(&"01234567 table + linear_drag 2 6.00 5.00".to_string()));
     }
 
