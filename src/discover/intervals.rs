@@ -380,7 +380,7 @@ mod tests {
         assert_eq!(spin.held_out_rmse, Some(revision.left_out_rmse));
     }
 
-    /// What `discover` and `revise` tell of a law and what fits, traces and reports tell of its revision are one posterior.
+    /// What `discover` and `revise` report of a law, and what fits, traces and reports have of its revision, is one posterior.
     #[test]
     fn a_law_and_its_revision_have_one_uncertainty() {
         let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
@@ -396,14 +396,14 @@ mod tests {
         let again = estimate(&scenes, &made.after.fit.models(), &near, &never).expect("it runs");
         let sd = |fit| estimates_of(fit, "linear_drag", "c")[0].sd;
         assert!(sd(&made.after.fit) > 1.5 * sd(&again), "{} {}", sd(&made.after.fit), sd(&again));
-        let told = [made.added.as_ref().expect("it was added"), &found.effects[0]];
-        for (told, fit) in told.into_iter().zip([&made.after.fit, &last.fit]) {
+        let effects = [made.added.as_ref().expect("it was added"), &found.effects[0]];
+        for (effect, fit) in effects.into_iter().zip([&made.after.fit, &last.fit]) {
             let [e] = estimates_of(fit, "linear_drag", "c")[..] else { panic!("one value: {fit:?}") };
             let number = |value: &ParameterValue| match value {
                 ParameterValue::Number(number) => *number,
                 other => panic!("{other:?}"),
             };
-            let p = &told.parameters[0];
+            let p = &effect.parameters[0];
             let sd = (number(&p.high) - number(&p.low)) / (2.0 * NINETY_FIVE);
             assert!((sd / e.sd - 1.0).abs() < 1e-6, "{sd} {}", e.sd);
             assert!((number(&p.value) - e.value).abs() < 1e-12, "{p:?} {}", e.value);

@@ -84,8 +84,8 @@ impl FoundEffect {
         FoundEffect { deviations, ..FoundEffect::of(entry, reported(entry, values, sd)) }
     }
 
-    /// Gives the fit that the effect is told of the same standard deviations: its own are those of the noise alone, and do not
-    /// hold how far the videos disagree.
+    /// Gives the fit of the effect's revision the same standard deviations: its own are those of the noise alone, and do not hold
+    /// how far the videos disagree.
     pub fn widen(&self, fit: &mut Fit) {
         self.deviations.iter().for_each(|(parameter, sd)| fit.widen(&self.effect, parameter, *sd));
     }

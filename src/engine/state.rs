@@ -1,6 +1,6 @@
 //! The engine: what all jobs and tenants share, and how a job reaches it.
 
-use super::cache::{Job, RecentResults, SingleFlightCache};
+use super::cache::{Job, RecentResults, SMALL_RESULT, SingleFlightCache};
 use super::error::EngineError;
 use super::limits::MAX_REPLAYS;
 use super::metric_names;
@@ -19,8 +19,7 @@ use tokio::sync::Semaphore;
 
 /// Bytes of each kind of result in memory; all of them can be read or computed again.
 const CACHED_BYTES: u64 = 48 << 20;
-/// Bytes of a small result, and of one state or sample in a large one.
-const BASE_BYTES: usize = 16 * 1024;
+/// Bytes of one state or sample in a large result.
 const STATE_BYTES: usize = 96;
 
 /// How much an engine may do at once.
@@ -73,14 +72,14 @@ impl Engine {
                 fits.iter().map(fit_bytes).sum()
             }),
             draws: SingleFlightCache::new("draws", CACHED_BYTES, fit_bytes),
-            studies: SingleFlightCache::new("study", CACHED_BYTES, |_| 64 * BASE_BYTES),
+            studies: SingleFlightCache::new("study", CACHED_BYTES, |_| 64 * SMALL_RESULT),
             simulations: SingleFlightCache::new("simulation", CACHED_BYTES, |s| {
                 let best = &s.prediction.best;
-                BASE_BYTES + STATE_BYTES * best.states.len() * best.ids.len()
+                SMALL_RESULT + STATE_BYTES * best.states.len() * best.ids.len()
             }),
             answers: SingleFlightCache::new("answer", CACHED_BYTES, |a| {
                 let states = a.answer.simulations.iter().map(|s| s.best.states.len() * s.best.ids.len());
-                BASE_BYTES + STATE_BYTES * states.sum::<usize>()
+                SMALL_RESULT + STATE_BYTES * states.sum::<usize>()
             }),
             backlog: Arc::default(),
             retention: Arc::default(),
@@ -179,10 +178,10 @@ impl Engine {
 
 fn scene_bytes(scene: &Scene) -> usize {
     let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
-    BASE_BYTES + STATE_BYTES * samples + 8 * scene.times.len()
+    SMALL_RESULT + STATE_BYTES * samples + 8 * scene.times.len()
 }
 
 /// A fit with draws has some of every parameter.
 fn fit_bytes(stored: &StoredFit) -> usize {
-    BASE_BYTES + 1024 * stored.fit.posterior.estimates.len()
+    SMALL_RESULT + 1024 * stored.fit.posterior.estimates.len()
 }

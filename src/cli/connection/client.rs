@@ -10,8 +10,8 @@ use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
-    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, FitModelResponse, Model,
-    ModelChoice, StudyRequest, Video, fit_model_response,
+    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, FitModelResponse,
+    ListModelsRequest, ListVideosRequest, Model, ModelChoice, StudyRequest, Video, fit_model_response,
 };
 use crate::cli::error::Failure;
 use crate::config::{Config, Flags};
@@ -22,6 +22,9 @@ use tempfile::TempDir;
 
 /// Largest message that the client accepts: a long simulation.
 const MAX_MESSAGE: usize = 64 << 20;
+
+/// Most rows in one reply to a listing.
+const PAGE: i32 = 1000;
 
 /// A client of the service, and the service itself if it runs inside this process.
 pub struct Connection {
@@ -133,6 +136,34 @@ impl Connection {
 
     pub fn reasoning(&self) -> ReasoningClient<ServiceChannel> {
         ReasoningClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
+    }
+
+    /// All models of a video.
+    pub async fn models_of(&self, video: &str) -> Result<Vec<Model>, Failure> {
+        let (mut models, mut page_token) = (vec![], String::new());
+        loop {
+            let request = ListModelsRequest { parent: video.into(), page_size: PAGE, page_token };
+            let page = self.models().list_models(request).await?.into_inner();
+            models.extend(page.models);
+            page_token = page.next_page_token;
+            if page_token.is_empty() {
+                return Ok(models);
+            }
+        }
+    }
+
+    /// The names of all videos.
+    pub async fn video_names(&self) -> Result<Vec<String>, Failure> {
+        let (mut names, mut page_token) = (vec![], String::new());
+        loop {
+            let request = ListVideosRequest { page_size: PAGE, page_token };
+            let page = self.videos().list_videos(request).await?.into_inner();
+            names.extend(page.videos.into_iter().map(|video| video.name));
+            page_token = page.next_page_token;
+            if page_token.is_empty() {
+                return Ok(names);
+            }
+        }
     }
 
     /// The MCAP file of a trace.

@@ -5,5 +5,5 @@ pub mod revisions;
 mod table;
 mod write;
 
-pub use table::{measured, number, table, with_interval};
+pub use table::{concise, interval, measured, number, table, with_interval};
 pub use write::{file, json, print, result, tell, writable};

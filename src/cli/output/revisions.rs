@@ -18,6 +18,29 @@ pub const OTHER_VIDEOS: &str =
 /// Against the revision it was made from.
 const EVIDENCE: &str = "  log evidence: gain over the revision it was made from, in nats, less the price of its parameters (BIC)\n";
 
+/// Digits of an id in tables.
+pub const ID_DIGITS: usize = 8;
+
+/// The first digits of a model's id, of its name.
+pub fn short_id(model: &str) -> String {
+    model.rsplit('/').next().unwrap_or_default().chars().take(ID_DIGITS).collect()
+}
+
+/// The first digits of a revision's id.
+pub fn id(r: &Revision) -> String {
+    short_id(r.models.first().map_or("", String::as_str))
+}
+
+/// The revisions from the first to this one.
+pub fn lineage<'r>(known: &[&'r Revision], to: &'r Revision) -> Vec<&'r Revision> {
+    let mut lineage = vec![to];
+    while let Some(before) = lineage.last().and_then(|r| known.iter().find(|p| p.models == r.parents)) {
+        lineage.push(before);
+    }
+    lineage.reverse();
+    lineage
+}
+
 /// What a revision changes.
 pub fn change(r: &Revision) -> String {
     match (r.effect.as_str(), r.removed.as_str()) {

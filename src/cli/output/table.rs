@@ -10,7 +10,7 @@ pub fn number(v: f64) -> String {
 }
 
 /// Numbers with as many decimals as an uncertainty of this size leaves them: two of its digits.
-pub fn decimals(uncertainty: f64) -> usize {
+fn decimals(uncertainty: f64) -> usize {
     let is_usable = uncertainty.is_finite() && uncertainty > 0.0;
     if is_usable { (1 - elementary::log10(uncertainty).floor() as i32).clamp(0, 12) as usize } else { 4 }
 }
@@ -21,10 +21,23 @@ pub fn measured(value: f64, sd: f64) -> String {
     format!("{value:.digits$} ± {sd:.digits$}")
 }
 
+/// The same in short: `0.877(13)`, the standard deviation in units of the last digit.
+pub fn concise(value: f64, sd: f64) -> String {
+    let digits = decimals(sd);
+    let last = format!("{sd:.digits$}").replace('.', "");
+    format!("{value:.digits$}({})", last.trim_start_matches('0'))
+}
+
+/// An interval: `[0.0790 to 0.0953]`.
+pub fn interval(low: f64, high: f64) -> String {
+    let digits = decimals(0.5 * (high - low));
+    format!("[{low:.digits$} to {high:.digits$}]")
+}
+
 /// A value with its interval: `0.0872 [0.0790 to 0.0953]`.
 pub fn with_interval(value: f64, low: f64, high: f64) -> String {
     let digits = decimals(0.5 * (high - low));
-    format!("{value:.digits$} [{low:.digits$} to {high:.digits$}]")
+    format!("{value:.digits$} {}", interval(low, high))
 }
 
 /// A table whose columns fit their widest cell: the first left-aligned, the others right-aligned.
@@ -55,6 +68,7 @@ mod tests {
     #[test]
     fn a_number_has_the_digits_that_its_uncertainty_leaves() {
         assert_eq!(measured(0.877_312, 0.013_449), "0.877 ± 0.013");
+        assert_eq!([concise(0.172_4, 0.013), concise(1234.5, 56.0)], ["0.172(13)", "1234(56)"]);
         assert_eq!(measured(1234.5, 56.0), "1234 ± 56");
         assert_eq!(measured(2.0, 0.0), "2.0000 ± 0.0000");
         assert_eq!(with_interval(-0.000_084_6, -0.000_572, 0.000_402_8), "-0.00008 [-0.00057 to 0.00040]");

@@ -1,11 +1,12 @@
 //! Recent results in memory, bounded by bytes. All of them can be read or computed again.
 
+use super::locked;
 use quick_cache::Weighter;
 use quick_cache::unsync::Cache;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
-/// A result of about this size is the smallest; it sets how many entries the cache makes room for.
-const SMALLEST_RESULT: u64 = 16 * 1024;
+/// Bytes of a small result; it sets how many entries the cache makes room for.
+pub const SMALL_RESULT: usize = 16 * 1024;
 
 /// Estimates the bytes of a result.
 struct Bytes<T>(fn(&T) -> usize);
@@ -29,21 +30,16 @@ impl<T> Clone for RecentResults<T> {
 impl<T> RecentResults<T> {
     /// Keeps results of up to `bytes`; `weight` estimates the bytes of each.
     pub fn new(bytes: u64, weight: fn(&T) -> usize) -> Self {
-        let entries = (bytes / SMALLEST_RESULT) as usize;
+        let entries = bytes as usize / SMALL_RESULT;
         RecentResults(Arc::new(Mutex::new(Cache::with_weighter(entries, bytes, Bytes(weight)))))
     }
 
     pub fn get(&self, key: &str) -> Option<Arc<T>> {
-        self.locked().get(key).cloned()
+        locked(&self.0).get(key).cloned()
     }
 
     pub fn insert(&self, key: String, value: Arc<T>) {
-        self.locked().insert(key, value);
-    }
-
-    /// No code panics while it holds the lock, so a poisoned lock is taken as it is.
-    fn locked(&self) -> MutexGuard<'_, Entries<T>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.0).insert(key, value);
     }
 }
 

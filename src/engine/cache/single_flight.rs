@@ -8,13 +8,14 @@
 //! * Only successful results enter the cache; an error goes to the callers of that job only.
 //! * The cache is bounded by the bytes of its results, as `weight` estimates them.
 
+use super::locked;
 use super::recent_results::RecentResults;
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::pool::JobContext;
 use std::collections::HashMap;
 use std::future::Future;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
@@ -241,11 +242,6 @@ impl<T> Drop for JobHandle<T> {
             self.job.token.cancel();
         }
     }
-}
-
-/// No code panics while it holds these locks, so a poisoned lock is taken as it is.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

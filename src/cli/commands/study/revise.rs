@@ -3,21 +3,17 @@
 use super::discover;
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
-    AddEffectRequest, AddEffectResponse, FoundEffect, ListModelsRequest, RemoveEffectRequest,
-    RemoveEffectResponse, RevisedModels, Revision, StudyRequest, Worth, add_effect_response,
-    remove_effect_response,
+    AddEffectRequest, AddEffectResponse, FoundEffect, RemoveEffectRequest, RemoveEffectResponse,
+    RevisedModels, Revision, StudyRequest, Worth, add_effect_response, remove_effect_response,
 };
 use crate::cli::connection::stream::{self, StreamEvent};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
-use crate::cli::output::revisions;
+use crate::cli::output::revisions::{self, ID_DIGITS};
 use crate::cli::{input, output};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-
-/// Digits of a revision's id in tables.
-const DIGITS: usize = 8;
 
 const HELP: &str = "\
 A formula is a text, or the name of a file that holds it:
@@ -151,16 +147,8 @@ async fn remove(
 /// The revisions of exactly these videos, parents before children.
 async fn history(connection: &Connection, videos: &[String]) -> Result<Vec<Revision>, Failure> {
     let Some(parent) = videos.first() else { return Ok(vec![]) };
-    let (mut found, mut page_token) = (vec![], String::new());
-    loop {
-        let request = ListModelsRequest { parent: parent.clone(), page_token, ..Default::default() };
-        let page = connection.models().list_models(request).await?.into_inner();
-        found.extend(page.models.into_iter().filter_map(|m| m.history));
-        page_token = page.next_page_token;
-        if page_token.is_empty() {
-            break;
-        }
-    }
+    let models = connection.models_of(parent).await?;
+    let mut found: Vec<Revision> = models.into_iter().filter_map(|m| m.history).collect();
     // The order of the files does not matter.
     let wanted: BTreeSet<&str> = videos.iter().map(String::as_str).collect();
     let of = |r: &Revision| {
@@ -176,12 +164,6 @@ async fn history(connection: &Connection, videos: &[String]) -> Result<Vec<Revis
         next.extend(found.iter().filter(|r| r.parents == revision.models).rev());
     }
     Ok(ordered)
-}
-
-/// The first digits of a revision's id.
-fn id(r: &Revision) -> String {
-    let whole = r.models.first().and_then(|m| m.rsplit('/').next()).unwrap_or_default();
-    whole.chars().take(DIGITS).collect()
 }
 
 fn revision_named<'r>(known: &'r [Revision], digits: &str) -> Result<&'r Revision, Failure> {
@@ -206,7 +188,7 @@ fn latest(known: &[Revision]) -> Result<Option<&Revision>, Failure> {
         [one] => Ok(Some(one)),
         several => {
             let ends: Vec<String> =
-                several.iter().map(|r| format!("{} ({})", id(r), revisions::change(r))).collect();
+                several.iter().map(|r| format!("{} ({})", revisions::id(r), revisions::change(r))).collect();
             Err(Failure::input(format!(
                 "the history has several latest revisions; name one with --on: {}",
                 ends.join(", ")
@@ -215,21 +197,11 @@ fn latest(known: &[Revision]) -> Result<Option<&Revision>, Failure> {
     }
 }
 
-/// The revisions from the first to this one.
-fn lineage<'r>(known: &'r [Revision], to: &'r Revision) -> Vec<&'r Revision> {
-    let mut lineage = vec![to];
-    while let Some(before) = lineage.last().and_then(|r| known.iter().find(|p| p.models == r.parents)) {
-        lineage.push(before);
-    }
-    lineage.reverse();
-    lineage
-}
-
 /// The change as text: verdict, parameters, and the errors from the first revision on. `names` pairs the service's
 /// name of a video with the user's.
 pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], is_kept: bool) -> String {
     let Some(after) = &found.after else { return String::new() };
-    let lineage = match lineage(known, after) {
+    let lineage = match revisions::lineage(&known.iter().collect::<Vec<_>>(), after) {
         single if single.len() < 2 => found.before.iter().chain([after]).collect(),
         lineage => lineage,
     };
@@ -266,8 +238,9 @@ fn verdict(r: &Revision) -> String {
 }
 
 fn table(revisions: &[&Revision]) -> String {
-    let name =
-        |r: &Revision| format!("{}{}  {}", "  ".repeat(r.revision as usize), id(r), revisions::change(r));
+    let name = |r: &Revision| {
+        format!("{}{}  {}", "  ".repeat(r.revision as usize), revisions::id(r), revisions::change(r))
+    };
     revisions::table(revisions, revisions.iter().any(|r| r.models.len() > 1), name)
 }
 
@@ -288,7 +261,7 @@ fn listing(known: &[Revision]) -> String {
 /// The text of a formula, after the id of the revision that adds it.
 fn formula_lines(r: &Revision, added: &FoundEffect) -> String {
     let text: Vec<&str> = added.formula.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-    format!("  {}  {}\n", id(r), text.join(&format!("\n  {:DIGITS$}  ", "")))
+    format!("  {}  {}\n", revisions::id(r), text.join(&format!("\n  {:ID_DIGITS$}  ", "")))
 }
 
 /// The JSON of a revision.
@@ -303,7 +276,7 @@ pub fn to_json(r: &Revision) -> Value {
     };
     json!({
         "revision": r.revision,
-        "id": id(r),
+        "id": revisions::id(r),
         "effect": word(&r.effect),
         "formula": word(r.added.as_ref().map_or("", |a| &a.formula)),
         "removed": word(&r.removed),

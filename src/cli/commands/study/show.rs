@@ -2,18 +2,14 @@
 
 use super::discover::NINETY_FIVE;
 use super::revise;
-use crate::api::v1::{Estimate, ListModelsRequest, ListVideosRequest, Model, Revision, SharedEstimate};
+use crate::api::v1::{Estimate, Model, Revision, SharedEstimate};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
-use crate::cli::output::{self, revisions};
+use crate::cli::output;
+use crate::cli::output::revisions::{self, short_id};
 use crate::cli::version::version;
 use crate::num::NUMERIC_FINGERPRINT;
 use serde_json::{Value, json};
-
-/// Digits of a model's id in tables.
-const DIGITS: usize = 8;
-/// Models in one reply.
-const PAGE: i32 = 1000;
 
 #[derive(clap::Args)]
 pub struct ShowArgs {
@@ -60,10 +56,10 @@ pub async fn run(target: &Target, args: ShowArgs) -> Result<(), Failure> {
         Some(id) => {
             let shown = ShownModel::of(&known, id)?;
             if let Some(file) = args.csv.as_deref().filter(|file| *file != "-") {
-                output::file(file.as_ref(), shown.csv().as_bytes())?;
+                output::file(file.as_ref(), shown.csv()?.as_bytes())?;
             }
             let text = match (args.csv.as_deref(), args.cite) {
-                (Some("-"), _) => shown.csv(),
+                (Some("-"), _) => shown.csv()?,
                 (_, Some(format)) => shown.citation(format),
                 _ => shown.text(&known),
             };
@@ -75,28 +71,9 @@ pub async fn run(target: &Target, args: ShowArgs) -> Result<(), Failure> {
 
 /// All models of the service, video by video.
 async fn all_models(connection: &Connection) -> Result<Vec<Model>, Failure> {
-    let (mut videos, mut page_token) = (vec![], String::new());
-    loop {
-        let request = ListVideosRequest { page_size: PAGE, page_token };
-        let page = connection.videos().list_videos(request).await?.into_inner();
-        videos.extend(page.videos.into_iter().map(|video| video.name));
-        page_token = page.next_page_token;
-        if page_token.is_empty() {
-            break;
-        }
-    }
     let mut models = vec![];
-    for parent in videos {
-        let mut page_token = String::new();
-        loop {
-            let request = ListModelsRequest { parent: parent.clone(), page_size: PAGE, page_token };
-            let page = connection.models().list_models(request).await?.into_inner();
-            models.extend(page.models);
-            page_token = page.next_page_token;
-            if page_token.is_empty() {
-                break;
-            }
-        }
+    for video in connection.video_names().await? {
+        models.extend(connection.models_of(&video).await?);
     }
     Ok(models)
 }
@@ -104,10 +81,6 @@ async fn all_models(connection: &Connection) -> Result<Vec<Model>, Failure> {
 /// The id in a model's name.
 fn id(name: &str) -> &str {
     name.rsplit('/').next().unwrap_or_default()
-}
-
-fn short(name: &str) -> String {
-    id(name).chars().take(DIGITS).collect()
 }
 
 /// One model for each revision, and the others.
@@ -126,7 +99,7 @@ fn listing(known: &[Model]) -> String {
         let videos = m.history.as_ref().map_or(1, |r| r.models.len());
         let held_out = m.history.as_ref().map_or("-".into(), |r| mm(r.held_out_rmse));
         let rmse = m.history.as_ref().map_or(m.rmse, |r| r.rmse);
-        vec![short(&m.name), m.preset.clone(), change(m), videos.to_string(), held_out, mm(rmse)]
+        vec![short_id(&m.name), m.preset.clone(), change(m), videos.to_string(), held_out, mm(rmse)]
     };
     let rows: Vec<Vec<String>> = heads(known).map(row).collect();
     match rows.is_empty() {
@@ -187,18 +160,18 @@ impl<'m> ShownModel<'m> {
     fn numbers(&self) -> Vec<ModelNumber> {
         let mut all: Vec<ModelNumber> = vec![];
         let several = self.models.len() > 1;
+        let of_video = |k: usize| if several { format!(" (video {})", k + 1) } else { String::new() };
         for (k, model) in self.models.iter().enumerate() {
-            let of_video = if several { format!(" (video {})", k + 1) } else { String::new() };
             for (name, estimate) in model.shared.iter().flat_map(shared_numbers) {
                 let is_known = all.iter().any(|n| n.name == name && n.estimate == estimate);
-                let name = if k == 0 { name } else { name + &of_video };
+                let name = if k == 0 { name } else { name + &of_video(k) };
                 if !is_known {
                     all.push(ModelNumber { name, estimate });
                 }
             }
         }
         for (k, model) in self.models.iter().enumerate() {
-            let of_video = if several { format!(" (video {})", k + 1) } else { String::new() };
+            let of_video = of_video(k);
             for o in &model.objects {
                 let numbers = [("mass", &o.mass), ("restitution factor", &o.restitution)];
                 let known = numbers.into_iter().filter_map(|(what, e)| Some((what, e.clone()?)));
@@ -217,27 +190,20 @@ impl<'m> ShownModel<'m> {
             let e = &n.estimate;
             let (value, interval) = match e.sd == 0.0 {
                 true => (format!("{} given", output::number(e.value)), String::new()),
-                false => (output::measured(e.value, e.sd), output::with_interval(e.value, low(e), high(e))),
+                false => (output::measured(e.value, e.sd), output::interval(low(e), high(e))),
             };
-            let interval = interval.split_once(' ').map_or(String::new(), |(_, ends)| ends.into());
             let from = if e.identified || e.sd == 0.0 { "" } else { "prior" };
             vec![n.name.clone(), value, interval, e.unit.clone(), from.into()]
         };
         let rows: Vec<Vec<String>> = self.numbers().iter().map(row).collect();
         let header = ["parameter", "value ± sd", "95 % interval", "unit", "from"];
-        let mut text = format!("{}: {} (preset {})\n\n", short(&first.name), change(first), first.preset);
+        let mut text = format!("{}: {} (preset {})\n\n", short_id(&first.name), change(first), first.preset);
         text += &output::table(&header, &rows);
         text += "  prior: the videos do not determine it; given: not fitted\n";
         match self.history() {
             Some(last) => {
                 let lineage = lineage(known, last);
-                let name = |r: &Revision| {
-                    format!(
-                        "{}  {}",
-                        r.models.first().map_or(String::new(), |m| short(m)),
-                        revisions::change(r)
-                    )
-                };
+                let name = |r: &Revision| format!("{}  {}", revisions::id(r), revisions::change(r));
                 text += &format!("\n{}", revisions::table(&lineage, last.models.len() > 1, name));
                 text += &format!("  noise {:.2} mm\n", 1e3 * last.noise_sigma);
             }
@@ -247,13 +213,17 @@ impl<'m> ShownModel<'m> {
         text + &self.models.iter().map(|m| format!("    {}\n", m.name)).collect::<String>()
     }
 
-    fn csv(&self) -> String {
-        let row = |n: &ModelNumber| {
+    fn csv(&self) -> Result<String, Failure> {
+        let mut out = csv::Writer::from_writer(vec![]);
+        let header = ["parameter", "value", "sd", "low95", "high95", "unit", "identified"];
+        out.write_record(header).map_err(Failure::other)?;
+        for n in self.numbers() {
             let e = &n.estimate;
-            format!("{},{},{},{},{},{},{}\n", n.name, e.value, e.sd, low(e), high(e), e.unit, e.identified)
-        };
-        let rows: String = self.numbers().iter().map(row).collect();
-        format!("parameter,value,sd,low95,high95,unit,identified\n{rows}")
+            let [value, sd, low, high] = [e.value, e.sd, low(e), high(e)].map(|v| v.to_string());
+            let row = [n.name, value, sd, low, high, e.unit.clone(), e.identified.to_string()];
+            out.write_record(row).map_err(Failure::other)?;
+        }
+        String::from_utf8(out.into_inner().map_err(Failure::other)?).map_err(Failure::other)
     }
 
     fn to_json(&self, known: &[Model]) -> Value {
@@ -278,7 +248,7 @@ impl<'m> ShownModel<'m> {
         let Some(first) = self.models.first() else { return String::new() };
         let is_latex = matches!(format, CitationFormat::Latex | CitationFormat::Bibtex);
         let number = |n: &ModelNumber| {
-            let value = concise(n.estimate.value, n.estimate.sd);
+            let value = output::concise(n.estimate.value, n.estimate.sd);
             match is_latex {
                 true => latex(&n.name, &value, &n.estimate.unit),
                 false => format!("{} = {value} {}", n.name, plain_unit(&n.estimate.unit)).trim_end().into(),
@@ -298,11 +268,11 @@ impl<'m> ShownModel<'m> {
             CitationFormat::Bibtex => format!(
                 "@misc{{vrdp-{id},\n  title = {{Fitted model {id}}},\n  howpublished = {{{program}}},\n  \
                  note = {{{numbers}; {fitted}}},\n}}\n",
-                id = short(&first.name)
+                id = short_id(&first.name)
             ),
             _ => format!(
                 "{numbers} (standard deviation of the last digits in parentheses; {program}, model {}, {fitted}).\n",
-                short(&first.name)
+                short_id(&first.name)
             ),
         }
     }
@@ -331,21 +301,8 @@ fn fit_errors(model: &Model) -> String {
 
 /// The revisions from the first to this one.
 fn lineage<'m>(known: &'m [Model], last: &'m Revision) -> Vec<&'m Revision> {
-    let mut lineage = vec![last];
-    let all = || known.iter().filter_map(|m| m.history.as_ref());
-    while let Some(before) = lineage.last().and_then(|r| all().find(|p| p.models == r.parents)) {
-        lineage.push(before);
-    }
-    lineage.reverse();
-    lineage
-}
-
-/// `0.172(13)`: the standard deviation in units of the last digit.
-fn concise(value: f64, sd: f64) -> String {
-    let text = output::measured(value, sd);
-    let (value, sd) = text.split_once(" ± ").unwrap_or((&text, ""));
-    let digits = sd.replace('.', "");
-    format!("{value}({})", digits.trim_start_matches('0'))
+    let all: Vec<&Revision> = known.iter().filter_map(|m| m.history.as_ref()).collect();
+    revisions::lineage(&all, last)
 }
 
 /// Units of plain numbers are not written.
@@ -432,7 +389,8 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("1.0000 given") && text.contains("prior"), "{text}");
-        assert!(shown.csv().contains("linear_drag.c,0.3,0.0131,"), "{}", shown.csv());
+        let csv = shown.csv().unwrap();
+        assert!(csv.contains("linear_drag.c,0.3,0.0131,"), "{csv}");
         let cited = |format| shown.citation(format);
         assert!(cited(CitationFormat::Text).starts_with("linear_drag.c = 0.300(13) kg/s^2 (standard"));
         let formula = r"$\mathtt{linear\_drag.c} = 0.300(13)\,\mathrm{kg/s^{2}}$";
