@@ -3,11 +3,12 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-const SERVICES: [&str; 7] = [
+const SERVICES: [&str; 8] = [
     "vrdp/v1/common.proto",
     "vrdp/v1/videos.proto",
     "vrdp/v1/discovery.proto",
     "vrdp/v1/models.proto",
+    "vrdp/v1/operations.proto",
     "vrdp/v1/reasoning.proto",
     "vrdp/v1/statistics.proto",
     "vrdp/v1/traces.proto",

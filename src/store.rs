@@ -1,4 +1,4 @@
-//! The data folder: videos, fits, studies and trace records in one redb file, trace files in a folder beside it.
+//! The data folder: videos, fits, studies, operations and trace records in one redb file, trace files in a folder beside it.
 //!
 //! Guarantees:
 //! * A value is durable when `put` returns; a killed process leaves whole values or none.
@@ -10,6 +10,8 @@
 //!
 //! Rows of older programs stay readable: stored names of fields never change, new fields have defaults. Ids of results
 //! hold the program's version and its numeric fingerprint, so results of older programs are listed but not reused.
+
+mod operations;
 
 use bytes::Bytes;
 use object_store::local::LocalFileSystem;
@@ -25,6 +27,7 @@ use std::fs::File;
 use std::ops::Bound;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
+use std::time::{SystemTime, UNIX_EPOCH};
 use tokio::sync::Semaphore;
 
 /// Layout of the tables; a store with a newer one is refused.
@@ -36,6 +39,10 @@ const CACHE_BYTES: usize = 64 << 20;
 
 type RowTable = TableDefinition<'static, &'static str, &'static [u8]>;
 const META: TableDefinition<&str, u64> = TableDefinition::new("meta");
+/// When rows were stored first (milliseconds after 1970), by `{table}/{key}`; rows of older programs have none.
+const TIMES: TableDefinition<&str, u64> = TableDefinition::new("times");
+/// Bytes of the results of operations, by the operation's key.
+const OPERATION_RESULTS: RowTable = TableDefinition::new("operation_results");
 
 /// A table of CBOR values: fields have names as in JSON, and infinite bounds can be stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,16 +55,36 @@ pub enum TableKind {
     Studies,
     /// By trace id; the value has a `video`.
     Traces,
+    /// By operation id; the value has `videos`.
+    Operations,
 }
+
+const TABLES: [TableKind; 5] =
+    [TableKind::Videos, TableKind::Fits, TableKind::Studies, TableKind::Traces, TableKind::Operations];
 
 impl TableKind {
     fn table(self) -> RowTable {
-        TableDefinition::new(match self {
+        TableDefinition::new(self.name())
+    }
+
+    fn name(self) -> &'static str {
+        match self {
             TableKind::Videos => "videos",
             TableKind::Fits => "fits",
             TableKind::Studies => "studies",
             TableKind::Traces => "traces",
-        })
+            TableKind::Operations => "operations",
+        }
+    }
+
+    /// Whether it is kept when its rows were stored first.
+    fn has_times(self) -> bool {
+        matches!(self, TableKind::Videos | TableKind::Fits)
+    }
+
+    /// The key of the time of one of its rows.
+    fn time_key(self, key: &str) -> String {
+        format!("{}/{key}", self.name())
     }
 }
 
@@ -90,10 +117,29 @@ pub enum StoreError {
     Failed(String),
 }
 
+/// A value with its key and the time at which it was stored first (milliseconds after 1970).
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedRow<T> {
+    pub key: String,
+    pub value: T,
+    pub created_ms: Option<u64>,
+}
+
+/// Milliseconds after 1970.
+pub fn now_ms() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64)
+}
+
 /// The field of a value that names its video.
 #[derive(serde::Deserialize)]
 struct OfVideo {
     video: String,
+}
+
+/// The field of a value that names its videos.
+#[derive(serde::Deserialize)]
+struct OfVideos {
+    videos: Vec<String>,
 }
 
 /// Opens or creates the database.
@@ -216,9 +262,11 @@ impl Store {
                 }
                 _ => meta.insert("schema", SCHEMA_VERSION).map_err(failed)?,
             };
-            for kind in [TableKind::Videos, TableKind::Fits, TableKind::Studies, TableKind::Traces] {
+            for kind in TABLES {
                 write.open_table(kind.table()).map_err(failed)?;
             }
+            write.open_table(OPERATION_RESULTS).map_err(failed)?;
+            write.open_table(TIMES).map_err(failed)?;
         }
         write.commit().map_err(failed)?;
         sweep(&traces)?;
@@ -270,11 +318,40 @@ impl Store {
         T: DeserializeOwned + Send + 'static,
         K: Fn(&T) -> bool + Send + 'static,
     {
+        let rows = self.list_with_times(kind, prefix, after, limit, move |value, _| keep(value)).await?;
+        Ok(rows.into_iter().map(|row| (row.key, row.value)).collect())
+    }
+
+    /// When a row was stored first (milliseconds after 1970).
+    pub async fn created_ms(&self, kind: TableKind, key: &str) -> Result<Option<u64>, StoreError> {
+        let key = kind.time_key(&self.key(key));
+        self.blocking(move |db| {
+            let read = db.begin_read().map_err(failed)?;
+            let times = read.open_table(TIMES).map_err(failed)?;
+            Ok(times.get(key.as_str()).map_err(failed)?.map(|ms| ms.value()))
+        })
+        .await
+    }
+
+    /// The same as `list`, with the times at which the rows were stored first (milliseconds after 1970).
+    pub async fn list_with_times<T, K>(
+        &self,
+        kind: TableKind,
+        prefix: &str,
+        after: &str,
+        limit: usize,
+        keep: K,
+    ) -> Result<Vec<TimedRow<T>>, StoreError>
+    where
+        T: DeserializeOwned + Send + 'static,
+        K: Fn(&T, Option<u64>) -> bool + Send + 'static,
+    {
         let (prefix, after) = (self.key(prefix), self.key(after));
         let (tenant, everyone) = (self.tenant.clone(), self.everyone);
         self.blocking(move |db| {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(kind.table()).map_err(failed)?;
+            let times = read.open_table(TIMES).map_err(failed)?;
             let from = if after > prefix { Bound::Excluded(&*after) } else { Bound::Included(&*prefix) };
             let rows = table.range::<&str>((from, Bound::Unbounded)).map_err(failed)?;
             let mut found = Vec::new();
@@ -287,9 +364,13 @@ impl Store {
                 }
                 // A damaged row is skipped in lists; a request for its key returns the error.
                 let Ok(value) = decode(key, value.value()) else { continue };
-                if keep(&value) {
-                    let key = key.strip_prefix(&*tenant.prefix).unwrap_or(key);
-                    found.push((key.to_string(), value));
+                let created_ms = match kind.has_times() {
+                    true => times.get(kind.time_key(key).as_str()).map_err(failed)?.map(|ms| ms.value()),
+                    false => None,
+                };
+                if keep(&value, created_ms) {
+                    let key = key.strip_prefix(&*tenant.prefix).unwrap_or(key).to_string();
+                    found.push(TimedRow { key, value, created_ms });
                 }
             }
             Ok(found)
@@ -335,13 +416,19 @@ impl Store {
             {
                 let mut table = write.open_table(kind.table()).map_err(failed)?;
                 table.insert(key.as_str(), value.as_slice()).map_err(failed)?;
+                if kind.has_times() {
+                    let (mut times, key) = (write.open_table(TIMES).map_err(failed)?, kind.time_key(&key));
+                    if times.get(key.as_str()).map_err(failed)?.is_none() {
+                        times.insert(key.as_str(), now_ms()).map_err(failed)?;
+                    }
+                }
             }
             write.commit().map_err(failed)
         })
         .await
     }
 
-    /// Deletes a video with its models, studies and traces; `false` if it does not exist.
+    /// Deletes a video with its models, studies, operations and traces; `false` if it does not exist.
     pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
         let (video, row, tenant) = (id.to_string(), self.key(id), self.tenant.clone());
         let (found, traces) = self
@@ -354,9 +441,13 @@ impl Store {
                 };
                 {
                     let prefix = format!("{row}/");
+                    let mut times = write.open_table(TIMES).map_err(failed)?;
+                    times.remove(TableKind::Videos.time_key(&row).as_str()).map_err(failed)?;
                     for kind in [TableKind::Fits, TableKind::Studies] {
                         let mut rows = write.open_table(kind.table()).map_err(failed)?;
                         rows.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
+                        let of_video = kind.time_key(&prefix);
+                        times.retain(|key, _| !key.starts_with(&of_video)).map_err(failed)?;
                     }
                     let mut table = write.open_table(TableKind::Traces.table()).map_err(failed)?;
                     let of_video = |key: &str, value: &[u8]| {
@@ -366,6 +457,7 @@ impl Store {
                         traces.push(row.map_err(failed)?.0.value().to_string());
                     }
                 }
+                delete_operations_of(&write, &tenant, &video)?;
                 write.commit().map_err(failed)?;
                 Ok((found, traces))
             })
@@ -456,22 +548,47 @@ impl Store {
 fn encode<T: Serialize>(value: &T) -> Result<Vec<u8>, StoreError> {
     let mut bytes = Vec::new();
     ciborium::into_writer(value, &mut bytes).map_err(failed)?;
+    Ok(sealed(bytes))
+}
+
+/// Bytes with their checksum.
+fn sealed(mut bytes: Vec<u8>) -> Vec<u8> {
     let sum = crc32fast::hash(&bytes);
     bytes.extend(sum.to_le_bytes());
-    Ok(bytes)
+    bytes
+}
+
+/// The bytes, if their checksum holds.
+fn unsealed(row: &[u8]) -> Option<&[u8]> {
+    let (bytes, sum) = row.split_last_chunk()?;
+    (crc32fast::hash(bytes).to_le_bytes() == *sum).then_some(bytes)
+}
+
+fn damaged(key: &str) -> StoreError {
+    tracing::error!(key, "a record of the data folder is damaged");
+    StoreError::Damaged { key: key.into() }
 }
 
 /// A value whose checksum holds; rows of older programs have none.
 fn decode<T: DeserializeOwned>(key: &str, row: &[u8]) -> Result<T, StoreError> {
-    let summed = row.split_last_chunk().filter(|(bytes, sum)| crc32fast::hash(bytes).to_le_bytes() == **sum);
-    let mut rest = summed.map_or(row, |(bytes, _)| bytes);
+    let mut rest = unsealed(row).unwrap_or(row);
     match ciborium::from_reader(&mut rest) {
         Ok(value) if rest.is_empty() => Ok(value),
-        _ => {
-            tracing::error!(key, "a record of the data folder is damaged");
-            Err(StoreError::Damaged { key: key.into() })
-        }
+        _ => Err(damaged(key)),
     }
+}
+
+/// Deletes the operations about a video, with their results.
+fn delete_operations_of(write: &WriteTransaction, tenant: &Tenant, video: &str) -> Result<(), StoreError> {
+    let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
+    let mut results = write.open_table(OPERATION_RESULTS).map_err(failed)?;
+    let of_video = |key: &str, value: &[u8]| {
+        tenant.owns(key) && decode::<OfVideos>(key, value).is_ok_and(|v| v.videos.iter().any(|v| v == video))
+    };
+    for row in records.extract_if(of_video).map_err(failed)? {
+        results.remove(row.map_err(failed)?.0.value()).map_err(failed)?;
+    }
+    Ok(())
 }
 
 fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {

@@ -11,7 +11,7 @@ use clap::{Parser, Subcommand};
 use commands::demo;
 use commands::files::{calibrate, import, replay, trace};
 use commands::scene::{ask, fit, score, simulate};
-use commands::service::{effects, health, serve};
+use commands::service::{effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
 use connection::Target;
 use error::Failure;
@@ -90,6 +90,8 @@ enum Command {
     Revise(revise::ReviseArgs),
     /// Shows the numbers of a fitted model with their uncertainty, to read or to cite; without an id lists all models.
     Show(show::ShowArgs),
+    /// Lists long work on a service; shows it, waits for it, or cancels it.
+    Operations(operations::OperationsArgs),
     /// Lists the physical effects.
     Effects(effects::EffectsArgs),
     /// Answers all questions of each scene and prints the accuracy.
@@ -167,6 +169,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Import(args) => import::run(target, args).await,
         Command::Revise(args) => revise::run(target, args).await,
         Command::Show(args) => show::run(target, args).await,
+        Command::Operations(args) => operations::run(target, args).await,
         Command::Effects(args) => effects::run(target, args).await,
         Command::Score(args) => score::run(target, args).await,
         Command::Trace(args) => trace::run(args),

@@ -5,6 +5,7 @@ use super::error::EngineError;
 use super::metric_names;
 use super::model_source::{ModelSource, ModelSourceKind};
 use super::pool::JobContext;
+use super::progress::{Phase, Report};
 use super::results::{StoredFit, result_digest};
 use super::state::Engine;
 use super::traces::file;
@@ -52,13 +53,18 @@ impl Engine {
         self.count_fit();
         metric_names::count_result("fit", "made");
         let backlog = self.backlog.clone();
+        let report = context.progress.clone();
         let job = move |stop: Stop| {
+            report(Report::Phase(Phase::Fitting));
             let fit = estimate_one(&scene, &model, &options, stop)?;
             let stored = StoredFit { video, id, revision: 0, fit, record: None };
             let file = file::fit(&scene, &model, &options, &stored)?;
+            report(Report::rmse(&stored.fit.scenes));
             Ok((stored, backlog.admit(vec![file], stop)?))
         };
+        let progress = context.progress.clone();
         let ((stored, batch), _slot) = self.pool.run(context, job).await?;
+        progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         self.put_of_video(TableKind::Fits, &stored.video, &key, &stored).await?;
         Ok(stored)

@@ -6,6 +6,7 @@ use super::limits::MAX_STUDY_VIDEOS;
 use super::metric_names;
 use super::model_source::ModelSource;
 use super::pool::JobContext;
+use super::progress::{Phase, Report};
 use super::results::{StoredFit, result_digest};
 use super::state::Engine;
 use super::traces::file;
@@ -119,8 +120,11 @@ impl Engine {
         self.count_fit();
         metric_names::count_result("joint_fit", "made");
         let backlog = self.backlog.clone();
+        let report = context.progress.clone();
         let job = move |stop: Stop| {
+            report(Report::Phase(Phase::Fitting));
             let joint = fit(&scenes, &models, &options, stop)?;
+            report(Report::rmse(&joint.scenes));
             let one =
                 |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), record: None };
             let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
@@ -129,7 +133,9 @@ impl Engine {
             let files = files.collect::<Result<_, _>>()?;
             Ok((fits, backlog.admit(files, stop)?))
         };
+        let progress = context.progress.clone();
         let ((fits, batch), _slot) = self.pool.run(context, job).await?;
+        progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         for (fit, key) in fits.iter().zip(&keys) {
             self.put_of_video(TableKind::Fits, &fit.video, key, fit).await?;

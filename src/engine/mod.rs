@@ -4,6 +4,7 @@
 //! * `cache`: equal requests share one job; its result stays in memory.
 //! * `pool`: jobs run on a fixed number of threads behind a bounded queue.
 //! * `store` (the room below): results are durable before they are returned.
+//! * `operations`: long work that goes on when its caller leaves.
 //! * `traces`: each simulation, fit and discovery leaves one file that can be replayed.
 //!
 //! Ids of results hold the program's version and the numeric fingerprint (`results::result_digest`): results of other
@@ -14,11 +15,13 @@ mod error;
 mod fits;
 mod joint;
 mod limits;
+mod listings;
 pub mod metric_names;
 mod model_source;
-mod overview;
+mod operations;
 mod pool;
 mod predictions;
+mod progress;
 mod report_page;
 mod results;
 mod state;
@@ -26,16 +29,22 @@ mod studies;
 mod traces;
 mod videos;
 
-pub use crate::store::Tenant;
+pub use crate::store::{Tenant, TimedRow};
 pub use cache::{Job, JobHandle, Update};
 pub use error::EngineError;
 pub use joint::JointVideos;
 pub use limits::{
     MAX_REPLAYS, MAX_REPLY_STATES, MAX_ROLLOUT_STATES, MAX_ROLLOUTS, MAX_SPEED, MAX_STUDY_VIDEOS,
 };
+pub use listings::{CreatedRange, ModelFilter, RevisionFilter, SetupRow, VideoFilter};
 pub use model_source::{ModelSource, ModelSourceKind};
+pub use operations::{
+    NewOperation, OperationFilter, OperationKind, OperationOutcome, OperationRecord, OperationState,
+    OperationStatus, OperationUpdate,
+};
 pub use pool::{Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
+pub use progress::{JobProgress, Phase};
 pub use report_page::{ReportPage, ReportQuestion};
 pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,

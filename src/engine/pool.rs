@@ -11,6 +11,7 @@
 
 use super::error::EngineError;
 use super::metric_names;
+use super::progress::{Phase, Report};
 use crate::num::{Stop, Stopped};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -25,7 +26,7 @@ use tokio_util::sync::CancellationToken;
 pub struct JobContext {
     pub token: CancellationToken,
     pub deadline: Instant,
-    pub progress: Arc<dyn Fn(f64) + Send + Sync>,
+    pub progress: Arc<dyn Fn(Report) + Send + Sync>,
 }
 
 impl JobContext {
@@ -135,8 +136,9 @@ impl Pool {
             let start = Instant::now();
             let result = catch_unwind(AssertUnwindSafe(|| {
                 context.check()?;
+                (context.progress)(Report::Phase(Phase::Computing));
                 let stop = |progress: f64| {
-                    (context.progress)(progress);
+                    (context.progress)(Report::Fraction(progress));
                     context.check().map_err(|_| Stopped)
                 };
                 work(&stop).map_err(|error| match error.is_stopped() {

@@ -4,6 +4,7 @@ use super::cache::{Job, RecentResults, SMALL_RESULT, SingleFlightCache};
 use super::error::EngineError;
 use super::limits::MAX_REPLAYS;
 use super::metric_names;
+use super::operations::RunningOperations;
 use super::pool::{JobContext, Load, Pool};
 use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
 use super::traces::backlog::Backlog;
@@ -52,6 +53,7 @@ pub struct Engine {
     pub(super) backlog: Arc<Backlog>,
     pub(super) retention: Arc<TraceRetention>,
     pub(super) replays: Arc<Semaphore>,
+    pub(super) operations: Arc<RunningOperations>,
     /// Rises with every deletion and damage. It is part of every key in memory, so that nothing deleted is found there.
     epoch: Arc<AtomicU64>,
     fits_run: Arc<AtomicU64>,
@@ -84,6 +86,7 @@ impl Engine {
             backlog: Arc::default(),
             retention: Arc::default(),
             replays: Arc::new(Semaphore::new(MAX_REPLAYS)),
+            operations: Arc::default(),
             epoch: Arc::default(),
             fits_run: Arc::default(),
         })
@@ -95,6 +98,11 @@ impl Engine {
             true => self.clone(),
             false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
         }
+    }
+
+    /// The same engine, whose jobs have another limit of time.
+    pub(super) fn with_capacity(&self, capacity: Capacity) -> Arc<Engine> {
+        Arc::new(Engine { capacity, ..self.clone() })
     }
 
     /// Fits that were computed since the start, not read from the store.

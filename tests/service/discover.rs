@@ -91,8 +91,11 @@ async fn a_rotating_frame_is_found_and_the_error_falls_to_the_noise() {
     // A revision is a model like any other, and is stored beyond a restart.
     service.stop().await;
     let service = start(folder.path(), CAPACITY).await;
-    let model =
-        service.models().get_model(v1::GetModelRequest { name: after.models[0].clone() }).await.unwrap();
+    let model = service
+        .models()
+        .get_model(v1::GetModelRequest { name: after.models[0].clone(), ..Default::default() })
+        .await
+        .unwrap();
     assert_eq!(model.into_inner().revision, 1);
     let choice = v1::ModelChoice { choice: Some(v1::model_choice::Choice::Model(after.models[0].clone())) };
     let simulate = v1::SimulateRequest {
@@ -130,7 +133,12 @@ async fn a_law_that_no_library_has_is_added_as_a_formula() {
     assert!(before.rmse > 3.0 * found.noise_sigma && after.rmse < 1.2 * found.noise_sigma);
     assert!(after.held_out_rmse < 0.5 * before.held_out_rmse);
     let name = after.models[0].clone();
-    let model = service.models().get_model(v1::GetModelRequest { name }).await.unwrap().into_inner();
+    let model = service
+        .models()
+        .get_model(v1::GetModelRequest { name, ..Default::default() })
+        .await
+        .unwrap()
+        .into_inner();
     assert_eq!((model.revision, model.shared.iter().any(|p| p.parameter == "c1")), (1, true));
 }
 

@@ -78,7 +78,7 @@ async fn whichever_write_fails_nothing_partial_is_left() {
                 assert!(status.message().contains("data folder"), "{status:?}");
             }
             // Stored results can still be read.
-            let get = v1::GetVideoRequest { name: first.clone() };
+            let get = v1::GetVideoRequest { name: first.clone(), ..Default::default() };
             VideosClient::new(channel.clone()).get_video(get).await.unwrap();
         }
         let program = Program::start(&data);

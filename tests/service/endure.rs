@@ -177,7 +177,7 @@ async fn listed(channel: &Channel, acknowledged: &Acknowledged) -> BTreeSet<Stri
     assert_eq!(unique.len(), videos.len());
     assert!(acknowledged.videos.is_subset(&unique), "missing: {:?}", acknowledged.videos.difference(&unique));
     for name in &acknowledged.models {
-        let request = v1::GetModelRequest { name: name.clone() };
+        let request = v1::GetModelRequest { name: name.clone(), ..Default::default() };
         ModelsClient::new(channel.clone()).get_model(request).await.unwrap();
     }
     let mut traces = BTreeSet::new();

@@ -12,8 +12,15 @@ async fn a_real_video_is_fitted_predicted_asked_and_kept() {
     let scene = fixture("scene_00022");
     let video = service.create(scene.clone()).await.unwrap();
     assert_eq!(service.create(scene.clone()).await.unwrap(), video, "the same content is the same video");
-    let got = service.videos().get_video(v1::GetVideoRequest { name: video.clone() }).await.unwrap();
-    assert_eq!(got.into_inner(), v1::Video { name: video.clone(), ..scene });
+    let got = service
+        .videos()
+        .get_video(v1::GetVideoRequest { name: video.clone(), ..Default::default() })
+        .await
+        .unwrap();
+    let got = got.into_inner();
+    let create_time = got.create_time;
+    assert!(create_time.is_some());
+    assert_eq!(got, v1::Video { name: video.clone(), create_time, ..scene });
 
     an_outlier_is_named_and_kept(&service).await;
 
@@ -44,8 +51,12 @@ async fn a_real_video_is_fitted_predicted_asked_and_kept() {
     service.stop().await;
 
     let service = start(folder.path(), CAPACITY).await;
-    let kept = service.models().get_model(v1::GetModelRequest { name: model.name.clone() }).await.unwrap();
-    assert_eq!(kept.into_inner(), model);
+    let kept = service
+        .models()
+        .get_model(v1::GetModelRequest { name: model.name.clone(), ..Default::default() })
+        .await
+        .unwrap();
+    assert_eq!(v1::Model { create_time: None, ..kept.into_inner() }, model);
     assert_eq!(service.fit(&video).await.unwrap().1, model);
     assert_eq!(service.engine.fits_run(), 0, "a fit that was acknowledged is never done again");
     assert_eq!(service.reasoning().simulate(request).await.unwrap().into_inner(), prediction);
@@ -70,7 +81,7 @@ async fn an_outlier_is_named_and_kept(service: &Running) {
     let video_with_outlier = service.create(with_outlier.clone()).await.unwrap();
     let got = service
         .videos()
-        .get_video(v1::GetVideoRequest { name: video_with_outlier })
+        .get_video(v1::GetVideoRequest { name: video_with_outlier, ..Default::default() })
         .await
         .unwrap()
         .into_inner();

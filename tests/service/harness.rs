@@ -9,8 +9,10 @@ use tonic::{Code, Status};
 use tonic_types::StatusExt;
 use vrdp::api::{self, Security, ServerLimits, v1};
 use vrdp::engine::{Capacity, Engine, EngineError};
+use vrdp::store::StoreError;
 
 pub use v1::models_client::ModelsClient;
+pub use v1::operations_client::OperationsClient;
 pub use v1::reasoning_client::ReasoningClient;
 pub use v1::traces_client::TracesClient;
 pub use v1::videos_client::VideosClient;
@@ -18,6 +20,7 @@ pub use v1::videos_client::VideosClient;
 pub struct Running {
     pub engine: Arc<Engine>,
     pub channel: Channel,
+    pub url: String,
     stop: CancellationToken,
     task: tokio::task::JoinHandle<Result<(), api::ServeError>>,
 }
@@ -36,14 +39,20 @@ pub async fn start_secured(
     security: Security,
     client: impl FnOnce(String) -> Endpoint,
 ) -> Running {
-    let engine = Arc::new(Engine::open(folder, capacity).unwrap());
+    // A cancelled job of the service before may hold the folder a moment longer.
+    let engine = loop {
+        match Engine::open(folder, capacity) {
+            Err(EngineError::Store(StoreError::Locked { .. })) => tokio::task::yield_now().await,
+            opened => break Arc::new(opened.unwrap()),
+        }
+    };
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let stop = CancellationToken::new();
     let ended = stop.clone().cancelled_owned();
     let task = tokio::spawn(api::serve(listener, engine.clone(), ServerLimits::default(), security, ended));
-    let channel = client(url).connect().await.unwrap();
-    Running { engine, channel, stop, task }
+    let channel = client(url.clone()).connect().await.unwrap();
+    Running { engine, channel, url, stop, task }
 }
 
 impl Running {
@@ -55,7 +64,7 @@ impl Running {
             let found = vrdp::recording::verify(std::io::Cursor::new(bytes), &vrdp::num::never).unwrap();
             assert!(found.holds() && found.identical, "{}: {found:?}", record.id);
         }
-        let Running { engine, channel, stop, task } = self;
+        let Running { engine, channel, stop, task, .. } = self;
         drop(channel);
         stop.cancel();
         task.await.unwrap().unwrap();
@@ -97,6 +106,10 @@ impl Running {
     }
     pub fn traces(&self) -> TracesClient<Channel> {
         TracesClient::new(self.channel.clone())
+    }
+
+    pub fn operations(&self) -> OperationsClient<Channel> {
+        OperationsClient::new(self.channel.clone())
     }
 
     pub async fn create(&self, video: v1::Video) -> Result<String, Status> {

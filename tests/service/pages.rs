@@ -54,7 +54,7 @@ async fn metrics_are_read_over_http_and_name_no_video() {
         let ask = v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
         service.reasoning().simulate(ask).await.unwrap();
     }
-    let missing = v1::GetVideoRequest { name: "videos/abc".into() };
+    let missing = v1::GetVideoRequest { name: "videos/abc".into(), ..Default::default() };
     service.videos().get_video(missing).await.unwrap_err();
     let busy = service.occupy().await;
     let mut statistics = StatisticsClient::new(service.channel.clone());

@@ -42,9 +42,9 @@ async fn a_tenant_sees_its_own_data_and_callers_without_token_nothing() {
     let simulate = || v1::SimulateRequest { video: name.clone(), rollouts: Some(1), ..Default::default() };
     let done = service.reasoning().simulate(of("lab-a", simulate())).await.unwrap().into_inner();
     // Results in memory and in the store, the trace and its file do not exist for the other tenant.
-    let get = || v1::GetVideoRequest { name: name.clone() };
+    let get = || v1::GetVideoRequest { name: name.clone(), ..Default::default() };
     let delete = || v1::DeleteVideoRequest { name: name.clone() };
-    let model = || v1::GetModelRequest { name: done.model.clone() };
+    let model = || v1::GetModelRequest { name: done.model.clone(), ..Default::default() };
     let download = || v1::DownloadTraceRequest { name: done.trace.clone() };
     let refused = [
         service.videos().get_video(of("lab-b", get())).await.unwrap_err(),

@@ -60,8 +60,10 @@ async fn videos_of_a_set_up_are_fitted_together_and_share_its_physics() {
     let whole = v1::FitModelRequest { whole_setup: true, ..request(&b, &[]) };
     assert_eq!(fit(&service, whole.clone()).await.unwrap(), other);
     assert_eq!(service.engine.fits_run(), 2);
-    let get = v1::GetModelRequest { name: others[0].name.clone() };
-    assert_eq!(service.models().get_model(get).await.unwrap().into_inner(), others[0]);
+    let get = v1::GetModelRequest { name: others[0].name.clone(), ..Default::default() };
+    let got = service.models().get_model(get).await.unwrap().into_inner();
+    assert!(got.create_time.is_some());
+    assert_eq!(v1::Model { create_time: None, ..got }, others[0]);
 
     for (request, field) in [
         (request(&a, &[&c]), "others"),

@@ -44,6 +44,26 @@ def test_questions_are_answered_and_models_can_be_named(client):
     assert client.ask(video, "How many objects are there?").text == "2"
 
 
+def test_long_work_is_started_waited_for_and_cancelled(client):
+    video = client.post(tracks())
+    name = client.start("fit", video, preset="table", request_id=f"fit of {video}")
+    seen = []
+    model = client.wait(name, progress=lambda at: seen.append(at.fraction))
+    assert model == client.fit(video, preset="table") and seen == sorted(seen)
+    assert client.start("fit", video, preset="table", request_id=f"fit of {video}") == name
+    with Client(os.environ["VRDP_SERVER"]) as other:
+        assert other.wait(name) == model
+        assert other.cancel(name).state == other.operation(name).state
+    search = client.start("discover", [video], max_effects=1)
+    if client.cancel(search).WhichOneof("result") == "error":
+        with pytest.raises(VrdpError, match="CANCELLED"):
+            client.wait(search)
+    with pytest.raises(VrdpError, match="NOT_FOUND"):
+        client.wait("operations/00")
+    with pytest.raises(ValueError, match="cannot be started"):
+        client.start(model)
+
+
 def test_a_refusal_names_the_field(client):
     with pytest.raises(VrdpError, match="object") as refused:
         client.simulate(client.post(tracks()), remove=[7])

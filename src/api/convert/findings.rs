@@ -173,6 +173,7 @@ pub fn revision(record: &RevisionRecord) -> v1::Revision {
         log_evidence: record.evidence.map_or(0.0, |w| w.log_evidence),
         worth: worth.into(),
         not_identifiable_reason: record.not_identifiable_reason.clone().unwrap_or_default(),
+        create_time: None,
     }
 }
 

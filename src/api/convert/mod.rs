@@ -1,13 +1,15 @@
 //! Messages to domain values and back; a request is refused with all its violations at once.
 
-pub mod camera;
-pub mod detections;
 pub mod findings;
+pub mod ingest;
 pub mod interventions;
+pub mod listing;
 pub mod model;
 pub mod names;
-pub mod new_video;
+pub mod operation;
+pub mod progress;
 pub mod question;
+pub mod read_mask;
 pub mod simulation;
 pub mod study;
 pub mod trace;

@@ -73,13 +73,13 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         // A model is plain data with string keys, which JSON always takes.
         model_json: serde_json::to_string(&scene.model).unwrap_or_default(),
         history: stored.record.as_ref().map(revision),
+        create_time: None,
     }
 }
 
-/// The last message of a fit.
-pub fn fitted(fit: &StoredFit, others: &[&StoredFit]) -> v1::FitModelResponse {
-    let event = Some(v1::fit_model_response::Event::Model(model(fit)));
-    v1::FitModelResponse { event, others: others.iter().map(|fit| model(fit)).collect() }
+/// The models of a fit.
+pub fn fitted(fit: &StoredFit, others: &[&StoredFit]) -> v1::FittedModels {
+    v1::FittedModels { model: Some(model(fit)), others: others.iter().map(|fit| model(fit)).collect() }
 }
 
 fn estimate(e: &Estimate) -> v1::Estimate {

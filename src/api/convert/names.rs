@@ -1,4 +1,4 @@
-//! Names of resources: `videos/{id}`, `videos/{id}/models/{id}`, `traces/{id}`.
+//! Names of resources: `videos/{id}`, `videos/{id}/models/{id}`, `traces/{id}`, `operations/{id}`.
 
 pub fn video_name(id: &str) -> String {
     format!("videos/{id}")
@@ -10,6 +10,10 @@ pub fn model_name(video: &str, id: &str) -> String {
 
 pub fn trace_name(id: &str) -> String {
     format!("traces/{id}")
+}
+
+pub fn operation_name(id: &str) -> String {
+    format!("operations/{id}")
 }
 
 /// Whether a text has the form of an id.

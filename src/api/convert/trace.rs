@@ -35,7 +35,7 @@ pub fn list(given: v1::ListTracesRequest) -> Result<(TraceFilter, usize, String)
 }
 
 /// Whole milliseconds after 1970 of a time.
-fn milliseconds(violations: &mut Violations, path: &str, time: Option<Timestamp>) -> Option<u64> {
+pub fn milliseconds(violations: &mut Violations, path: &str, time: Option<Timestamp>) -> Option<u64> {
     let time = time?;
     let within = |seconds: u64| seconds.checked_mul(1000)?.checked_add(time.nanos as u64 / 1_000_000);
     let found = u64::try_from(time.seconds).ok().filter(|_| (0..1_000_000_000).contains(&time.nanos));
@@ -75,7 +75,6 @@ pub fn trace(record: TraceRecord) -> v1::Trace {
         TraceKind::Fit => v1::TraceKind::Fit,
         TraceKind::Discovery => v1::TraceKind::Discovery,
     };
-    let ms = record.stored_ms;
     v1::Trace {
         name: trace_name(&record.id),
         video: video_name(&record.video),
@@ -85,8 +84,13 @@ pub fn trace(record: TraceRecord) -> v1::Trace {
         seed: record.seed,
         interventions: record.interventions,
         kind: kind.into(),
-        store_time: Some(Timestamp { seconds: (ms / 1000) as i64, nanos: (ms % 1000) as i32 * 1_000_000 }),
+        store_time: Some(timestamp(record.stored_ms)),
     }
+}
+
+/// The time that many milliseconds after 1970.
+pub fn timestamp(ms: u64) -> Timestamp {
+    Timestamp { seconds: (ms / 1000) as i64, nanos: (ms % 1000) as i32 * 1_000_000 }
 }
 
 pub fn played(round: u64, time: f64, item: ReplayItem) -> v1::ReplayTraceResponse {

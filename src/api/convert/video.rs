@@ -1,6 +1,6 @@
 //! Videos: message to scene and back, with the paths of violations in terms of the message.
 
-use super::camera;
+use super::ingest::camera;
 use super::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
@@ -18,7 +18,7 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
         return Err(EngineError::invalid("video", "is missing"));
     };
     let mut r = Violations::default();
-    let world = world(&mut r, video.world);
+    let world = world(&mut r, "video.world", video.world);
     let has_camera = video.camera.is_some();
     let mut camera = video.camera.and_then(|camera| camera::camera(&mut r, camera));
     let fps = if video.fps == 0.0 { DEFAULT_FPS } else { video.fps };
@@ -61,14 +61,15 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
     }
 }
 
-fn world(r: &mut Violations, world: i32) -> WorldKind {
+/// The world of a field with this path.
+pub fn world(r: &mut Violations, path: &str, world: i32) -> WorldKind {
     match v1::World::try_from(world) {
         Ok(v1::World::Unspecified | v1::World::Clevrer) => WorldKind::Clevrer,
         Ok(v1::World::Table) => WorldKind::Table,
         Ok(v1::World::AirTable) => WorldKind::AirTable,
         Ok(v1::World::Billiards) => WorldKind::Billiards,
         Err(_) => {
-            r.add("video.world", format!("is {world}, which is no world"));
+            r.add(path, format!("is {world}, which is no world"));
             WorldKind::Clevrer
         }
     }
@@ -185,6 +186,7 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         objects: objects.collect(),
         image_noise_px: 0.0,
         linking: None,
+        create_time: None,
         outliers: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
     }
 }

@@ -181,10 +181,3 @@ pub fn model_ids_of(name: &str) -> Result<(String, String), EngineError> {
         }
     }
 }
-
-/// Size of a page and the id after which it starts.
-pub fn page(size: i32, token: String) -> Result<(usize, String), EngineError> {
-    let mut violations = Violations::default();
-    let page = violations.page(size, token);
-    violations.finish(page)
-}

@@ -59,7 +59,7 @@ pub async fn serve(
     security: Security,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    let services = Services(engine);
+    let services = Services(engine.clone());
     macro_rules! limited {
         ($server:ty) => {
             <$server>::new(services.clone())
@@ -73,6 +73,7 @@ pub async fn serve(
     health.set_serving::<v1::reasoning_server::ReasoningServer<Services>>().await;
     health.set_serving::<v1::traces_server::TracesServer<Services>>().await;
     health.set_serving::<v1::statistics_server::StatisticsServer<Services>>().await;
+    health.set_serving::<v1::operations_server::OperationsServer<Services>>().await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTORS)
@@ -96,6 +97,7 @@ pub async fn serve(
         .add_service(limited!(v1::reasoning_server::ReasoningServer<Services>))
         .add_service(limited!(v1::traces_server::TracesServer<Services>))
         .add_service(limited!(v1::statistics_server::StatisticsServer<Services>))
+        .add_service(limited!(v1::operations_server::OperationsServer<Services>))
         .add_service(health_service)
         .add_service(reflection().build_v1()?)
         .add_service(reflection().build_v1alpha()?);
@@ -110,7 +112,9 @@ pub async fn serve(
     // Load balancers see the health status first; then no new calls are accepted, and running ones may end.
     health.set_service_status("", tonic_health::ServingStatus::NotServing).await;
     draining.cancel();
-    match tokio::time::timeout(limits.drain, running).await {
+    let drained = tokio::time::timeout(limits.drain, running).await;
+    engine.abort_operations().await;
+    match drained {
         Ok(result) => Ok(result?),
         Err(_) => {
             tracing::warn!("some calls were still running at the end of the drain time");

@@ -6,6 +6,7 @@ use super::stream::{self, StreamEvent};
 use super::target::Target;
 use crate::api;
 use crate::api::v1::models_client::ModelsClient;
+use crate::api::v1::operations_client::OperationsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
@@ -134,6 +135,10 @@ impl Connection {
         ModelsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
     }
 
+    pub fn operations(&self) -> OperationsClient<ServiceChannel> {
+        OperationsClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
+    }
+
     pub fn reasoning(&self) -> ReasoningClient<ServiceChannel> {
         ReasoningClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
     }
@@ -142,7 +147,8 @@ impl Connection {
     pub async fn models_of(&self, video: &str) -> Result<Vec<Model>, Failure> {
         let (mut models, mut page_token) = (vec![], String::new());
         loop {
-            let request = ListModelsRequest { parent: video.into(), page_size: PAGE, page_token };
+            let request =
+                ListModelsRequest { parent: video.into(), page_size: PAGE, page_token, ..Default::default() };
             let page = self.models().list_models(request).await?.into_inner();
             models.extend(page.models);
             page_token = page.next_page_token;
@@ -156,7 +162,7 @@ impl Connection {
     pub async fn video_names(&self) -> Result<Vec<String>, Failure> {
         let (mut names, mut page_token) = (vec![], String::new());
         loop {
-            let request = ListVideosRequest { page_size: PAGE, page_token };
+            let request = ListVideosRequest { page_size: PAGE, page_token, ..Default::default() };
             let page = self.videos().list_videos(request).await?.into_inner();
             names.extend(page.videos.into_iter().map(|video| video.name));
             page_token = page.next_page_token;

@@ -13,6 +13,7 @@ use super::recent_results::RecentResults;
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::pool::JobContext;
+use crate::engine::progress::{JobProgress, Report};
 use std::collections::HashMap;
 use std::future::Future;
 use std::sync::{Arc, Mutex};
@@ -20,9 +21,6 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
-
-/// Smallest step of progress that is reported: a watcher needs no more.
-const PROGRESS_STEP: f64 = 0.005;
 
 type JobOutcome<T> = Result<Arc<T>, EngineError>;
 
@@ -64,13 +62,13 @@ struct InFlight<T> {
 }
 
 enum JobStage<T> {
-    Running(f64),
+    Running(JobProgress),
     Done(JobOutcome<T>),
 }
 
 /// What a caller receives next.
 pub enum Update<T> {
-    Progress(f64),
+    Progress(JobProgress),
     Done(JobOutcome<T>),
 }
 
@@ -94,7 +92,7 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
         let ours = in_flight.iter().filter(|(key, _)| key.starts_with(prefix)).map(|(_, job)| job);
         let job = |job: &Arc<InFlight<T>>| {
             let progress = match &*job.stage.borrow() {
-                JobStage::Running(fraction) => *fraction,
+                JobStage::Running(at) => at.fraction,
                 JobStage::Done(_) => 1.0,
             };
             Job { kind: self.kind, video: job.video.clone(), progress, age: job.start.elapsed() }
@@ -119,7 +117,7 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
         }
         let stage = match &cached {
             Some(value) => JobStage::Done(Ok(value.clone())),
-            None => JobStage::Running(0.0),
+            None => JobStage::Running(JobProgress::default()),
         };
         let job = Arc::new(InFlight {
             video: video.to_string(),
@@ -136,13 +134,10 @@ impl<T: Send + Sync + 'static> SingleFlightCache<T> {
         in_flight.insert(key.clone(), job.clone());
         drop(in_flight);
         let listener = job.clone();
-        let progress = move |fraction: f64| {
+        let progress = move |report: Report| {
             listener.stage.send_if_modified(|stage| match stage {
-                JobStage::Running(at) if fraction >= *at + PROGRESS_STEP => {
-                    *at = fraction.min(1.0);
-                    true
-                }
-                _ => false,
+                JobStage::Running(at) => at.update(report),
+                JobStage::Done(_) => false,
             });
         };
         let context = JobContext { token: job.token.clone(), deadline, progress: Arc::new(progress) };
@@ -188,7 +183,7 @@ impl<T> JobHandle<T> {
         let gone = self.stage.changed().await.is_err();
         let stage = self.stage.borrow_and_update();
         match &*stage {
-            JobStage::Running(fraction) if !gone => Update::Progress(*fraction),
+            JobStage::Running(at) if !gone => Update::Progress(*at),
             JobStage::Running(_) => Update::Done(Err(EngineError::Cancelled)),
             JobStage::Done(outcome) => Update::Done(outcome.clone()),
         }
@@ -199,7 +194,7 @@ impl<T> JobHandle<T> {
         match tokio::time::timeout(period, self.next()).await {
             Ok(update) => update,
             Err(_) => match &*self.stage.borrow_and_update() {
-                JobStage::Running(fraction) => Update::Progress(*fraction),
+                JobStage::Running(at) => Update::Progress(*at),
                 JobStage::Done(outcome) => Update::Done(outcome.clone()),
             },
         }

@@ -12,12 +12,13 @@ use crate::engine::metric_names;
 use crate::engine::model_source::{ModelSource, ModelSourceKind};
 use crate::engine::pool::JobContext;
 use crate::engine::predictions::DEFAULT_FUTURE_FRAMES;
+use crate::engine::progress::{Phase, Report};
 use crate::engine::results::{
     Discovered, Findings, OptionalPose, StoredFit, Study, TrajectoryPair, result_digest,
 };
 use crate::engine::state::Engine;
 use crate::engine::traces::file;
-use crate::fit::{FitError, FitOptions};
+use crate::fit::{Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::store::TableKind;
@@ -119,15 +120,18 @@ impl Engine {
         }
         metric_names::count_result("study", "made");
         let backlog = self.backlog.clone();
+        let report = context.progress.clone();
         let job = move |stop: Stop| {
-            let (findings, revisions) = findings(&input, &kind, stop)?;
+            let (findings, revisions) = findings(&input, &kind, &*report, stop)?;
             let files = match &findings {
                 Findings::Discovery(found) => file::discovery(&input.videos, &input.scenes, found)?,
                 _ => vec![],
             };
             Ok((findings, revisions, backlog.admit(files, stop)?))
         };
+        let progress = context.progress.clone();
         let ((findings, revisions, batch), _slot) = self.pool.run(context, job).await?;
+        progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         for fit in revisions {
             let key = format!("{}/{}", fit.video, fit.id);
@@ -143,26 +147,40 @@ impl Engine {
 fn findings(
     input: &StudyInput,
     kind: &StudyKind,
+    report: &(dyn Fn(Report) + Send + Sync),
     stop: Stop,
 ) -> Result<(Findings, Vec<StoredFit>), FitError> {
     let options = FitOptions::default();
     let scenes = &input.scenes;
+    let fit = |next| -> Result<Fit, FitError> {
+        report(Report::Phase(Phase::Fitting));
+        let fit = input.fit(&options, stop)?;
+        report(Report::rmse(&fit.scenes));
+        report(Report::Phase(next));
+        Ok(fit)
+    };
     match kind {
         StudyKind::Compare => {
-            let fit = input.fit(&options, stop)?;
+            let fit = fit(Phase::Comparing)?;
             Ok((Findings::Comparison(compare(scenes, &fit, &options, stop)?), vec![]))
         }
         StudyKind::Diagnose(formulas) => {
-            let fit = input.fit(&options, stop)?;
+            let fit = fit(Phase::Diagnosing)?;
             let diagnosis = diagnose(scenes, &fit, formulas, &DiscoverOptions::default(), stop)?;
             Ok((Findings::Diagnosis(diagnosis), vec![]))
         }
         StudyKind::Change(change) => {
+            report(Report::Phase(Phase::Revising));
+            let parents: Vec<SceneFit> = input.parents.iter().flat_map(|p| p.fit.scenes.clone()).collect();
+            if !parents.is_empty() {
+                report(Report::rmse(&parents));
+            }
             let (records, fits) = revision::changed(input, change, stop)?;
             Ok((Findings::Changed(Box::new(records)), fits))
         }
         StudyKind::Discover { max_effects, frames } => {
             let options = DiscoverOptions { max_effects: *max_effects, ..DiscoverOptions::default() };
+            report(Report::Phase(Phase::Discovering));
             let discovery = discover(scenes, &input.models, &options, stop)?;
             let (records, fits) = revision::discovered(input, &discovery);
             let ends = discovery.revisions.first().zip(discovery.revisions.last());

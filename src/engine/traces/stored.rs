@@ -10,10 +10,10 @@ use super::retention::{Lease, Retention, TraceRetention};
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::state::Engine;
-use crate::store::TableKind;
+use crate::store::{TableKind, now_ms};
 use bytes::Bytes;
 use std::sync::Arc;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 /// Most bytes of a trace that are read at a time.
 const READ_BYTES: u64 = 256 * 1024;
@@ -29,11 +29,6 @@ pub struct TraceFilter {
     pub model: Option<String>,
     /// Stored at or after the first and before the second time (ms after 1970).
     pub stored_ms: (Option<u64>, Option<u64>),
-}
-
-/// Milliseconds after 1970.
-pub fn now_ms() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis() as u64)
 }
 
 impl Engine {

@@ -3,15 +3,17 @@ from __future__ import annotations
 
 import ipaddress
 import json
-from collections.abc import Iterable, Mapping, Sequence
+import time
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Union
 
 import grpc
 
-from .v1 import common_pb2, discovery_pb2, models_pb2, models_pb2_grpc, reasoning_pb2, reasoning_pb2_grpc
-from .v1 import traces_pb2, traces_pb2_grpc, videos_pb2, videos_pb2_grpc
+from .v1 import common_pb2, discovery_pb2, models_pb2, models_pb2_grpc, operations_pb2, operations_pb2_grpc
+from .v1 import reasoning_pb2, reasoning_pb2_grpc, traces_pb2, traces_pb2_grpc, videos_pb2, videos_pb2_grpc
 
 if TYPE_CHECKING:
     import pandas
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
 
 #: Largest accepted message (bytes): a whole long simulation.
 MAX_MESSAGE = 64 << 20
+#: Codes of a connection or a wait that was cut short; the operation goes on.
+_CUT = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
+#: Broken connections in a row, a second apart, after which a wait gives up.
+MAX_FAILURES = 60
 _SHAPES = {
     "sphere": lambda size: {"ball": {"radius": size}},
     "cylinder": lambda size: {"disc": {"radius": size}},
@@ -31,9 +37,13 @@ _SHAPES |= {"ball": _SHAPES["sphere"], "disc": _SHAPES["cylinder"], "square": _S
 class VrdpError(Exception):
     """A refused call: its status, the wrong field and the reason."""
 
-    def __init__(self, error: grpc.RpcError):
-        self.code: grpc.StatusCode = error.code()
-        super().__init__(f"{self.code.name}: {error.details()}")
+    def __init__(self, code: grpc.StatusCode, message: str):
+        self.code = code
+        super().__init__(f"{code.name}: {message}")
+
+    @classmethod
+    def of(cls, error: grpc.RpcError) -> VrdpError:
+        return cls(error.code(), error.details())
 
 
 @dataclass(frozen=True)
@@ -115,6 +125,7 @@ class Client:
         self._models = models_pb2_grpc.ModelsStub(self._channel)
         self._reasoning = reasoning_pb2_grpc.ReasoningStub(self._channel)
         self._traces = traces_pb2_grpc.TracesStub(self._channel)
+        self._operations = operations_pb2_grpc.OperationsStub(self._channel)
 
     def __enter__(self) -> Client:
         return self
@@ -129,7 +140,7 @@ class Client:
         try:
             return method(request, **self._call)
         except grpc.RpcError as error:
-            raise VrdpError(error) from None
+            raise VrdpError.of(error) from None
 
     def _last(self, method: Any, request: Any) -> Any:
         """The last message of a stream of progress."""
@@ -138,7 +149,7 @@ class Client:
             for last in method(request, **self._call):
                 pass
         except grpc.RpcError as error:
-            raise VrdpError(error) from None
+            raise VrdpError.of(error) from None
         return last
 
     def post(
@@ -197,8 +208,7 @@ class Client:
 
     def fit(self, video: str, *, preset: str | None = None) -> models_pb2.Model:
         """Fits a model to the video and stores it."""
-        request = models_pb2.FitModelRequest(parent=video, start=_choice(preset))
-        return self._last(self._models.FitModel, request).model
+        return self._last(self._models.FitModel, _fit(video, preset=preset)).model
 
     def simulate(
         self,
@@ -238,9 +248,61 @@ class Client:
 
     def discover(self, videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.Discovery:
         """Finds the effects that the model of a set-up lacks, from its videos."""
-        study = discovery_pb2.StudyRequest(videos=videos)
-        request = discovery_pb2.DiscoverEffectsRequest(study=study, max_effects=max_effects)
-        return self._last(self._models.DiscoverEffects, request).discovery
+        return self._last(self._models.DiscoverEffects, _discover(videos, max_effects=max_effects)).discovery
+
+    def start(self, work: Any, *args: Any, request_id: str = "", **options: Any) -> str:
+        """Starts long work that goes on if this program ends; returns its name, for :meth:`wait` and :meth:`cancel`.
+
+        ``work`` is ``"fit"`` or ``"discover"``, with the arguments of that method, or a request of ``vrdp.v1``. Starting with
+        the same ``request_id`` again returns the first operation.
+        """
+        request = _WORK[work](*args, **options) if isinstance(work, str) else work
+        start = operations_pb2.StartOperationRequest(request_id=request_id or uuid.uuid4().hex)
+        fields = {f.message_type.full_name: f.name for f in start.DESCRIPTOR.oneofs_by_name["work"].fields}
+        if request.DESCRIPTOR.full_name not in fields:
+            raise ValueError(f"{request.DESCRIPTOR.name} cannot be started; it must be one of {', '.join(fields)}")
+        getattr(start, fields[request.DESCRIPTOR.full_name]).CopyFrom(request)
+        return self._one(self._operations.StartOperation, start).name
+
+    def operation(self, name: str) -> operations_pb2.Operation:
+        """How an operation stands; with its result if it is done."""
+        return self._one(self._operations.GetOperation, operations_pb2.GetOperationRequest(name=name))
+
+    def wait(
+        self,
+        name: str,
+        *,
+        timeout: float | None = None,
+        progress: Callable[[common_pb2.Progress], None] | None = None,
+    ) -> Any:
+        """Waits for an operation, across broken connections, and returns its result: a model, a discovery, ...
+
+        Raises :class:`VrdpError` if it failed or was cancelled, and TimeoutError after ``timeout`` seconds; it then still runs.
+        """
+        request = operations_pb2.WaitOperationRequest(name=name)
+        end = None if timeout is None else time.monotonic() + timeout
+        failures = 0
+        while True:
+            try:
+                for now in self._operations.WaitOperation(request, **self._call):
+                    failures = 0
+                    if now.done:
+                        return _result(now)
+                    if progress:
+                        progress(now.progress)
+                    if end is not None and time.monotonic() >= end:
+                        raise TimeoutError(f"{name} still runs after {timeout} s")
+            except grpc.RpcError as error:
+                failures += error.code() is not grpc.StatusCode.DEADLINE_EXCEEDED
+                if error.code() not in _CUT or failures > MAX_FAILURES:
+                    raise VrdpError.of(error) from None
+            if end is not None and time.monotonic() >= end:
+                raise TimeoutError(f"{name} still runs after {timeout} s")
+            time.sleep(1.0)
+
+    def cancel(self, name: str) -> operations_pb2.Operation:
+        """Stops an operation, unless it is done; returns how it stands."""
+        return self._one(self._operations.CancelOperation, operations_pb2.CancelOperationRequest(name=name))
 
     def trace(self, name: str) -> bytes:
         """The MCAP file of a trace."""
@@ -248,7 +310,7 @@ class Client:
             parts = self._traces.DownloadTrace(traces_pb2.DownloadTraceRequest(name=name), **self._call)
             return b"".join(part.data for part in parts)
         except grpc.RpcError as error:
-            raise VrdpError(error) from None
+            raise VrdpError.of(error) from None
 
 
 def _choice(model: str | None) -> common_pb2.ModelChoice | None:
@@ -256,6 +318,26 @@ def _choice(model: str | None) -> common_pb2.ModelChoice | None:
     if model is None:
         return None
     return common_pb2.ModelChoice(model=model) if model.startswith("videos/") else common_pb2.ModelChoice(preset=model)
+
+
+def _fit(video: str, *, preset: str | None = None) -> models_pb2.FitModelRequest:
+    return models_pb2.FitModelRequest(parent=video, start=_choice(preset))
+
+
+def _discover(videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.DiscoverEffectsRequest:
+    return discovery_pb2.DiscoverEffectsRequest(study={"videos": videos}, max_effects=max_effects)
+
+
+_WORK = {"fit": _fit, "discover": _discover}
+
+
+def _result(done: operations_pb2.Operation) -> Any:
+    """The result of an operation that is done; of a fit, the model."""
+    kind = done.WhichOneof("result")
+    if kind == "error":
+        code = next(c for c in grpc.StatusCode if c.value[0] == done.error.code)
+        raise VrdpError(code, done.error.message)
+    return done.fitted.model if kind == "fitted" else getattr(done, kind)
 
 
 def _retries() -> str:

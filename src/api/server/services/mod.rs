@@ -1,6 +1,8 @@
 //! The services: each call is converted, handed to the engine, and its result converted back.
 
+mod calls;
 mod models;
+mod operations;
 mod reasoning;
 mod report;
 mod statistics;

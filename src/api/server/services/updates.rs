@@ -1,58 +1,94 @@
-//! Streams of progress that end with a result.
+//! Long calls: progress, then a result.
 
 use super::{RpcResult, RpcStream};
+use crate::api::convert::progress::progress_message;
 use crate::api::status::status;
-use crate::engine::{EngineError, JobHandle, Update};
-use futures_util::stream::{self, StreamExt};
+use crate::api::v1;
+use crate::engine::{EngineError, JobHandle, JobProgress, Update};
+use futures_util::stream::{self, BoxStream, StreamExt};
 use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
-use tonic::{Response, Status};
+use tonic::Response;
 
 /// How often unchanged progress is repeated, so that a client sees that the job is alive.
 const HEARTBEAT: Duration = Duration::from_secs(1);
 /// A job that fails within this time is refused without a stream, so that clients can retry by themselves.
 const EARLY_FAILURE: Duration = Duration::from_millis(30);
 
-/// A stream of progress that ends with the result. The stream owns the job handle: a caller who leaves drops it.
-pub async fn updates<T: Send + Sync + 'static, M: Send + 'static>(
-    job: JobHandle<T>,
-    progress: impl Fn(f64) -> M + Copy + Send + 'static,
-    done: impl Fn(&T) -> Option<M> + Send + 'static,
-) -> RpcResult<RpcStream<M>> {
-    updates_then(job, progress, move |found: Arc<T>| std::future::ready(Ok(done(&found)))).await
+/// What a long call does next.
+pub enum CallUpdate<R> {
+    Progress(JobProgress),
+    /// The end.
+    Done(Result<R, EngineError>),
 }
 
-/// The same, where more work turns what was found into the result.
-pub async fn updates_then<T, M, F>(
+/// Progress that ends with a result. It owns the job handle: who drops it leaves the job.
+pub type LongCall<R> = BoxStream<'static, CallUpdate<R>>;
+
+/// The call of a job; `finish` makes its result of what the job found.
+pub async fn long_call<T, R, F>(
     job: JobHandle<T>,
-    progress: impl Fn(f64) -> M + Copy + Send + 'static,
-    done: impl FnOnce(Arc<T>) -> F + Send + 'static,
-) -> RpcResult<RpcStream<M>>
+    finish: impl FnOnce(Arc<T>) -> F + Send + 'static,
+) -> Result<LongCall<R>, EngineError>
 where
     T: Send + Sync + 'static,
-    M: Send + 'static,
-    F: Future<Output = Result<Option<M>, EngineError>> + Send,
+    R: Send + 'static,
+    F: Future<Output = Result<R, EngineError>> + Send + 'static,
 {
     if let Some(error) = job.failed_within(EARLY_FAILURE).await {
-        return Err(status(error));
+        return Err(error);
     }
-    let updates = stream::unfold(Some((job, done, false)), move |state| async move {
-        let (mut job, done, progress_was_sent) = state?;
+    let updates = stream::unfold(Some((job, finish)), |state| async move {
+        let (mut job, finish) = state?;
         let update = match job.outcome() {
             Some(outcome) => Update::Done(outcome),
             None => job.next_within(HEARTBEAT).await,
         };
         Some(match update {
-            Update::Progress(fraction) => (Ok(progress(fraction)), Some((job, done, true))),
-            // Progress comes before the result, however fast the job was.
-            Update::Done(Ok(_)) if !progress_was_sent => (Ok(progress(1.0)), Some((job, done, true))),
-            Update::Done(Ok(found)) => {
-                let other = || Status::internal("the job has another kind of result than the request");
-                (done(found).await.map_err(status).and_then(|made| made.ok_or_else(other)), None)
-            }
-            Update::Done(Err(error)) => (Err(status(error)), None),
+            Update::Progress(at) => (CallUpdate::Progress(at), Some((job, finish))),
+            Update::Done(Ok(found)) => (CallUpdate::Done(finish(found).await), None),
+            Update::Done(Err(error)) => (CallUpdate::Done(Err(error)), None),
         })
     });
-    Ok(Response::new(updates.boxed()))
+    Ok(updates.boxed())
+}
+
+/// The call of work that reports no progress.
+pub async fn long_call_of<R: Send + 'static>(
+    work: impl Future<Output = Result<R, EngineError>> + Send + 'static,
+) -> Result<LongCall<R>, EngineError> {
+    let mut work = Box::pin(work);
+    match tokio::time::timeout(EARLY_FAILURE, &mut work).await {
+        Ok(early) => {
+            let found = early?;
+            Ok(stream::once(async { CallUpdate::Done(Ok(found)) }).boxed())
+        }
+        Err(_) => Ok(stream::once(async { CallUpdate::Done(work.await) }).boxed()),
+    }
+}
+
+/// A long call as the stream of its method.
+pub fn replies<R: Send + 'static, M: Send + 'static>(
+    call: Result<LongCall<R>, EngineError>,
+    progress: impl Fn(v1::Progress) -> M + Send + 'static,
+    done: impl Fn(R) -> M + Send + 'static,
+) -> RpcResult<RpcStream<M>> {
+    let mut progress_was_sent = false;
+    let replies = call.map_err(status)?.flat_map(move |update| {
+        let messages = match update {
+            CallUpdate::Progress(at) => {
+                progress_was_sent = true;
+                vec![Ok(progress(progress_message(&at)))]
+            }
+            // Progress comes before the result, however fast the job was.
+            CallUpdate::Done(Ok(result)) if !progress_was_sent => {
+                let all = v1::Progress { fraction: 1.0, ..Default::default() };
+                vec![Ok(progress(all)), Ok(done(result))]
+            }
+            CallUpdate::Done(result) => vec![result.map(&done).map_err(status)],
+        };
+        stream::iter(messages)
+    });
+    Ok(Response::new(replies.boxed()))
 }

@@ -1,42 +1,31 @@
 //! The service `Videos`.
 
-use super::{RpcResult, Services, cut_page};
-use crate::api::convert::camera::{calibration, pairs, uncalibrated};
-use crate::api::convert::detections::linking_message;
-use crate::api::convert::new_video::scene_from_request;
+use super::{RpcResult, Services, calls, cut_page};
+use crate::api::convert::ingest::camera::{calibration, pairs, uncalibrated};
 use crate::api::convert::video::video_message;
-use crate::api::convert::violations::{page, video_id};
+use crate::api::convert::violations::video_id;
+use crate::api::convert::{listing, trace::timestamp};
 use crate::api::status::status;
 use crate::api::v1;
 use crate::scene::calibrate;
-use std::sync::{Arc, OnceLock};
 use tonic::{Request, Response};
 
 #[tonic::async_trait]
 impl v1::videos_server::Videos for Services {
     async fn create_video(&self, request: Request<v1::CreateVideoRequest>) -> RpcResult<v1::Video> {
         let owner = self.owner(&request);
-        let given = request.into_inner();
-        let request_id = given.request_id.clone();
-        let linking = Arc::new(OnceLock::new());
-        let report_to = linking.clone();
-        let make = move || {
-            let (scene, report) = scene_from_request(given)?;
-            // The closure runs once, so the cell is empty.
-            let _ = report_to.set(report);
-            Ok(scene)
-        };
-        let (id, scene) = owner.create_video(make).await.map_err(status)?;
-        tracing::info!(video = id, request_id, "video created");
-        let linking = linking.get().and_then(|r| r.as_ref()).map(linking_message);
-        Ok(Response::new(v1::Video { linking, ..video_message(&id, &scene, true) }))
+        let video = calls::create_video(&owner, request.into_inner()).await.map_err(status)?;
+        Ok(Response::new(video))
     }
 
     async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> RpcResult<v1::Video> {
         let owner = self.owner(&request);
-        let id = video_id("name", &request.into_inner().name).map_err(status)?;
+        let given = request.into_inner();
+        let id = video_id("name", &given.name).map_err(status)?;
+        let mask = listing::mask(given.read_mask, "Video").map_err(status)?;
         let scene = owner.video(&id).await.map_err(status)?;
-        Ok(Response::new(video_message(&id, &scene, true)))
+        let create_time = owner.video_created_ms(&id).await.map_err(status)?.map(timestamp);
+        Ok(Response::new(mask.apply(v1::Video { create_time, ..video_message(&id, &scene, true) })))
     }
 
     async fn list_videos(
@@ -44,12 +33,24 @@ impl v1::videos_server::Videos for Services {
         request: Request<v1::ListVideosRequest>,
     ) -> RpcResult<v1::ListVideosResponse> {
         let owner = self.owner(&request);
-        let given = request.into_inner();
-        let (size, after) = page(given.page_size, given.page_token).map_err(status)?;
-        let mut rows = owner.videos(&after, size + 1).await.map_err(status)?;
-        let next_page_token = cut_page(&mut rows, size, |(id, _)| id);
-        let videos = rows.iter().map(|(id, scene)| video_message(id, scene, false)).collect();
+        let asked = listing::videos(request.into_inner()).map_err(status)?;
+        let listed = owner.list_videos(asked.filter, &asked.after, asked.size + 1).await;
+        let mut rows = listed.map_err(status)?;
+        let next_page_token = cut_page(&mut rows, asked.size, |row| &row.key);
+        let videos = rows.iter().map(|row| asked.mask.apply(listing::video(row))).collect();
         Ok(Response::new(v1::ListVideosResponse { videos, next_page_token }))
+    }
+
+    async fn list_setups(
+        &self,
+        request: Request<v1::ListSetupsRequest>,
+    ) -> RpcResult<v1::ListSetupsResponse> {
+        let owner = self.owner(&request);
+        let (prefix, size, after) = listing::setups(request.into_inner()).map_err(status)?;
+        let mut rows = owner.list_setups(&prefix, &after, size + 1).await.map_err(status)?;
+        let next_page_token = listing::token(&cut_page(&mut rows, size, |row| &row.name));
+        let setups = rows.into_iter().map(listing::setup).collect();
+        Ok(Response::new(v1::ListSetupsResponse { setups, next_page_token }))
     }
 
     async fn delete_video(&self, request: Request<v1::DeleteVideoRequest>) -> RpcResult<()> {

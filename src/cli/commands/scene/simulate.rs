@@ -81,7 +81,7 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
         output::file(path, &connection.download(&reply.trace).await?)?;
         trace = Some(path.display().to_string());
     }
-    let asked = GetModelRequest { name: reply.model.clone() };
+    let asked = GetModelRequest { name: reply.model.clone(), ..Default::default() };
     let model = connection.models().get_model(asked).await?.into_inner();
     let mut text = events(&scene, &reply.events) + &notes(&scene, &reply) + &misfit(&model);
     if let Some(trace) = &trace {

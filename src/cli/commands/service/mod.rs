@@ -2,4 +2,5 @@
 
 pub mod effects;
 pub mod health;
+pub mod operations;
 pub mod serve;

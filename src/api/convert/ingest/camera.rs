@@ -1,6 +1,6 @@
 //! Cameras, image points and calibrations: messages to domain values and back.
 
-use super::violations::Violations;
+use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
 use crate::scene::{

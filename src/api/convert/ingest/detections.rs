@@ -1,8 +1,8 @@
 //! Detections: messages to domain values, linked into the objects of a video.
 
 use super::camera::{camera, camera_message, image_noise};
-use super::video::{DEFAULT_FPS, object_message};
-use super::violations::Violations;
+use crate::api::convert::video::{DEFAULT_FPS, object_message};
+use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
 use crate::scene::{

@@ -1,11 +1,11 @@
 //! What a tenant has stored and running, for the dashboard.
 
-use super::cache::Job;
-use super::error::EngineError;
-use super::results::{Findings, Study};
-use super::state::Engine;
-use super::traces::file::{TraceKind, TraceRecord};
-use super::traces::stored::TraceFilter;
+use crate::engine::cache::Job;
+use crate::engine::error::EngineError;
+use crate::engine::results::{Findings, Study};
+use crate::engine::state::Engine;
+use crate::engine::traces::file::{TraceKind, TraceRecord};
+use crate::engine::traces::stored::TraceFilter;
 use crate::report::dashboard::{Dashboard, JobRow, TraceRow, VideoRow};
 use crate::store::TableKind;
 

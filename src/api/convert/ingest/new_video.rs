@@ -1,7 +1,7 @@
 //! The scene of a request that creates a video, from tracks or from detections.
 
 use super::detections::linked;
-use super::video::scene_from_message;
+use crate::api::convert::video::scene_from_message;
 use crate::api::v1;
 use crate::engine::EngineError;
 use crate::scene::{LinkReport, Scene};

@@ -1,0 +1,102 @@
+//! The long calls: each from its request to its job, and from what the job found to its result.
+
+use super::report;
+use super::updates::{LongCall, long_call, long_call_of};
+use crate::api::convert::ingest::detections::linking_message;
+use crate::api::convert::ingest::new_video::scene_from_request;
+use crate::api::convert::video::video_message;
+use crate::api::convert::{findings, model, study};
+use crate::api::v1;
+use crate::engine::{Engine, EngineError, StoredFit, Study, StudyKind};
+use std::sync::{Arc, OnceLock};
+
+type Started<R> = Result<LongCall<R>, EngineError>;
+type Owner = Arc<Engine>;
+
+/// The model of the video, and those that were fitted together with it.
+pub async fn fit(owner: &Owner, given: v1::FitModelRequest) -> Started<v1::FittedModels> {
+    let (video, others, start, options) = model::fit_request(given)?;
+    let videos = owner.joint_videos(&video, others).await?;
+    if videos.len() == 1 {
+        let job = owner.fit(&video, &start, options).await?;
+        return long_call(job, async |fit: Arc<StoredFit>| Ok(model::fitted(&fit, &[]))).await;
+    }
+    let job = owner.fit_joint(videos, &start, options).await?;
+    let result = async move |fits: Arc<Vec<StoredFit>>| {
+        let fit = fits.iter().find(|f| f.video == video).ok_or_else(other_result)?;
+        let others: Vec<&StoredFit> = fits.iter().filter(|f| f.video != video).collect();
+        Ok(model::fitted(fit, &others))
+    };
+    long_call(job, result).await
+}
+
+pub async fn compare(owner: &Owner, given: v1::CompareModelsRequest) -> Started<v1::Comparison> {
+    let (videos, start) = study::request(given.study)?;
+    let job = owner.study(&videos, &start, StudyKind::Compare).await?;
+    long_call(job, async move |s: Arc<Study>| findings::comparison(&s, &videos).ok_or_else(other_result))
+        .await
+}
+
+pub async fn diagnose(owner: &Owner, given: v1::DiagnoseModelRequest) -> Started<v1::Diagnosis> {
+    let (videos, start, kind) = study::diagnose(given)?;
+    let job = owner.study(&videos, &start, kind).await?;
+    long_call(job, async move |s: Arc<Study>| findings::diagnosis(&s, &videos).ok_or_else(other_result)).await
+}
+
+pub async fn discover(owner: &Owner, given: v1::DiscoverEffectsRequest) -> Started<v1::Discovery> {
+    let (videos, start, kind) = study::discovery(given)?;
+    let job = owner.study(&videos, &start, kind).await?;
+    long_call(job, async move |s: Arc<Study>| findings::discovered(&s, &videos).ok_or_else(other_result))
+        .await
+}
+
+pub async fn add(owner: &Owner, given: v1::AddEffectRequest) -> Started<v1::RevisedModels> {
+    let (videos, start, kind) = study::addition(given)?;
+    let job = owner.study(&videos, &start, kind).await?;
+    long_call(job, async |s: Arc<Study>| findings::revised(&s).ok_or_else(other_result)).await
+}
+
+pub async fn remove(owner: &Owner, given: v1::RemoveEffectRequest) -> Started<v1::RevisedModels> {
+    let (videos, start, kind) = study::removal(given)?;
+    let job = owner.study(&videos, &start, kind).await?;
+    long_call(job, async |s: Arc<Study>| findings::revised(&s).ok_or_else(other_result)).await
+}
+
+pub async fn write_report(owner: &Owner, given: v1::WriteReportRequest) -> Started<v1::Report> {
+    let report::ReportRequest { job, questions, prefix } = report::report_request(owner, given).await?;
+    let owner = owner.clone();
+    long_call(job, async move |s: Arc<Study>| report::written(&owner, &s, questions, prefix).await).await
+}
+
+/// Stores a video, without samples in its result.
+pub async fn import(owner: &Owner, given: v1::CreateVideoRequest) -> Started<v1::Video> {
+    let owner = owner.clone();
+    long_call_of(async move {
+        let mut video = create_video(&owner, given).await?;
+        video.times.clear();
+        video.objects.iter_mut().for_each(|object| object.samples.clear());
+        Ok(video)
+    })
+    .await
+}
+
+pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Result<v1::Video, EngineError> {
+    let request_id = given.request_id.clone();
+    let linking = Arc::new(OnceLock::new());
+    let report_to = linking.clone();
+    let make = move || {
+        let (scene, report) = scene_from_request(given)?;
+        // The closure runs once, so the cell is empty.
+        let _ = report_to.set(report);
+        Ok(scene)
+    };
+    let (id, scene) = owner.create_video(make).await?;
+    tracing::info!(video = id, request_id, "video created");
+    let linking = linking.get().and_then(|r| r.as_ref()).map(linking_message);
+    Ok(v1::Video { linking, ..video_message(&id, &scene, true) })
+}
+
+fn other_result() -> EngineError {
+    let message = "the job has another kind of result than the request".into();
+    EngineError::Internal { id: "result".into(), message }
+}
