@@ -98,6 +98,8 @@ pub struct Flags {
     pub tls_client_ca: Option<PathBuf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tokens: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub workers: Option<usize>,
 }
 
 #[derive(Debug, thiserror::Error)]

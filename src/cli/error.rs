@@ -21,12 +21,17 @@ impl Failure {
         Failure::Other(message.to_string())
     }
 
+    /// Changes the message.
+    pub fn map(self, change: impl FnOnce(String) -> String) -> Self {
+        match self {
+            Failure::Input(message) => Failure::Input(change(message)),
+            Failure::Other(message) => Failure::Other(change(message)),
+        }
+    }
+
     /// Adds the name of the file or scene that failed.
     pub fn at(self, place: &str) -> Self {
-        match self {
-            Failure::Input(message) => Failure::Input(format!("{place}: {message}")),
-            Failure::Other(message) => Failure::Other(format!("{place}: {message}")),
-        }
+        self.map(|message| format!("{place}: {message}"))
     }
 
     /// Combines the failures of `count` scenes or files: bad input if one of them is.
@@ -63,6 +68,33 @@ impl fmt::Display for Failure {
     }
 }
 
+/// Fields of requests that a user sets with a flag.
+const FLAGS: [(&str, &str); 9] = [
+    ("study.start.model_json", "--model"),
+    ("study.start", "--model"),
+    ("start.model_json", "--model"),
+    ("start", "--model"),
+    ("model.model_json", "--model"),
+    ("study.models", "--on"),
+    ("formula.text", "the formula"),
+    ("formula.name", "--name"),
+    ("rollouts", "--rollouts"),
+];
+
+/// A line of a message with the flag in place of the request's field: `start.preset: ...` becomes `--model: ...`.
+fn with_flag(line: &str) -> String {
+    let text = line.trim_start();
+    let indent = &line[..line.len() - text.len()];
+    let known = FLAGS.iter().find_map(|(field, flag)| {
+        let rest = text.strip_prefix(field)?;
+        let rest = rest.strip_prefix(".preset").or_else(|| rest.strip_prefix(".model")).unwrap_or(rest);
+        let is_whole = rest.starts_with(['.', ':', '[']);
+        is_whole
+            .then(|| format!("{indent}{flag}{}", rest.replacen('.', " ", usize::from(rest.starts_with('.')))))
+    });
+    known.unwrap_or_else(|| line.to_string())
+}
+
 impl From<tonic::Status> for Failure {
     fn from(status: tonic::Status) -> Self {
         let mut message = status.message().to_string();
@@ -74,12 +106,32 @@ impl From<tonic::Status> for Failure {
                 }
             }
         }
+        let message = message.lines().map(with_flag).collect::<Vec<_>>().join("\n");
         match status.code() {
             tonic::Code::InvalidArgument
             | tonic::Code::NotFound
             | tonic::Code::OutOfRange
             | tonic::Code::FailedPrecondition => Failure::Input(message),
             code => Failure::Other(format!("{message} ({code:?})")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_names_the_flag_and_not_the_field() {
+        for (line, shown) in [
+            ("start.preset: there is no preset \"x\"", "--model: there is no preset \"x\""),
+            ("  study.start: is a fitted model", "  --model: is a fitted model"),
+            ("start.model_json.effects[2].name: is there twice", "--model effects[2].name: is there twice"),
+            ("formula.text: line 1", "the formula: line 1"),
+            ("starting again: later", "starting again: later"),
+            ("video.objects[0].x: is 3", "video.objects[0].x: is 3"),
+        ] {
+            assert_eq!(with_flag(line), shown);
         }
     }
 }

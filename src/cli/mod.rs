@@ -43,13 +43,18 @@ fn check(target: &Target, command: &Command) -> Result<(), Failure> {
     let credential = credentials.iter().find(|(_, file)| file.is_some()).map(|(flag, _)| *flag);
     let remote = target.server.as_ref().map(|_| "--server").or(credential);
     let folder = target.data_dir.as_ref().map(|_| "--data-dir");
+    let threads = target.threads.map(|_| "--threads").filter(|_| match command {
+        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Health => true,
+        _ => target.server.is_some(),
+    });
     let unused = match command {
         Command::Serve(_) => remote,
         Command::Demo(_) | Command::Trace(_) | Command::Replay(_) => remote.or(folder),
         Command::Health => folder,
         _ if target.server.is_some() => folder,
         _ => None,
-    };
+    }
+    .or(threads);
     match (unused, credential) {
         (Some("--data-dir"), _) if target.server.is_some() => {
             Err(Failure::input("--data-dir is the store of this process; with --server, leave it out"))
@@ -189,6 +194,17 @@ mod tests {
     }
 
     #[test]
+    fn every_argument_is_described() {
+        let command = Cli::command();
+        let of = |c: &clap::Command| -> Vec<String> {
+            let bare = c.get_arguments().filter(|a| a.get_help().is_none());
+            bare.map(|a| format!("{} {}", c.get_name(), a.get_id())).collect()
+        };
+        let bare: Vec<String> = command.get_subcommands().flat_map(of).collect();
+        assert!(bare.is_empty(), "without a description: {bare:?}");
+    }
+
+    #[test]
     fn options_without_effect_are_refused() {
         let refused = |line: &str| match Cli::try_parse_from(line.split(' ')) {
             Ok(cli) => check(&cli.target, &cli.command.unwrap()).err().map(|failure| failure.to_string()),
@@ -198,6 +214,8 @@ mod tests {
             "vrdp effects",
             "vrdp effects --data-dir d",
             "vrdp health --ca c",
+            "vrdp effects --threads 2",
+            "vrdp serve --threads 2",
             "vrdp serve --data-dir d",
             "vrdp effects --server u --token t",
             "vrdp --server u effects --token t",
@@ -208,6 +226,8 @@ mod tests {
         for (line, named) in [
             ("vrdp effects --server u --data-dir d", "--data-dir"),
             ("vrdp effects --token t", "--server"),
+            ("vrdp effects --server u --threads 2", "--threads"),
+            ("vrdp health --threads 2", "--threads"),
             ("vrdp serve --server u", "--server"),
             ("vrdp replay f --data-dir d", "--data-dir"),
             ("vrdp health --data-dir d", "--data-dir"),

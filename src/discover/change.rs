@@ -21,7 +21,7 @@ use super::whole_trajectory::stuck;
 use super::window_fits::WindowFits;
 use super::windows::contacts;
 use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
-use crate::effects::{EFFECTS, EffectEntry, effect};
+use crate::effects::{EFFECTS, EffectEntry, alike, effect};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit, StartPoint, estimate};
 use crate::num::{Stop, elementary, progress_of_jobs, progress_within};
 use crate::scene::Scene;
@@ -33,8 +33,6 @@ use std::collections::BTreeSet;
 pub const FORMULA: &str = "formula";
 /// Longest name of a user's law (bytes).
 const LONGEST_NAME: usize = 64;
-/// Names that an error shows.
-const SHOWN: usize = 3;
 /// Evidence (nats) from which a change is better, or worse.
 const CERTAIN: f64 = 10.0;
 /// Errors on what was not fitted that differ by less than this share are the same.
@@ -54,7 +52,7 @@ pub enum ModelChange {
 /// Why a change cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ChangeError {
-    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` list all", alike(.name))]
+    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` list all", alike(.name).join(", "))]
     Unknown { name: String },
     #[error(
         "{name} is already in the model; start from a revision without it (`--on`), remove it first, or give a new law another `--name`"
@@ -68,17 +66,6 @@ pub enum ChangeError {
     Name { name: String },
     #[error(transparent)]
     Formula(#[from] FormulaError),
-}
-
-/// Names that are like one that nobody knows, those that have a word of it first.
-fn alike(name: &str) -> String {
-    let words: Vec<&str> = name.split('_').collect();
-    let shares = |known: &str| known.split('_').any(|word| words.contains(&word));
-    let like = |known: &str| f64::from(u8::from(shares(known))) + strsim::jaro_winkler(known, name);
-    let mut names: Vec<&str> = EFFECTS.iter().map(|e| e.spec.name).collect();
-    names.sort_by(|a, b| like(b).total_cmp(&like(a)));
-    names.truncate(SHOWN);
-    names.join(", ")
 }
 
 /// Effects of the library that a name or a kind stands for.

@@ -2,6 +2,7 @@
 //!
 //! `effect` says what an effect is, `profile` what other rooms know of it, `entry` is the row of the table.
 
+mod alike;
 mod effect;
 mod entry;
 pub mod formula;
@@ -61,6 +62,7 @@ mod matter {
     pub mod wrong_size;
 }
 
+pub use alike::alike;
 pub use contact::contact_distance::MOST_MARGIN;
 pub use effect::{Effect, EffectSpec, Hook, Symmetry};
 pub use entry::{

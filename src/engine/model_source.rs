@@ -2,7 +2,7 @@
 
 use super::error::EngineError;
 use super::limits::MAX_SPEED;
-use crate::effects::{Scope, effect};
+use crate::effects::{Scope, alike, effect};
 use crate::num::Vec2;
 use crate::scene::{MASS_RANGE, MAX_POSITION, SIZE_RANGE, Scene, Shape, Violation};
 use crate::world::{ActiveEffect, BodySpec, Model, PRESETS, Preset};
@@ -51,9 +51,10 @@ impl ModelSource {
                 found.model(&model, scene);
                 if found.list.is_empty() { Ok(model) } else { Err(EngineError::Invalid(found.list)) }
             }
-            ModelSourceKind::Fitted(_) | ModelSourceKind::FittedEach(_) => {
-                Err(EngineError::invalid(self.path, "is fitted already; name a preset or give a model file"))
-            }
+            ModelSourceKind::Fitted(_) | ModelSourceKind::FittedEach(_) => Err(EngineError::invalid(
+                self.path,
+                "is a fitted model, and a fit starts from a preset or a model file; name one of these, or the fitted model in `simulate` or `ask`",
+            )),
         }
     }
 }
@@ -140,7 +141,8 @@ impl ModelFileViolations {
             }
             (None, Some(entry)) => entry.spec.params.iter().map(|p| p.name).collect(),
             (None, None) => {
-                let message = format!("there is no effect {}", active.name);
+                let meant = alike(&active.name).join(", ");
+                let message = format!("there is no effect {:?}; did you mean {meant}?", active.name);
                 return self.add(format!("effects[{i}].name"), message);
             }
         };

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `observation`, `object`, `covariance` | the data: `Scene`, `Track`, `Sample`; `Object`, `Shape`; the uncertainty of a position |
 //! | `validate`, `violations`, `limits` | every check of a scene, all violations at once; what is allowed |
+//! | `spelling` | the known name that a misspelt one means |
 //! | `digest` | the key of a scene by its content |
 //! | `camera` | projection, the inverse onto the ground plane, calibration from point pairs |
 //! | `tracks` | detections to tracks: masks, silhouettes, linking; outliers of a tracker |
@@ -16,6 +17,7 @@ mod files;
 mod limits;
 mod object;
 mod observation;
+mod spelling;
 #[cfg(test)]
 mod tests;
 mod tracks;
@@ -30,10 +32,12 @@ pub use covariance::Covariance;
 pub use digest::canonical_digest;
 pub use files::{
     Proposals, is_tracker, observed_json, parse, parse_csv, parse_pairs, parse_proposals, parse_tracker,
+    read_annotation, read_csv,
 };
 pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
 pub use object::{Object, Shape};
 pub use observation::{Outlier, Sample, Scene, Table, Track, WorldKind};
+pub use spelling::misspelt;
 pub use tracks::{
     AttributeScores, BoundingBox, Detection, LinkError, LinkOptions, LinkReport, LinkedTracks,
     MAX_DETECTIONS, MaskError, decompress, link, mask_bounds, outline,

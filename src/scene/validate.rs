@@ -7,7 +7,7 @@ use crate::scene::limits::{
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Table, Track};
 use crate::scene::tracks::outliers::reject_outliers;
-use crate::scene::violations::{SceneError, SceneViolations};
+use crate::scene::violations::{SceneError, SceneViolations, readable};
 
 /// Longest mean time from frame to frame (s).
 const MAX_FRAME_TIME: f64 = 1.0 / FPS_RANGE[0];
@@ -88,10 +88,13 @@ impl Scene {
                 continue;
             }
             if k == 0 && t < 0.0 {
-                r.add("times[0]", format!("is {t} s; times begin at 0 or later"));
+                r.add("times[0]", format!("is {} s; times begin at 0 or later", readable(t)));
             }
             if t <= before {
-                r.add(format!("times[{k}]"), format!("is {t} after {before}; times must increase"));
+                r.add(
+                    format!("times[{k}]"),
+                    format!("is {} after {}; times must increase", readable(t), readable(before)),
+                );
             }
             before = t;
         }
@@ -99,7 +102,10 @@ impl Scene {
             && let apart = (last - first) / (self.times.len() - 1) as f64
             && apart > MAX_FRAME_TIME
         {
-            let message = format!("are {apart:.0} s apart; give seconds (divide milliseconds by 1000)");
+            let message = format!(
+                "are {} s apart; give seconds (divide milliseconds by 1000)",
+                readable(apart.round())
+            );
             r.add("times", message);
         }
     }
@@ -127,7 +133,11 @@ impl Scene {
                 if low >= high {
                     r.add(
                         format!("table.{axis}"),
-                        format!("is from {low} to {high}, which is empty; give low, then high"),
+                        format!(
+                            "is from {} to {}, which is empty; give low, then high",
+                            readable(low),
+                            readable(high)
+                        ),
                     );
                 }
             }
@@ -258,7 +268,7 @@ fn check_track(r: &mut SceneViolations, i: usize, track: &Track, frames: usize) 
             if !(-MAX_CORRELATION..MAX_CORRELATION).contains(&correlation) {
                 r.add(
                     path("covariance.xy"),
-                    format!("is {}; its absolute value must be below sqrt(xx yy)", c.xy),
+                    format!("is {}; its absolute value must be below sqrt(xx yy)", readable(c.xy)),
                 );
             }
         }

@@ -6,6 +6,8 @@ use std::collections::BTreeMap;
 pub(super) const MAX_VIOLATIONS: usize = 100;
 /// Most violations of one kind in a file of rows; they differ only in numbers and quoted text.
 const MAX_OF_A_KIND: usize = 5;
+/// Numbers from here on are readable with an exponent.
+const MANY_DIGITS: f64 = 1e9;
 
 /// One thing that is wrong with an input: where, and what.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,6 +45,11 @@ pub(super) struct SceneViolations {
     /// For each kind: how many there are, and the index of the last one that is kept.
     kinds: BTreeMap<String, (usize, Option<usize>)>,
     more: usize,
+}
+
+/// A number of an input as messages show it: without the hundreds of digits of a large one.
+pub(super) fn readable(value: f64) -> String {
+    if value.is_finite() && value.abs() >= MANY_DIGITS { format!("{value:e}") } else { value.to_string() }
 }
 
 /// Path and message without numbers and quoted text: equal for violations of one kind.
@@ -105,7 +112,7 @@ impl SceneViolations {
         if !value.is_finite() {
             self.add(path(), format!("is {value}; give a finite number"));
         } else if value.abs() > most {
-            self.add(path(), format!("is {value}; it must lie within {most:e} {unit}"));
+            self.add(path(), format!("is {}; it must lie within {most:e} {unit}", readable(value)));
         }
     }
 
@@ -117,7 +124,7 @@ impl SceneViolations {
         unit: &str,
     ) {
         if !(low..=high).contains(&value) {
-            self.add(path(), format!("is {value}; it must be from {low:e} to {high:e} {unit}"));
+            self.add(path(), format!("is {}; it must be from {low:e} to {high:e} {unit}", readable(value)));
         }
     }
 }

@@ -59,9 +59,9 @@ pub enum InterventionError {
     UnknownObject { id: u32, known: Vec<u32> },
     #[error("object {id} is in the model already; give the added object another id")]
     DuplicateObject { id: u32 },
-    #[error("{what} is {value}; it must be finite{more}")]
+    #[error("{what} is {value:?}; it must be finite{more}")]
     BadValue { what: &'static str, value: f64, more: &'static str },
-    #[error("effect {name} is not in the model; it has {known:?}")]
+    #[error("effect {name:?} is not in the model, whose effects are {}", .known.join(", "))]
     UnknownEffect { name: String, known: Vec<String> },
 }
 

@@ -6,7 +6,7 @@ use super::violations::Violations;
 use crate::api::v1;
 use crate::effects::{EFFECTS, EffectEntry, ParamSpec, Scope};
 use crate::engine::{EngineError, JointVideos, MAX_STUDY_VIDEOS, ModelSource, StoredFit};
-use crate::fit::{Estimate, FitOptions, Method, Termination};
+use crate::fit::{Estimate, FitOptions, Method, PairRestitution, Termination};
 
 /// Most iterations of a fit that a caller may ask for.
 const MAX_ITERATIONS: u32 = 10_000;
@@ -74,7 +74,12 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         model_json: serde_json::to_string(&scene.model).unwrap_or_default(),
         history: stored.record.as_ref().map(revision),
         create_time: None,
+        pairs: stored.fit.posterior.pairs.iter().map(pair).collect(),
     }
+}
+
+fn pair(p: &PairRestitution) -> v1::PairEstimate {
+    v1::PairEstimate { object_ids: p.objects.to_vec(), restitution: Some(estimate(&p.estimate)) }
 }
 
 /// The models of a fit.

@@ -121,7 +121,9 @@ fn formula(violations: &mut Violations, path: &str, given: v1::Formula) -> (Stri
                 FormulaError::Parameter { .. } | FormulaError::Unit { .. } | FormulaError::Count { .. } => {
                     "parameters"
                 }
-                FormulaError::Text { .. } | FormulaError::TooLong { .. } => "text",
+                FormulaError::Text { .. } | FormulaError::Mismatch { .. } | FormulaError::TooLong { .. } => {
+                    "text"
+                }
             };
             violations.add(format!("{path}.{field}"), error.to_string());
             (name, Formula { text: String::new(), parameters: vec![] })

@@ -1,6 +1,7 @@
 //! The service as a command uses it: a remote one, or one started inside this process on a loopback port.
 
-use super::local::{LocalService, start};
+use super::data_folder::{self, DataFolder};
+use super::local::{LocalService, start_with};
 use super::remote::{ServiceChannel, remote};
 use super::stream::{self, StreamEvent};
 use super::target::Target;
@@ -50,10 +51,17 @@ impl Connection {
             listen: Some("127.0.0.1:0".into()),
             http: Some(String::new()),
             data_dir,
+            workers: target.threads,
             ..Flags::default()
         };
         let config = Config::load(None, flags).map_err(|e| Failure::input(e.to_string()))?;
-        let service = start(&config).await?;
+        let service = match data_folder::open(&config).await? {
+            DataFolder::Own(engine) => start_with(&config, *engine).await?,
+            DataFolder::Served(url) => {
+                let channel = remote(&url, &Target::default()).await?;
+                return Ok(Connection { channel, service: None, store: None });
+            }
+        };
         let channel = remote(&format!("http://{}", service.address), &Target::default()).await?;
         Ok(Connection { channel, service: Some(service), store })
     }

@@ -28,6 +28,24 @@ impl LocalService {
 
 /// Starts the service; when this returns, it accepts calls.
 pub async fn start(config: &Config) -> Result<LocalService, Failure> {
+    // Before the ports are bound: a data folder in use says more than a port in use.
+    start_with(config, open_store(config).map_err(store_failure)?).await
+}
+
+/// The engine with the data folder of the settings.
+pub fn open_store(config: &Config) -> Result<Engine, EngineError> {
+    Engine::open(&config.data_dir, config.capacity())
+}
+
+pub fn store_failure(error: EngineError) -> Failure {
+    match error {
+        EngineError::Store(error) => Failure::input(error.to_string()),
+        error => Failure::other(error),
+    }
+}
+
+/// Starts the service with an open data folder.
+pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService, Failure> {
     let listen = config.listen;
     let security = config.security().map_err(|e| Failure::input(e.to_string()))?;
     let listener = TcpListener::bind(listen)
@@ -38,10 +56,6 @@ pub async fn start(config: &Config) -> Result<LocalService, Failure> {
         Some(address) => http_listener(address).await?,
         None => None,
     };
-    let engine = Engine::open(&config.data_dir, config.capacity()).map_err(|error| match error {
-        EngineError::Store(error) => Failure::input(error.to_string()),
-        error => Failure::other(error),
-    })?;
     let engine = Arc::new(engine.with_retention(config.retention()));
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();

@@ -1,12 +1,14 @@
 //! The way to the service: options, the service inside this process, a remote one, and streamed replies.
 
 mod client;
+mod data_folder;
 mod local;
 mod remote;
 pub mod stream;
 mod target;
 
 pub use client::Connection;
+pub use data_folder::Announcement;
 pub use local::start;
 pub use remote::remote;
 pub use target::Target;

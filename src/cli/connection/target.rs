@@ -25,12 +25,29 @@ pub struct Target {
     /// File with the access token of a tenant [default: VRDP_TOKEN]
     #[arg(long, global = true, value_name = "FILE")]
     pub token: Option<PathBuf>,
+    /// CPU threads of the service inside this process [default: one for each core]; results do not depend on it
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<usize>,
     /// Shows results only, no progress.
     #[arg(long, short, global = true)]
     pub quiet: bool,
 }
 
 impl Target {
+    /// The flag and the value that name the same service in another command; without one, a data folder to begin with.
+    pub fn words(&self) -> [String; 2] {
+        match (&self.server, &self.data_dir) {
+            (Some(url), _) => ["--server".into(), url.clone()],
+            (None, Some(folder)) => ["--data-dir".into(), folder.display().to_string()],
+            (None, None) => ["--data-dir".into(), "lab".into()],
+        }
+    }
+
+    /// Whether results remain after the command has ended.
+    pub fn keeps_results(&self) -> bool {
+        self.server.is_some() || self.data_dir.is_some()
+    }
+
     /// Takes from the environment what no flag says, unless --data-dir asks for a service inside this process.
     pub fn or_environment(mut self, variable: impl Fn(&str) -> Option<OsString>) -> Target {
         if self.data_dir.is_some() {

@@ -3,6 +3,7 @@
 use super::scenes::{MAX_FILE, last};
 use crate::api::v1::{Formula, ModelChoice, model_choice};
 use crate::cli::error::Failure;
+use crate::effects;
 use crate::world::Preset;
 use std::path::Path;
 
@@ -29,6 +30,10 @@ pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
     if text.trim().is_empty() {
         return Err(Failure::input(format!("the formula is empty; {FORMULA_ADVICE}")));
     }
+    // Checked before any work, as the service does it again.
+    effects::formula::Formula::new(&text, vec![]).map_err(|e| {
+        Failure::input(format!("the formula {}: {e}", stem.as_deref().unwrap_or(text.trim())))
+    })?;
     let name = name.map(str::to_string).or(stem).unwrap_or_default();
     Ok(Formula { name, text, parameters: vec![] })
 }

@@ -16,7 +16,8 @@ pub fn id_and_vector(text: &str) -> Result<(u32, [f64; 2]), String> {
 
 fn number(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|e| format!("{text}: {e}"))?;
-    if value.is_finite() { Ok(value) } else { Err(format!("{text} is not finite")) }
+    let advice = "give a finite number, such as 1000 for a factor that is practically infinite";
+    if value.is_finite() { Ok(value) } else { Err(format!("{text} is not finite; {advice}")) }
 }
 
 #[cfg(test)]

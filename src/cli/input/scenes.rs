@@ -2,39 +2,26 @@
 
 use crate::cli::error::Failure;
 use crate::cli::output;
-use crate::scene::{Outlier, Scene, parse, parse_csv};
+use crate::scene::{Outlier, Scene, read_annotation, read_csv};
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Name of a scene's file in its folder.
 pub const OBSERVED: &str = "observed.json";
+/// How the names of CLEVRER's annotations, and of their folders, begin.
+const ANNOTATION: &str = "annotation_";
 /// Number of outliers that a message lists.
 const OUTLIERS_NAMED: usize = 4;
 /// Largest size of a scene file in bytes: the allowed objects and frames need less.
 pub const MAX_FILE: u64 = 1 << 30;
 
-/// Reads the scenes of the paths: files, folders with an observed.json, folders of such folders or of CSV files.
-/// A scene that cannot be read is an error of its own: the caller reports it after the others are done.
+/// Reads the scenes of the paths. A scene that cannot be read is an error of its own: the caller reports it after the others
+/// are done.
 pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure> {
     let mut files = Vec::new();
     for path in paths {
-        if is_regular_file(path)? || path.join(OBSERVED).is_file() {
-            files.push(path.clone());
-            continue;
-        }
-        let entries = std::fs::read_dir(path).map_err(|e| unreadable(path, e))?;
-        let one = |p: &PathBuf| p.join(OBSERVED).is_file() || (is_csv(p) && p.is_file());
-        let mut folders: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(one).collect();
-        if folders.is_empty() {
-            let message = format!(
-                "{}: neither this folder nor its subfolders hold an {OBSERVED} or a CSV file; give a scene file or folder",
-                path.display()
-            );
-            return Err(Failure::input(message));
-        }
-        folders.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
-        files.extend(folders);
+        files.extend(scene_paths(path)?);
     }
     let mut names = BTreeSet::new();
     let read =
@@ -47,6 +34,47 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure>
             }
         };
     Ok(files.iter().map(read).collect())
+}
+
+/// The scenes of a path, in natural order: a file, a folder with an observed.json, a folder of such folders, of CSV files or of
+/// CLEVRER's annotations, or a folder of folders of these annotations.
+pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
+    if is_regular_file(path)? || path.join(OBSERVED).is_file() {
+        return Ok(vec![path.to_path_buf()]);
+    }
+    let within = |folder: &Path| -> Result<Vec<PathBuf>, Failure> {
+        let entries = std::fs::read_dir(folder).map_err(|e| unreadable(folder, e))?;
+        let mut all: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
+        all.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+        Ok(all)
+    };
+    let is_scene =
+        |p: &PathBuf| p.join(OBSERVED).is_file() || (p.is_file() && (is_csv(p) || is_annotation(p)));
+    let all = within(path)?;
+    let mut found: Vec<PathBuf> = all.iter().filter(|p| is_scene(p)).cloned().collect();
+    if found.is_empty() {
+        // CLEVRER's release: annotation_train/annotation_00000-01000/annotation_00000.json.
+        for folder in all.iter().filter(|p| p.is_dir() && is_named_annotation(p)) {
+            found.extend(within(folder)?.into_iter().filter(|p| p.is_file() && is_annotation(p)));
+        }
+    }
+    if found.is_empty() {
+        return Err(Failure::input(format!(
+            "{}: neither this folder nor its subfolders hold an {OBSERVED}, a CSV file or a CLEVRER annotation \
+             (annotation_*.json); give a scene file or folder",
+            path.display()
+        )));
+    }
+    Ok(found)
+}
+
+/// Whether it is named as CLEVRER's annotations are.
+fn is_annotation(path: &Path) -> bool {
+    has(path, "json") && is_named_annotation(path)
+}
+
+fn is_named_annotation(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(ANNOTATION))
 }
 
 /// Whether the path is a file; false for a folder. Refuses anything else: a pipe may never end.
@@ -79,13 +107,25 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
         false => (path.to_path_buf(), last(path.file_stem())),
     };
     let place = file.display().to_string();
+    if let Some(first) =
+        path.is_dir().then(|| scene_paths(path)).transpose()?.and_then(|all| all.into_iter().next())
+        && first != path
+    {
+        let message = format!(
+            "{}: is a folder of scenes; give one of them, such as {}",
+            path.display(),
+            first.display()
+        );
+        return Err(Failure::input(message));
+    }
     is_regular_file(&file)?;
     let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
     let name = name.unwrap_or("scene".into());
     let braces = text.trim_start_matches('\u{feff}').trim_start().starts_with('{');
     let rows = is_csv(&file) || !(braces || has(&file, "json"));
-    let read = if rows { parse_csv(&name, &text) } else { parse(&name, &text) };
-    let scene = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    let read = if rows { read_csv(&name, &text) } else { read_annotation(&name, &text) };
+    let (scene, assumed) = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    output::assumptions::add(&scene.name, assumed);
     outlier_message(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
     Ok(scene)
 }

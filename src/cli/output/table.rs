@@ -2,8 +2,19 @@
 
 use crate::num::elementary;
 
+/// Numbers from here on have an exponent, as their digits would say little.
+const MANY_DIGITS: f64 = 1e9;
+
+/// A number with so many decimals.
+fn rounded(v: f64, digits: usize) -> String {
+    if v.abs() >= MANY_DIGITS { format!("{v:.3e}") } else { format!("{v:.digits$}") }
+}
+
 /// A number with four decimals, or with four significant digits if it is small.
 pub fn number(v: f64) -> String {
+    if v.abs() >= MANY_DIGITS {
+        return format!("{v:.3e}");
+    }
     let digits =
         if v == 0.0 { 4 } else { (3 - elementary::log10(v.abs()).floor() as i32).clamp(4, 12) as usize };
     format!("{v:.digits$}")
@@ -18,7 +29,7 @@ fn decimals(uncertainty: f64) -> usize {
 /// A value with its standard deviation: `0.877 ± 0.013`.
 pub fn measured(value: f64, sd: f64) -> String {
     let digits = decimals(sd);
-    format!("{value:.digits$} ± {sd:.digits$}")
+    format!("{} ± {}", rounded(value, digits), rounded(sd, digits))
 }
 
 /// The same in short: `0.877(13)`, the standard deviation in units of the last digit.
@@ -31,13 +42,13 @@ pub fn concise(value: f64, sd: f64) -> String {
 /// An interval: `[0.0790 to 0.0953]`.
 pub fn interval(low: f64, high: f64) -> String {
     let digits = decimals(0.5 * (high - low));
-    format!("[{low:.digits$} to {high:.digits$}]")
+    format!("[{} to {}]", rounded(low, digits), rounded(high, digits))
 }
 
 /// A value with its interval: `0.0872 [0.0790 to 0.0953]`.
 pub fn with_interval(value: f64, low: f64, high: f64) -> String {
     let digits = decimals(0.5 * (high - low));
-    format!("{value:.digits$} {}", interval(low, high))
+    format!("{} {}", rounded(value, digits), interval(low, high))
 }
 
 /// A table whose columns fit their widest cell: the first left-aligned, the others right-aligned.
@@ -70,6 +81,7 @@ mod tests {
         assert_eq!(measured(0.877_312, 0.013_449), "0.877 ± 0.013");
         assert_eq!([concise(0.172_4, 0.013), concise(1234.5, 56.0)], ["0.172(13)", "1234(56)"]);
         assert_eq!(measured(1234.5, 56.0), "1234 ± 56");
+        assert_eq!(measured(1e300, 2e299), "1.000e300 ± 2.000e299");
         assert_eq!(measured(2.0, 0.0), "2.0000 ± 0.0000");
         assert_eq!(with_interval(-0.000_084_6, -0.000_572, 0.000_402_8), "-0.00008 [-0.00057 to 0.00040]");
     }

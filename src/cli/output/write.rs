@@ -1,7 +1,8 @@
 //! Writes results: JSON to a file or standard output, tables for people.
 
+use super::assumptions;
 use crate::cli::error::Failure;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
@@ -31,11 +32,27 @@ pub fn writable(flag: &str, path: &Path) -> Result<(), Failure> {
 }
 
 /// Prints the text, and writes the JSON beside it if a file is named; `-` puts the JSON in the text's place.
+/// Both state what was assumed of the scenes.
 pub fn result(json_file: Option<&str>, text: &str, value: impl FnOnce() -> Value) -> Result<(), Failure> {
+    result_assuming(&assumptions::lines(), json_file, text, value)
+}
+
+fn result_assuming(
+    assumed: &[String],
+    json_file: Option<&str>,
+    text: &str,
+    value: impl FnOnce() -> Value,
+) -> Result<(), Failure> {
     if let Some(file) = json_file {
-        json(file, &value())?;
+        let mut value = value();
+        if let Some(object) = value.as_object_mut().filter(|_| !assumed.is_empty()) {
+            object.insert("assumed".into(), json!(assumed));
+        }
+        self::json(file, &value)?;
     }
-    if json_file == Some("-") { Ok(()) } else { print(text) }
+    let heading = if assumed.is_empty() { "" } else { "assumed, as the files do not state it:\n" };
+    let lines: String = assumed.iter().map(|line| format!("  {line}\n")).collect();
+    if json_file == Some("-") { Ok(()) } else { print(&format!("{heading}{lines}{text}")) }
 }
 
 /// Writes JSON to `target`; `-` is standard output.
@@ -74,8 +91,12 @@ mod tests {
     fn json_stands_beside_the_text() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.json");
-        result(file.to_str(), "", || serde_json::json!({ "mass": 1.5 })).unwrap();
-        assert_eq!(std::fs::read_to_string(&file).unwrap(), "{\"mass\":1.5}\n");
+        let written = |assumed: &[String]| {
+            result_assuming(assumed, file.to_str(), "", || json!({ "mass": 1.5 })).unwrap();
+            std::fs::read_to_string(&file).unwrap()
+        };
+        assert_eq!(written(&[]), "{\"mass\":1.5}\n");
+        assert_eq!(written(&["25 fps".into()]), "{\"assumed\":[\"25 fps\"],\"mass\":1.5}\n");
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub enum FormulaError {
     Parameter { name: String, problem: &'static str },
     #[error("parameter {name}: {unit:?} is no unit; known: {}", known_units())]
     Unit { name: String, unit: String },
+    #[error("{problem}; {name} [{unit}] would have to be {needed}: correct its unit or the formula")]
+    Mismatch { problem: String, name: String, unit: String, needed: String },
     #[error("there are {count} parameters; at most {MOST_PARAMETERS} are allowed")]
     Count { count: usize },
     #[error("the formula has {bytes} bytes; {LONGEST} is the most")]
@@ -25,10 +27,10 @@ pub enum FormulaError {
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SyntaxError {
-    #[error("{found:?} is no {wanted}; known: {known}")]
-    Unknown { found: String, wanted: &'static str, known: String },
-    #[error("expected {wanted}, found {found}")]
-    Unexpected { wanted: &'static str, found: String },
+    #[error("{found:?} is no {wanted}{hint}; known: {known}")]
+    Unknown { found: String, wanted: &'static str, hint: String, known: String },
+    #[error("expected {wanted}, found {found}{hint}")]
+    Unexpected { wanted: &'static str, found: String, hint: &'static str },
     #[error("nested deeper than {DEEPEST}; simplify")]
     TooDeep,
     #[error("{name} takes {wanted} arguments, not {found}")]

@@ -1,15 +1,18 @@
 //! The user's own law: formulas for accelerations, forces and torque, read from text.
 
 mod error;
+mod hint;
 mod parameter;
 mod parser;
 mod program;
 mod unit;
+mod units_check;
 
 pub use error::{FormulaError, MOST_PARAMETERS};
 pub use parameter::FormulaParameter;
 pub use program::{ForceAndTorque, FormulaProgram};
 use unit::is_unit;
+use units_check::with_units;
 
 use error::LONGEST;
 use parser::Parser;
@@ -22,7 +25,8 @@ use serde::{Deserialize, Serialize};
 /// `+ - * / ^`, and the functions sin cos tan exp ln sqrt tanh abs sign min max. Lines or `;` part the formulas,
 /// and what follows a `#` on its line is a comment. A text
 /// may declare its parameters itself, before it uses them: `let k [1/m] = 0.1 from 0 to 5` (unit, start and bounds may
-/// be left out). A unit is made of SI symbols with * / and ^.
+/// be left out). A unit is made of SI symbols with * / and ^; one that is left out follows from the formula, and one that
+/// contradicts it is an error.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Formula {
     pub text: String,
@@ -34,7 +38,7 @@ impl Formula {
     /// The law of a text with these parameters and those that the text declares.
     pub fn new(text: &str, given: Vec<FormulaParameter>) -> Result<Formula, FormulaError> {
         let mut formula = Formula { text: text.to_string(), parameters: given };
-        let (_, declared) = formula.parse(true)?;
+        let (program, declared) = formula.parse(true)?;
         if let Some(p) = formula.parameters.iter().find(|p| !is_unit(&p.unit)) {
             return Err(FormulaError::Unit { name: p.name.clone(), unit: p.unit.clone() });
         }
@@ -44,6 +48,7 @@ impl Formula {
         }
         formula.parameters.extend(declared);
         formula.check_count()?;
+        formula.parameters = with_units(&program, formula.parameters)?;
         Ok(formula)
     }
 
@@ -149,8 +154,14 @@ mod tests {
             let found = formula(text).read().expect_err(text).to_string();
             assert!(found.starts_with(expected), "{text}: {found}");
         };
-        check("ax = -k * wx", "line 1, column 11: \"wx\" is no name here; known: k n x y vx");
-        check("az = 1", "line 1, column 1: \"az\" is no left side; known: ax ay fx fy torque");
+        check(
+            "ax = -k * wx",
+            "line 1, column 11: \"wx\" is no name here (did you mean vx?); known: k n x y vx",
+        );
+        check(
+            "az = 1",
+            "line 1, column 1: \"az\" is no left side (did you mean ax?); known: ax ay fx fy torque",
+        );
         check("ax = 1\nay = (2 + 3", "line 2, column 12: expected ')', found the end");
         check("ax = 2 3", "line 1, column 8: expected an operator, ';' or the end, found '3'");
         check("ax = ; ay = 1", "line 1, column 6: expected a number, a name or '(', found ';'");
@@ -207,7 +218,7 @@ mod tests {
             "let k = 1; let n [ banana] = 1; ax = k",
             "line 1, column 20: \"banana\" is no unit; known: 1 m s kg",
         );
-        assert!(declared("let k [(m/N)^0.5] = 1; let n [] = 1; ax = k").is_ok());
+        assert!(declared("let k [(m/N)^0.5] = 1; let n [] = 1; fx = x / k^2").is_ok());
         // What an earlier build took is still read.
         let odd = Formula { text: "let k [deg] = 1; ax = k".into(), parameters: law.parameters.clone() };
         assert_eq!(

@@ -1,6 +1,7 @@
 //! Reads the text of formulas into steps in postfix order (precedence climbing, Pratt 1973).
 
 use super::error::{DEEPEST, SyntaxError, known_units};
+use super::hint;
 use super::parameter::FormulaParameter;
 use super::program::{FUNCTIONS, FormulaProgram, Instruction, TARGETS, VARIABLES};
 use super::unit::is_unit;
@@ -45,8 +46,8 @@ impl<'a> Parser<'a> {
                 return Err(self.unexpected("a formula, such as ax = -0.1*vx"));
             }
             let target = TARGETS.iter().position(|t| *t == name).ok_or_else(|| {
-                let known = TARGETS.join(" ") + " let";
-                (at, SyntaxError::Unknown { found: self.seen(at, name), wanted: "left side", known })
+                let (known, hint) = (TARGETS.join(" ") + " let", hint::left_side(name));
+                (at, SyntaxError::Unknown { found: self.seen(at, name), wanted: "left side", hint, known })
             })?;
             if !program.steps[target].is_empty() {
                 return Err((at, SyntaxError::Twice { name: TARGETS[target] }));
@@ -80,7 +81,7 @@ impl<'a> Parser<'a> {
             let end = rest.find([']', '\n', ';']).filter(|end| rest[*end..].starts_with(']'));
             let Some(end) = end else {
                 let found = "the end".into();
-                return Err((self.at, SyntaxError::Unexpected { wanted: "']'", found }));
+                return Err((self.at, SyntaxError::Unexpected { wanted: "']'", found, hint: "" }));
             };
             let given = &rest[..end];
             if !given.trim().is_empty() {
@@ -88,7 +89,8 @@ impl<'a> Parser<'a> {
             }
             if self.strict && !is_unit(&unit) {
                 let at = self.at + given.len() - given.trim_start().len();
-                return Err((at, SyntaxError::Unknown { found: unit, wanted: "unit", known: known_units() }));
+                let (wanted, hint, known) = ("unit", String::new(), known_units());
+                return Err((at, SyntaxError::Unknown { found: unit, wanted, hint, known }));
             }
             self.at += end + 1;
         }
@@ -208,8 +210,8 @@ impl<'a> Parser<'a> {
         } else {
             let own = self.parameters.iter().map(|p| p.name.as_str());
             let all = own.chain(VARIABLES).chain(["pi"]).chain(FUNCTIONS.map(|f| f.0));
-            let known = all.collect::<Vec<_>>().join(" ");
-            return Err((at, SyntaxError::Unknown { found: name.into(), wanted: "name here", known }));
+            let (hint, known) = (hint::name(name, all.clone()), all.collect::<Vec<_>>().join(" "));
+            return Err((at, SyntaxError::Unknown { found: name.into(), wanted: "name here", hint, known }));
         }
         Ok(())
     }
@@ -246,7 +248,8 @@ impl<'a> Parser<'a> {
     }
 
     fn unexpected(&self, wanted: &'static str) -> Fault {
-        (self.at, SyntaxError::Unexpected { wanted, found: self.seen(self.at, "") })
+        let hint = hint::sign(wanted, &self.text[self.at..]);
+        (self.at, SyntaxError::Unexpected { wanted, found: self.seen(self.at, ""), hint })
     }
 
     /// The word, or the characters in its place.

@@ -1,7 +1,7 @@
 //! What a fit says of objects and of effects, by their names.
 
 use super::super::result::{Fit, SceneFit};
-use super::laplace::Estimate;
+use super::parameter_estimate::Estimate;
 use crate::effects::{EffectEntry, ParamId, ParamRole, ParamSpec, parameter_with};
 use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter};
 
@@ -11,7 +11,7 @@ pub struct ObjectEstimate {
     pub id: u32,
     /// kg, or relative if the scene gives no mass.
     pub mass: Estimate,
-    /// The object's factor: a contact's restitution is about the product of the two.
+    /// The object's factor r in e = coefficient r_a r_b d_ab.
     pub restitution: Estimate,
 }
 

@@ -1,6 +1,8 @@
 //! Laplace's approximation of the posterior: means, standard deviations, what the data identify.
 
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter};
+use super::pairs::{PairRestitution, pair_restitutions};
+use super::parameter_estimate::{Estimate, IDENTIFIED};
 use crate::num::elementary;
 use crate::world::Model;
 use nalgebra::DMatrix;
@@ -8,8 +10,6 @@ use serde::{Deserialize, Serialize};
 
 /// Uninformative if the posterior standard deviation is at least this share of the prior's.
 const UNINFORMATIVE: f64 = 0.95;
-/// The data identify a parameter if they leave less than this share of the prior's standard deviation.
-const IDENTIFIED: f64 = 0.5;
 
 /// Normal distribution around the best parameters in search space: masses as logarithms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -19,6 +19,9 @@ pub struct Posterior {
     pub(super) coordinates: Vec<SearchCoordinate>,
     /// For each scene, index in [`Model::flatten`] and in `coordinates`.
     pub(super) slots: Vec<Vec<(usize, usize)>>,
+    /// The restitution of the objects that touch.
+    #[serde(default)]
+    pub pairs: Vec<PairRestitution>,
     /// Draws, as search-space values; none until they are asked for.
     pub(super) draws: Vec<Vec<f64>>,
 }
@@ -30,21 +33,6 @@ pub(super) struct SearchCoordinate {
     /// The prior mean.
     #[serde(default)]
     pub mean: f64,
-}
-
-/// One fitted parameter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Estimate {
-    /// Index of the scene; `None` if scenes share it.
-    pub scene: Option<usize>,
-    /// `objects[3].mass`, `sliding_friction.mu[rubber]`.
-    pub name: String,
-    pub value: f64,
-    /// Standard deviation, in `unit`.
-    pub sd: f64,
-    pub unit: String,
-    /// Whether the data, and not the prior, determine it.
-    pub identified: bool,
 }
 
 /// The linear model of a problem at its best point.
@@ -92,6 +80,7 @@ impl Posterior {
             estimates: problem.parameters.iter().enumerate().map(estimate).collect(),
             coordinates: problem.parameters.iter().zip(point).map(coordinate).collect(),
             slots: problem.scenes.iter().map(|s| s.slots.clone()).collect(),
+            pairs: pair_restitutions(problem, point, horizon, &factor),
             draws: vec![],
         }
     }
@@ -115,6 +104,12 @@ impl Posterior {
             estimates: kept.iter().map(estimate).collect(),
             coordinates: kept.iter().map(|&k| self.coordinates[k]).collect(),
             slots: slots.into_iter().collect(),
+            pairs: self
+                .pairs
+                .iter()
+                .filter(|pair| pair.scene == scene)
+                .map(|pair| PairRestitution { scene: 0, ..pair.clone() })
+                .collect(),
             draws: self.draws.iter().map(|d| kept.iter().map(|&k| d[k]).collect()).collect(),
         }
     }

@@ -16,9 +16,13 @@
 
 mod estimates;
 mod laplace;
+mod pairs;
+mod parameter_estimate;
 mod sampling;
 
 pub use estimates::{ObjectEstimate, SharedEstimate};
-pub use laplace::{Estimate, Posterior};
+pub use laplace::Posterior;
+pub use pairs::PairRestitution;
+pub use parameter_estimate::Estimate;
 pub use sampling::DRAWS;
 pub(super) use sampling::sample;

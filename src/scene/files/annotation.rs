@@ -4,11 +4,12 @@ use crate::num::{elementary, vec2};
 use crate::scene::camera::placement::{IMAGE_NOISE, IMAGE_NOISE_RANGE, Pixel};
 use crate::scene::camera::projection::{CLEVRER_CAMERA, Camera};
 use crate::scene::covariance::Covariance;
+use crate::scene::files::assumptions::{StatedValues, assumptions};
 use crate::scene::files::json_fields::{JsonFields, join, type_name};
 use crate::scene::limits::{DEFAULT_FPS, DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS};
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Table, Track, WorldKind};
-use crate::scene::violations::SceneError;
+use crate::scene::violations::{SceneError, readable};
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
@@ -17,9 +18,14 @@ use std::collections::BTreeSet;
 /// `covariance` (xx, xy, yy in m^2). A sample with `image_center` (px) and no `location` is placed by the camera.
 /// Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
+    Ok(read_annotation(name, text)?.0)
+}
+
+/// The same, with a line for each thing that is assumed because the file does not state it.
+pub fn read_annotation(name: &str, text: &str) -> Result<(Scene, Vec<String>), SceneError> {
     let mut reader = AnnotationReader::default();
     // Some editors write a byte order mark first.
-    let root = match serde_json::from_str::<Value>(text.trim_start_matches('\u{feff}')) {
+    let root: Map<String, Value> = match serde_json::from_str::<Value>(text.trim_start_matches('\u{feff}')) {
         Ok(Value::Object(root)) => root,
         Ok(other) => {
             reader.fields.violations.add("(file)", format!("is {}; give a JSON object", type_name(&other)));
@@ -33,7 +39,30 @@ pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
     let scene = if root.is_empty() { None } else { Some(reader.scene(name, &root)) };
     reader.fields.violations.finish()?;
     let scene = scene.ok_or_else(|| SceneError::single("(file)", "is empty; give an annotation"))?;
-    scene.validate()
+    let scene = scene.validate()?;
+    let assumed = assumptions(&scene, &stated(&root));
+    Ok((scene, assumed))
+}
+
+/// What an annotation states. Without any key of ours it is CLEVRER's own, whose sizes and frame rate are known.
+fn stated(root: &Map<String, Value>) -> StatedValues {
+    let has = |key: &str| root.get(key).is_some_and(|v| !v.is_null());
+    let objects =
+        root.get("object_property").and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default();
+    let sized = objects.iter().filter(|o| o.get("size").is_some_and(|v| !v.is_null())).count();
+    let is_clevrer = !has("world") || root.get("world").and_then(Value::as_str) == Some("clevrer");
+    StatedValues {
+        size: is_clevrer || sized == objects.len(),
+        fps: is_clevrer || has("fps") || has("times"),
+        world: has("world"),
+        how: [
+            "`size` in `object_property`",
+            "`\"fps\": 50`",
+            "`\"world\": \"table\"`",
+            "`mass` in `object_property`",
+            "all lengths in m",
+        ],
+    }
 }
 
 /// A sample with an image point only, and its path in the file.
@@ -71,8 +100,10 @@ impl AnnotationReader {
         let Trajectory { frames, mut tracks, unplaced, shown } = self.trajectory(root, &ids);
         for (id, track) in ids.iter().zip(&tracks) {
             if let Some((frame, yaw)) = track.yaw_in_degrees() {
-                let message =
-                    format!("is {yaw}, which looks like degrees; give radians (divide degrees by 57.2958)");
+                let message = format!(
+                    "is {}, which looks like degrees; give radians (divide degrees by 57.2958)",
+                    readable(yaw)
+                );
                 self.violation(format!("frame {frame}, object {id}: orientation[2]"), message);
             }
         }
@@ -278,7 +309,10 @@ impl AnnotationReader {
         let sigma = self.fields.number(root, "image_noise_px", "").unwrap_or(IMAGE_NOISE);
         if !IMAGE_NOISE_RANGE.contains(&sigma) {
             let (low, high) = (IMAGE_NOISE_RANGE.start(), IMAGE_NOISE_RANGE.end());
-            self.violation("image_noise_px", format!("is {sigma}; it must be from {low} to {high} px"));
+            self.violation(
+                "image_noise_px",
+                format!("is {}; it must be from {low} to {high} px", readable(sigma)),
+            );
             return None;
         }
         let Some(camera) = camera else {

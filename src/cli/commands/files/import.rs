@@ -74,20 +74,28 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let (mut lines, mut failures, mut done) = (String::new(), vec![], Map::new());
     for path in &args.files {
-        let name = name(path);
+        let (name, place) = (name(path), path.display().to_string());
+        let at = |failure: Failure| failure.at(&place);
         let imported = match done.contains_key(&name) {
-            true => Err(Failure::input(format!(
+            true => Err(at(Failure::input(format!(
                 "another of these files also becomes {name}; rename one, or use another --out"
-            ))),
-            false => progress::during("importing", one(&connection, &args, path, &name)).await,
+            )))),
+            false => {
+                let text = input::text(path);
+                let imported = async { one(&connection, &args, (path, &text?), &name).await.map_err(at) };
+                progress::during("importing", imported).await
+            }
         };
         match imported {
             Ok((text, json)) => {
                 lines += &text;
                 done.insert(name, json);
             }
-            Err(failure) => failures.push(failure.at(&path.display().to_string())),
+            Err(failure) => failures.push(failure),
         }
+    }
+    if let Some(first) = done.keys().next() {
+        lines += &output::next("fit", &[args.out.join(first)], &[]);
     }
     output::result(args.json.as_deref(), &lines, || json!({ "scenes": done }))?;
     connection.close().await?;
@@ -107,10 +115,10 @@ fn name(path: &Path) -> String {
 async fn one(
     connection: &Connection,
     args: &ImportArgs,
-    path: &Path,
+    (path, text): (&Path, &str),
     name: &str,
 ) -> Result<(String, Value), Failure> {
-    let parsed = args.parsed(name, &input::text(path)?)?;
+    let parsed = args.parsed(name, text)?;
     let video = connection.create(parsed.request).await?;
     let linking = video.linking;
     let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;

@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 #[derive(clap::Args)]
 pub struct ReplayArgs {
+    /// Trace file.
     #[arg(value_name = "FILE.mcap")]
     file: PathBuf,
     /// Simulates again and compares bit for bit (exit status 0 or 1).

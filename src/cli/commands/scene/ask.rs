@@ -12,6 +12,7 @@ use std::path::PathBuf;
 #[derive(clap::Args)]
 #[command(after_help = question_forms())]
 pub struct AskArgs {
+    /// Scene file or scene folder.
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
     /// The question in English; the forms below are understood.
@@ -20,6 +21,12 @@ pub struct AskArgs {
     /// A choice to judge as correct or wrong; may be repeated. Without it the answer is open.
     #[arg(long, value_name = "TEXT")]
     choice: Vec<String>,
+    /// Number of rollouts, each with parameters drawn from the posterior, 1 to 32 [default: 32]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32))]
+    rollouts: Option<u32>,
+    /// Seed of the draws; the same seed gives the same result.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
     /// Preset or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
@@ -40,12 +47,15 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
     let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
-    let request = AskRequest { model, ..request(video, &args.question, &args.choice) };
+    let (rollouts, seed) = (args.rollouts, args.seed);
+    let request = AskRequest { model, rollouts, seed, ..request(video, &args.question, &args.choice) };
     let mut reply = progress::during("answering", connection.reasoning().ask(request)).await?.into_inner();
     if !connection.keeps_traces() {
         reply.traces.clear();
     }
-    output::result(args.json.as_deref(), &text(&reply), || to_json(&scene.name, &reply))?;
+    let next = output::next("simulate", std::slice::from_ref(&args.scene), &[]);
+    let text = text(&reply) + &next;
+    output::result(args.json.as_deref(), &text, || to_json(&scene.name, &reply))?;
     connection.close().await
 }
 
@@ -83,7 +93,7 @@ pub fn text(reply: &AskResponse) -> String {
 }
 
 /// The steps of the program, without those whose result repeats the word, such as `red`.
-fn derivation(steps: &[Step]) -> String {
+pub fn derivation(steps: &[Step]) -> String {
     let steps: Vec<&Step> = steps.iter().filter(|s| s.token != s.text).collect();
     let width = steps.iter().map(|s| s.token.chars().count()).max().unwrap_or(0);
     steps.iter().map(|s| format!("      {:<width$}  {}\n", s.token, s.text)).collect()

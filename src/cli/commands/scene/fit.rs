@@ -1,6 +1,8 @@
 //! `fit`: fits a model to each scene, separately or jointly.
 
-use crate::api::v1::{Estimate, FitMethod, FitModelRequest, Model, ModelChoice, SharedEstimate};
+use crate::api::v1::{
+    Estimate, FitMethod, FitModelRequest, Model, ModelChoice, ObjectEstimate, PairEstimate, SharedEstimate,
+};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress::TaskProgress;
@@ -51,6 +53,7 @@ pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
         true => (jointly(&connection, scenes, start, args.method, &progress).await?, vec![]),
         false => separately(&connection, scenes, start, args.method, &progress).await,
     };
+    let is_adequate = done.iter().all(|(_, model, _)| model.adequate);
     let (mut fitted, mut ratios, mut tables) = (Map::new(), Vec::with_capacity(count), String::new());
     for (scene, model, seconds) in done {
         ratios.push(model.rmse / model.noise_sigma);
@@ -63,11 +66,21 @@ pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
         output::result(args.json.as_deref(), &tables, || json!({ "scenes": fitted }))?;
         match args.json.as_deref() {
             Some("-") => output::tell(&summary),
-            _ => output::print(&format!("{summary}\n"))?,
+            _ => output::print(&format!("{summary}\n{}", next(target, &args.scenes, is_adequate)))?,
         }
     }
     connection.close().await?;
     Failure::combined(failures, count)
+}
+
+/// The command to try after a fit: a prediction, or the search for what the model lacks.
+fn next(target: &Target, scenes: &[PathBuf], is_adequate: bool) -> String {
+    let [flag, place] = target.words();
+    match scenes {
+        [_] if is_adequate => output::next("simulate", scenes, &[]),
+        _ if is_adequate => output::next("compare", scenes, &[]),
+        _ => output::next("discover", scenes, &[&flag, &place]),
+    }
 }
 
 /// A scene, its model, and the seconds that the fit took.
@@ -159,25 +172,46 @@ pub fn name(scene: &Scene, id: u32) -> String {
 
 /// What the numbers of the table are.
 const LEGEND: &str =
-    "\n  ±: standard deviation; in parentheses: comes mostly from the prior; given: not fitted
-  two objects rebound with about the product of their restitution factors\n";
+    "\n  ±: standard deviation; in parentheses: comes mostly from the prior; given: not fitted\n";
+/// What e is.
+pub const RESTITUTION: &str = "  e: separation over approach speed of two objects, e = coefficient r_a r_b d_ab, at most 1 (`vrdp effects restitution`)\n";
 
 /// The fit as a table.
 pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
-    let rows: Vec<Vec<String>> = model
-        .objects
-        .iter()
-        .map(|o| vec![name(o.object_id), estimate(o.mass.as_ref()), estimate(o.restitution.as_ref())])
-        .collect();
+    let has_factors = has_factors(model);
+    let row = |o: &ObjectEstimate| {
+        let factor = has_factors.then(|| estimate(o.restitution.as_ref()));
+        [name(o.object_id), estimate(o.mass.as_ref())].into_iter().chain(factor).collect()
+    };
+    let rows: Vec<Vec<String>> = model.objects.iter().map(row).collect();
+    let header = &["object", "mass", "restitution factor r"][..if has_factors { 3 } else { 2 }];
     let shared: String = model.shared.iter().map(shared_line).collect();
     format!(
-        "{}{shared}{LEGEND}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
-        output::table(&["object", "mass", "restitution factor"], &rows),
+        "{}{shared}{}{LEGEND}{}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        output::table(header, &rows),
+        pairs(model, name),
+        if model.pairs.is_empty() { "" } else { RESTITUTION },
         1e3 * model.noise_sigma,
         1e3 * model.rmse,
         model.reduced_chi_square,
         if model.adequate { "" } else { ": above what noise explains; try `vrdp discover`" },
     )
+}
+
+/// Whether each object has a restitution factor of its own.
+fn has_factors(model: &Model) -> bool {
+    let is_factor = |s: &&SharedEstimate| s.effect == "restitution" && s.parameter == "object";
+    model.shared.iter().filter(is_factor).any(|s| s.values.iter().any(|e| e.sd > 0.0))
+}
+
+/// The restitution of each two objects that touch, as a table.
+fn pairs(model: &Model, name: impl Fn(u32) -> String) -> String {
+    let row = |pair: &PairEstimate| {
+        let names: Vec<String> = pair.object_ids.iter().map(|id| name(*id)).collect();
+        vec![names.join(" and "), estimate(pair.restitution.as_ref())]
+    };
+    let rows: Vec<Vec<String>> = model.pairs.iter().map(row).collect();
+    if rows.is_empty() { String::new() } else { format!("\n{}", output::table(&["contact", "e"], &rows)) }
 }
 
 /// A shared parameter that differs from zero: `sliding_friction.mu: rubber 0.0370 ± 0.0010`, or of an object
@@ -242,8 +276,13 @@ fn to_json(model: &Model, seconds: f64) -> Value {
         "identified": model.identified,
         "seconds": seconds,
         "objects": objects,
+        "pairs": model.pairs.iter().map(pair_json).collect::<Vec<_>>(),
         "shared": shared,
     })
+}
+
+fn pair_json(pair: &PairEstimate) -> Value {
+    json!({ "object_ids": pair.object_ids, "restitution": number(pair.restitution.as_ref()) })
 }
 
 fn number(e: Option<&Estimate>) -> Value {

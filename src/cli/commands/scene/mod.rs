@@ -1,6 +1,8 @@
 //! Commands about single scenes.
 
+mod accuracy;
 pub mod ask;
 pub mod fit;
+mod questions;
 pub mod score;
 pub mod simulate;

@@ -1,110 +1,208 @@
 //! `score`: answers the questions of each scene, then compares with the right answers.
 
-use super::ask::request;
+use super::accuracy::{Scores, same};
+use super::ask::{derivation, request};
+use super::questions::{ClevrerQuestion, QuestionedScene, list, questioned, word};
 use crate::api::v1::{
     AskRequest, AskResponse, Choice, FitMethod, ModelChoice, Program, ask_many_response, ask_request, choice,
     model_choice,
 };
-use crate::cli::connection::Connection;
-use crate::cli::connection::Target;
+use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
-use crate::cli::output::progress;
+use crate::cli::output::progress::TaskProgress;
 use crate::cli::{input, output};
-use crate::num::elementary;
 use crate::scene::Scene;
 use futures_util::stream;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// Name of the questions' file in a scene's folder.
-const QUESTIONS: &str = "questions.json";
-/// Normal quantile of a 95 % interval.
-const Z: f64 = 1.959964;
+/// Share of a scene's time that its fit takes, about.
+const FIT_SHARE: f64 = 0.5;
 
 #[derive(clap::Args)]
 pub struct ScoreArgs {
-    /// Scene folders with a questions.json, or folders of such folders.
+    /// Scene folders with a questions.json, CLEVRER's annotations (annotation_*.json), or folders of either.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
+    /// CLEVRER's questions for many scenes, such as validation.json [default: questions.json of each scene, or CLEVRER's file in a folder above]
+    #[arg(long, value_name = "FILE")]
+    questions: Option<PathBuf>,
     /// Runs the program of each question instead of reading its English text.
     #[arg(long)]
     programs: bool,
-    /// Writes the answers as JSON; `-`: to standard output.
+    /// Lists each wrong answer: scene, question, what was said, what is right, and the steps that led to it.
+    #[arg(long)]
+    wrong: bool,
+    /// Writes the answers as JSON, by scene and question; `-`: to standard output.
     #[arg(long, value_name = "FILE")]
     answers: Option<String>,
+    /// Writes the answers in the form of CLEVRER's evaluation: a JSON list of scenes with their questions.
+    #[arg(long, value_name = "FILE")]
+    submission: Option<String>,
     /// Preset or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
 }
 
 pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
-    let folders = folders(&args.scenes)?;
+    for (flag, file) in [("--answers", &args.answers), ("--submission", &args.submission)] {
+        file.iter().try_for_each(|file| output::writable(flag, file.as_ref()))?;
+    }
+    let scenes = questioned(&args.scenes, args.questions.as_deref())?;
     let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let bar = progress::bar(folders.len() as u64, "{msg:20} {bar:40} {pos}/{len} scenes, {eta} left");
-    let (mut answers, mut scores, mut refused) = (Map::new(), Scores::default(), vec![]);
-    let mut unread = vec![];
-    for folder in &folders {
-        let path = folder.join(QUESTIONS);
-        let read = input::scene(folder).and_then(|scene| Ok((scene, questions(&path)?)));
-        let (scene, questions) = match read {
+    let (count, mut results, mut unread) = (scenes.len(), ScoreResults::default(), vec![]);
+    let bar = TaskProgress::new(count);
+    for (k, found) in scenes.into_iter().enumerate() {
+        let read = found.and_then(|found| Ok((input::scene(&found.scene)?, found)));
+        let (scene, found) = match read {
             Ok(read) => read,
             Err(error) => {
                 unread.push(error);
-                bar.inc(1);
                 continue;
             }
         };
-        bar.set_message(scene.name.clone());
-        let requests = requests(&connection, &scene, &questions, model.clone(), args.programs).await;
-        let requests = requests.map_err(|e| e.at(&path.display().to_string()))?;
-        let answered = answer_all(&connection, &scene, &questions, requests).await?;
-        refused.extend(answered.refused);
-        for question in &questions {
-            let probabilities = answered.probabilities.get(&question.id()).map(Vec::as_slice);
-            scores.add(&question.0, answered.answers.get(&question.id()), probabilities.unwrap_or_default());
-        }
-        answers.insert(scene.name, Value::Object(answered.answers));
-        bar.inc(1);
+        let progress = |fraction: f64| bar.show(&scene.name, k, fraction);
+        let of_fit = |fraction: f64| progress(FIT_SHARE * fraction);
+        let requests = requests(&connection, (&scene, &found), model.clone(), args.programs, of_fit).await;
+        let requests = requests.map_err(|e| e.at(&found.file.display().to_string()))?;
+        let of_answers = |fraction: f64| progress(FIT_SHARE + (1.0 - FIT_SHARE) * fraction);
+        let answered = answer_all(&connection, &scene, &found.questions, requests, of_answers).await?;
+        results.add(scene.name, found, answered);
     }
-    bar.finish_and_clear();
+    drop(bar);
     if let Some(target) = &args.answers {
-        output::json(target, &Value::Object(answers))?;
+        output::json(target, &Value::Object(std::mem::take(&mut results.answers)))?;
     }
-    let refused: String = refused.iter().map(|line| format!("  not answered: {line}\n")).collect();
-    let text = format!("{}{}{refused}", scores.table(), scores.reliability());
-    match args.answers.as_deref() {
-        Some("-") => eprint!("{text}"),
-        _ => output::print(&text)?,
+    if let Some(target) = &args.submission {
+        output::json(target, &Value::Array(std::mem::take(&mut results.submission)))?;
+    }
+    let next = match args.wrong {
+        true => String::new(),
+        false => output::next("score", &args.scenes, &["--wrong"]),
+    };
+    let text = results.text(args.wrong) + &next;
+    match args.answers.as_deref() == Some("-") || args.submission.as_deref() == Some("-") {
+        true => eprint!("{text}"),
+        false => output::print(&text)?,
     }
     connection.close().await?;
-    Failure::combined(unread, folders.len())
+    Failure::combined(unread, count)
+}
+
+/// What all scenes gave.
+#[derive(Default)]
+struct ScoreResults {
+    scores: Scores,
+    /// By scene and question.
+    answers: Map<String, Value>,
+    /// In the form of CLEVRER's evaluation.
+    submission: Vec<Value>,
+    /// A message for each question without an answer.
+    refused: Vec<String>,
+    /// A paragraph for each wrong answer.
+    wrong: Vec<String>,
+}
+
+impl ScoreResults {
+    fn add(&mut self, scene: String, found: QuestionedScene, answered: SceneAnswers) {
+        for question in &found.questions {
+            let given = answered.answers.get(&question.id());
+            let reply = answered.replies.get(&question.id());
+            let stated = reply.map(choice_probabilities).unwrap_or_default();
+            if self.scores.add(&question.0, given, &stated) == Some(false) {
+                self.wrong.push(mistake(&scene, question, given, reply));
+            }
+        }
+        self.submission.push(evaluation_entry(&found, &answered.answers));
+        self.refused.extend(answered.refused);
+        self.answers.insert(scene, Value::Object(answered.answers));
+    }
+
+    fn text(&self, with_wrong: bool) -> String {
+        let refused: String = self.refused.iter().map(|line| format!("  not answered: {line}\n")).collect();
+        let wrong = if with_wrong { self.wrong.concat() } else { String::new() };
+        format!("{}{}{refused}{wrong}", self.scores.table(), self.scores.reliability())
+    }
+}
+
+/// A wrong answer: the question, what was said, what is right, and the derivation.
+fn mistake(
+    scene: &str,
+    question: &ClevrerQuestion,
+    given: Option<&Value>,
+    reply: Option<&AskResponse>,
+) -> String {
+    let of = &question.0;
+    let kind = of["question_type"].as_str().unwrap_or("untyped");
+    let text = of["question"].as_str().unwrap_or("(a program)");
+    let mut lines = format!("\n{scene}, question {} ({kind}): {text}\n", question.id());
+    let Some(given) = given else { return lines + "  said: nothing; see `not answered` above\n" };
+    let choices = list(&of["choices"]);
+    if choices.is_empty() {
+        lines += &format!("  said: {}; right: {}\n", word(given), word(&of["answer"]));
+        return lines + &reply.map_or(String::new(), |reply| derivation(&reply.derivation));
+    }
+    for (k, choice) in choices.iter().enumerate() {
+        let (said, right) = (given.get(word(&choice["choice_id"])), word(&choice["answer"]));
+        if same(said, &right) {
+            continue;
+        }
+        let said = said.map_or("nothing".into(), word);
+        let text = choice["choice"].as_str().unwrap_or("(a program)");
+        lines += &format!("  {text}\n  said: {said}; right: {right}\n");
+        let steps = reply.and_then(|reply| reply.choices.get(k)).map(|c| derivation(&c.derivation));
+        lines += &steps.unwrap_or_default();
+    }
+    lines
+}
+
+/// The answers to one scene's questions as CLEVRER's evaluation takes them. A question without an answer has the commonest
+/// one: an empty text, or all choices wrong.
+fn evaluation_entry(found: &QuestionedScene, answers: &Map<String, Value>) -> Value {
+    let one = |question: &ClevrerQuestion| {
+        let given = answers.get(&question.id());
+        let choices = list(&question.0["choices"]);
+        if choices.is_empty() {
+            let answer = given.map(word).unwrap_or_default();
+            return json!({ "question_id": question.0["question_id"], "answer": answer });
+        }
+        let mark = |choice: &Value| {
+            let said = given.and_then(|g| g.get(word(&choice["choice_id"])));
+            json!({ "choice_id": choice["choice_id"], "answer": said.map_or("wrong".into(), word) })
+        };
+        let choices: Vec<Value> = choices.iter().map(mark).collect();
+        json!({ "question_id": question.0["question_id"], "choices": choices })
+    };
+    let questions: Vec<Value> = found.questions.iter().map(one).collect();
+    json!({ "scene_index": found.index, "questions": questions })
 }
 
 /// Fits the scene and makes a request for each question.
 async fn requests(
     connection: &Connection,
-    scene: &Scene,
-    questions: &[ClevrerQuestion],
+    (scene, found): (&Scene, &QuestionedScene),
     model: Option<ModelChoice>,
     programs: bool,
+    progress: impl Fn(f64),
 ) -> Result<Vec<AskRequest>, Failure> {
     let video = connection.post(scene).await?;
-    let fitted = connection.fit(&video, model, FitMethod::Unspecified, |_| {}).await?;
+    let fitted = connection.fit(&video, model, FitMethod::Unspecified, progress).await?;
     let request = |question: &ClevrerQuestion| -> Result<AskRequest, Failure> {
         let wrong = |what| Failure::input(format!("question {}: {what}", question.id()));
         let request = request_for(video.clone(), &question.0, programs).map_err(wrong)?;
         let model = Some(ModelChoice { choice: Some(model_choice::Choice::Model(fitted.name.clone())) });
         Ok(AskRequest { model, ..request })
     };
-    questions.iter().map(request).collect()
+    found.questions.iter().map(request).collect()
 }
 
 /// The answers to the questions of one scene, by question id.
+#[derive(Default)]
 struct SceneAnswers {
     answers: Map<String, Value>,
-    probabilities: BTreeMap<String, Vec<f64>>,
+    replies: BTreeMap<String, AskResponse>,
     /// A message for each question without an answer.
     refused: Vec<String>,
 }
@@ -114,14 +212,16 @@ async fn answer_all(
     scene: &Scene,
     questions: &[ClevrerQuestion],
     requests: Vec<AskRequest>,
+    progress: impl Fn(f64),
 ) -> Result<SceneAnswers, Failure> {
-    let mut all = SceneAnswers { answers: Map::new(), probabilities: BTreeMap::new(), refused: vec![] };
+    let mut all = SceneAnswers::default();
     let mut replies = connection.reasoning().ask_many(stream::iter(requests)).await?.into_inner();
-    for question in questions {
+    for (k, question) in questions.iter().enumerate() {
+        progress(k as f64 / questions.len() as f64);
         match replies.message().await?.and_then(|reply| reply.result) {
             Some(ask_many_response::Result::Response(reply)) => {
                 all.answers.insert(question.id(), answer(&question.0, &reply));
-                all.probabilities.insert(question.id(), choice_probabilities(&reply));
+                all.replies.insert(question.id(), reply);
             }
             Some(ask_many_response::Result::Error(error)) => {
                 all.refused.push(format!("{} question {}: {}", scene.name, question.id(), error.message));
@@ -141,73 +241,6 @@ fn choice_probabilities(reply: &AskResponse) -> Vec<f64> {
         [] => vec![reply.probability],
         _ => reply.choices.iter().map(|c| c.probability).collect(),
     }
-}
-
-/// The scene folders with questions at these paths or one level below.
-fn folders(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
-    let mut all = vec![];
-    for path in paths {
-        if path.join(QUESTIONS).is_file() {
-            all.push(path.clone());
-            continue;
-        }
-        let entries = std::fs::read_dir(path)
-            .map_err(|e| Failure::input(format!("{}: {e}; give a scene folder", path.display())))?;
-        let within = entries.flatten().map(|e| e.path()).filter(|p| p.join(QUESTIONS).is_file());
-        let mut within: Vec<PathBuf> = within.collect();
-        if within.is_empty() {
-            let message = format!(
-                "{}: neither this folder nor its subfolders hold a {QUESTIONS}; give a scene folder that has one",
-                path.display()
-            );
-            return Err(Failure::input(message));
-        }
-        within.sort();
-        all.extend(within);
-    }
-    Ok(all)
-}
-
-/// A question of a CLEVRER file.
-struct ClevrerQuestion(Value);
-
-impl ClevrerQuestion {
-    fn id(&self) -> String {
-        word(&self.0["question_id"])
-    }
-}
-
-/// The text of a JSON string; other values as JSON.
-fn word(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_string)
-}
-
-fn list(value: &Value) -> &[Value] {
-    value.as_array().map(Vec::as_slice).unwrap_or_default()
-}
-
-fn questions(path: &Path) -> Result<Vec<ClevrerQuestion>, Failure> {
-    let wrong = |what: String| Failure::input(format!("{}: {what}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|e| wrong(e.to_string()))?;
-    let file: Value = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
-    // CLEVRER's own files are lists of scenes; the folder holds one.
-    let scene = file.get(0).unwrap_or(&file);
-    let Some(questions) = scene["questions"].as_array() else {
-        return Err(wrong("the list \"questions\" is missing; add it".into()));
-    };
-    for (k, question) in questions.iter().enumerate() {
-        let mut marks =
-            list(&question["choices"]).iter().enumerate().map(|(c, choice)| (c, &choice["answer"]));
-        let known = |mark: &Value| {
-            mark.is_null() || ["correct", "wrong"].contains(&word(mark).to_lowercase().as_str())
-        };
-        if let Some((c, mark)) = marks.find(|(_, mark)| !known(mark)) {
-            return Err(wrong(format!(
-                "questions[{k}].choices[{c}].answer is {mark}; give \"correct\" or \"wrong\""
-            )));
-        }
-    }
-    Ok(questions.iter().cloned().map(ClevrerQuestion).collect())
 }
 
 /// A request for the question; it never holds the right answer.
@@ -241,131 +274,9 @@ fn answer(question: &Value, reply: &AskResponse) -> Value {
     if marks.is_empty() { json!(reply.answer) } else { Value::Object(marks) }
 }
 
-/// Number of right answers, and of all.
-#[derive(Default, Clone, Copy)]
-struct Share(usize, usize);
-
-impl Share {
-    fn add(&mut self, right: bool) {
-        self.0 += right as usize;
-        self.1 += 1;
-    }
-
-    /// The share with its 95 % Wilson interval.
-    fn text(self) -> String {
-        let (n, p) = (self.1 as f64, self.0 as f64 / self.1 as f64);
-        let centre = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let [p, low, high] = [p, (centre - half).max(0.0), (centre + half).min(1.0)].map(|x| 100.0 * x);
-        format!("{p:.1} % [{low:.1}, {high:.1}] of {}", self.1)
-    }
-}
-
-/// Upper ends of the bins of the reliability table.
-const BINS: [f64; 7] = [0.02, 0.1, 0.3, 0.7, 0.9, 0.98, 1.0];
-
-/// Accuracy by type of question, per option and per question, and the stated probabilities.
-#[derive(Default)]
-struct Scores {
-    by_type: BTreeMap<String, [Share; 2]>,
-    /// The stated probability of each option, and whether the option was right.
-    stated: Vec<(f64, bool)>,
-}
-
-impl Scores {
-    /// Counts a question that has a right answer; a missing answer counts as wrong.
-    fn add(&mut self, question: &Value, given: Option<&Value>, probabilities: &[f64]) {
-        let same = |given: Option<&Value>, right: &str| {
-            given.is_some_and(|g| word(g).trim().eq_ignore_ascii_case(right.trim()))
-        };
-        let mut options = vec![];
-        let mut stated = probabilities.iter();
-        for choice in list(&question["choices"]) {
-            let Some(right) = choice["answer"].as_str() else { return };
-            self.stated.extend(stated.next().map(|p| (*p, right.eq_ignore_ascii_case("correct"))));
-            options.push(same(given.and_then(|g| g.get(word(&choice["choice_id"]))), right));
-        }
-        if options.is_empty() {
-            if question["answer"].is_null() {
-                return;
-            }
-            let right = same(given, &word(&question["answer"]));
-            self.stated.extend(stated.next().map(|p| (*p, right)));
-            options.push(right);
-        }
-        for name in [question["question_type"].as_str().unwrap_or("untyped"), "all"] {
-            let [of_options, of_questions] = self.by_type.entry(name.to_string()).or_default();
-            options.iter().for_each(|right| of_options.add(*right));
-            of_questions.add(options.iter().all(|right| *right));
-        }
-    }
-
-    fn table(&self) -> String {
-        let (all, types): (Vec<_>, Vec<_>) = self.by_type.iter().partition(|(name, _)| *name == "all");
-        let row =
-            |(name, shares): (&String, &[Share; 2])| vec![name.clone(), shares[0].text(), shares[1].text()];
-        let rows: Vec<Vec<String>> = types.into_iter().chain(all).map(row).collect();
-        if rows.is_empty() {
-            return "  the questions have no right answers, so nothing is scored\n".into();
-        }
-        output::table(&["type", "per option [95 %]", "per question [95 %]"], &rows)
-    }
-
-    /// The reliability diagram as a table (DeGroot and Fienberg 1983), with the Brier score: the mean squared
-    /// difference between stated probability and outcome.
-    fn reliability(&self) -> String {
-        if self.stated.is_empty() {
-            return String::new();
-        }
-        let mut rows = vec![];
-        let mut low = 0.0;
-        for high in BINS {
-            let within = |p: f64| p <= high && (p > low || low == 0.0);
-            let bin: Vec<(f64, bool)> = self.stated.iter().filter(|(p, _)| within(*p)).copied().collect();
-            if !bin.is_empty() {
-                let mut share = Share::default();
-                bin.iter().for_each(|(_, came)| share.add(*came));
-                let mean = bin.iter().map(|(p, _)| p).sum::<f64>() / bin.len() as f64;
-                rows.push(vec![format!("{:.1} %", 100.0 * mean), share.text()]);
-            }
-            low = high;
-        }
-        let miss = |(p, came): &(f64, bool)| elementary::powi(p - f64::from(u8::from(*came)), 2);
-        let brier = self.stated.iter().map(miss).sum::<f64>() / self.stated.len() as f64;
-        let table = output::table(&["stated probability", "came true [95 %]"], &rows);
-        format!("\n{table}  Brier score {brier:.4} (0: perfect; 0.25: guessing)\n")
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn answers_are_counted_by_option_and_by_question() {
-        let choices = json!([{ "choice_id": 0, "answer": "correct" }, { "choice_id": 1, "answer": "wrong" }]);
-        let several = json!({ "question_type": "predictive", "choices": choices });
-        let open = json!({ "question_type": "descriptive", "answer": "2" });
-        let mut scores = Scores::default();
-        scores.add(&several, Some(&json!({ "0": "correct", "1": "correct" })), &[0.9, 0.6]);
-        scores.add(&several, Some(&json!({ "0": "correct", "1": "wrong" })), &[0.9, 0.1]);
-        scores.add(&open, Some(&json!("2")), &[1.0]);
-        scores.add(&open, None, &[]);
-        scores.add(&json!({ "question_type": "descriptive" }), Some(&json!("3")), &[1.0]);
-        assert_eq!(scores.stated, [(0.9, true), (0.6, false), (0.9, true), (0.1, false), (1.0, true)]);
-        assert!(
-            scores.reliability().ends_with("Brier score 0.0780 (0: perfect; 0.25: guessing)\n"),
-            "{}",
-            scores.reliability()
-        );
-        insta::assert_snapshot!(scores.table(), @r"
-          type                per option [95 %]       per question [95 %]
-          ───────────────────────────────────────────────────────────────
-          descriptive   50.0 % [9.5, 90.5] of 2   50.0 % [9.5, 90.5] of 2
-          predictive   75.0 % [30.1, 95.4] of 4   50.0 % [9.5, 90.5] of 2
-          all          66.7 % [30.0, 90.3] of 6  50.0 % [15.0, 85.0] of 4
-        ");
-    }
 
     #[test]
     fn a_request_never_holds_the_right_answer() {
@@ -379,5 +290,50 @@ mod tests {
             assert!(!format!("{request:?}").contains("secret"));
         }
         assert!(request_for("videos/1".into(), &json!({ "choices": [] }), false).is_err());
+    }
+
+    #[test]
+    fn answers_have_the_form_of_clevrers_evaluation_and_mistakes_are_explained() {
+        let questions = [
+            json!({ "question_id": 3, "question": "How many?", "question_type": "descriptive", "answer": "2" }),
+            json!({ "question_id": 4, "question": "What next?", "question_type": "predictive", "choices": [
+                { "choice_id": 0, "choice": "the cube exits", "answer": "correct" },
+                { "choice_id": 1, "choice": "the ball exits", "answer": "wrong" },
+            ] }),
+            json!({ "question_id": 5, "question": "Why?", "choices": [{ "choice_id": 7, "answer": "wrong" }] }),
+        ];
+        let found = QuestionedScene {
+            scene: "annotation_10007.json".into(),
+            file: "validation.json".into(),
+            index: json!(10007),
+            questions: questions.into_iter().map(ClevrerQuestion).collect(),
+        };
+        let mut answered = SceneAnswers::default();
+        answered.answers.insert("3".into(), json!("1"));
+        answered.answers.insert("4".into(), json!({ "0": "wrong", "1": "wrong" }));
+        let step = crate::api::v1::Step { token: "count".into(), text: "1".into() };
+        answered.replies.insert("3".into(), AskResponse { derivation: vec![step], ..Default::default() });
+        let mut results = ScoreResults::default();
+        results.add("annotation_10007".into(), found, answered);
+        assert_eq!(
+            Value::Array(results.submission.clone()),
+            json!([{ "scene_index": 10007, "questions": [
+                { "question_id": 3, "answer": "1" },
+                { "question_id": 4, "choices": [
+                    { "choice_id": 0, "answer": "wrong" }, { "choice_id": 1, "answer": "wrong" },
+                ] },
+                { "question_id": 5, "choices": [{ "choice_id": 7, "answer": "wrong" }] },
+            ] }])
+        );
+        let text = results.text(true);
+        for line in [
+            "annotation_10007, question 3 (descriptive): How many?\n  said: 1; right: 2\n      count  1\n",
+            "annotation_10007, question 4 (predictive): What next?\n  the cube exits\n  said: wrong; right: correct\n",
+            "said: nothing; see `not answered` above",
+        ] {
+            assert!(text.contains(line), "{line}: {text}");
+        }
+        assert!(!text.contains("the ball exits"));
+        assert!(!results.text(false).contains("said:"));
     }
 }

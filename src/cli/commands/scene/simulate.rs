@@ -20,6 +20,7 @@ const LIKELY: f64 = 0.5;
 
 #[derive(clap::Args)]
 pub struct SimulateArgs {
+    /// Scene file or scene folder.
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
     /// Removes an object.
@@ -43,6 +44,12 @@ pub struct SimulateArgs {
     /// Number of frames, from frame 0 [default: observed + 60].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
+    /// Number of rollouts, each with parameters drawn from the posterior, 1 to 32 [default: 32]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32))]
+    rollouts: Option<u32>,
+    /// Seed of the draws; the same seed gives the same result.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
     /// Preset or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|FILE")]
     model: Option<String>,
@@ -73,9 +80,12 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
         model,
         interventions: interventions(&args),
         frames: args.frames.unwrap_or(0),
+        rollouts: args.rollouts,
+        seed: args.seed,
         ..Default::default()
     };
-    let reply = progress::during("simulating", connection.reasoning().simulate(request)).await?.into_inner();
+    let reply = progress::during("simulating", connection.reasoning().simulate(request)).await;
+    let reply = reply.map_err(|status| with_flags(status.into(), &flags(&args)))?.into_inner();
     let mut trace = connection.keeps_traces().then(|| reply.trace.clone());
     if let Some(path) = &args.trace {
         output::file(path, &connection.download(&reply.trace).await?)?;
@@ -87,8 +97,52 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
     if let Some(trace) = &trace {
         text += &format!("\n  trace {trace}\n");
     }
+    let place = [args.scene.clone()];
+    text += &match &args.trace {
+        Some(file) => output::next("trace", &[], &["info", &file.display().to_string()]),
+        None if flags(&args).is_empty() => {
+            let first = scene.objects.first().map_or(0, |o| o.id).to_string();
+            output::next("simulate", &place, &["--remove", &first])
+        }
+        None => output::next("simulate", &place, &["--trace", "trace.mcap"]),
+    };
     output::result(args.json.as_deref(), &text, || to_json(&scene, &reply, trace))?;
     connection.close().await
+}
+
+/// The flags of the interventions, in the order of the request.
+fn flags(args: &SimulateArgs) -> Vec<String> {
+    let number = |flag: &'static str| move |(id, v): &(u32, f64)| format!("{flag} {id}={v:?}");
+    let vector =
+        |flag: &'static str| move |(id, [x, y]): &(u32, [f64; 2])| format!("{flag} {id}={x:?},{y:?}");
+    let remove = args.remove.iter().map(|id| format!("--remove {id}"));
+    let mass = args.mass.iter().map(number("--mass"));
+    let velocity = args.velocity.iter().map(vector("--velocity"));
+    let shift = args.shift.iter().map(vector("--shift"));
+    let restitution = args.restitution.iter().map(number("--restitution"));
+    let without = args.without.iter().map(|effect| format!("--without {effect}"));
+    remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(without).collect()
+}
+
+/// The failure with the user's flags in place of the request's fields, such as `interventions[0].scale_mass.factor`.
+fn with_flags(failure: Failure, flags: &[String]) -> Failure {
+    const FIELD: &str = "interventions";
+    failure.map(|message| {
+        let line = |line: &str| {
+            let Some((before, after)) = line.split_once(FIELD) else { return line.to_string() };
+            let index = after.strip_prefix('[').and_then(|rest| rest.split_once(']'));
+            let flag = index.and_then(|(k, rest)| Some((flags.get(k.parse::<usize>().ok()?)?, rest)));
+            match flag {
+                Some((flag, rest)) => {
+                    let rest =
+                        rest.trim_start_matches(|c: char| c.is_ascii_lowercase() || c == '.' || c == '_');
+                    format!("{before}{flag}{rest}")
+                }
+                None => format!("{before}{}", after.trim_start_matches([':', ' '])),
+            }
+        };
+        message.lines().map(line).collect::<Vec<_>>().join("\n")
+    })
 }
 
 fn interventions(args: &SimulateArgs) -> Vec<Intervention> {
@@ -226,6 +280,16 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Va
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_error_names_the_flag_and_not_the_field_of_the_request() {
+        let flags = ["--remove 1".to_string(), "--mass 3=1e300".to_string()];
+        let shown = |message: &str| with_flags(Failure::input(message), &flags).to_string();
+        let range = "interventions[1].scale_mass.factor: is 1e300; must be from 1e-9 to 1e9";
+        assert_eq!(shown(range), "--mass 3=1e300: is 1e300; must be from 1e-9 to 1e9");
+        assert_eq!(shown("interventions: object 9 is not in the model"), "object 9 is not in the model");
+        assert_eq!(shown("frames: is 0"), "frames: is 0");
+    }
 
     #[test]
     fn a_model_that_does_not_fit_the_video_gives_a_warning() {

@@ -4,6 +4,7 @@ use crate::api::v1::{Effect, ListEffectsRequest};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output;
+use crate::effects::alike;
 use serde_json::{Value, json};
 
 #[derive(clap::Args)]
@@ -20,10 +21,9 @@ pub async fn run(target: &Target, args: EffectsArgs) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let mut effects = connection.models().list_effects(ListEffectsRequest {}).await?.into_inner().effects;
     if let Some(unknown) = args.effects.iter().find(|name| !effects.iter().any(|e| e.name == **name)) {
-        let known: Vec<&str> = effects.iter().map(|e| e.name.as_str()).collect();
         return Err(Failure::input(format!(
-            "{unknown} is not in the catalogue; choose one of {}",
-            known.join(", ")
+            "{unknown} is not in the catalogue; did you mean {}? `vrdp effects` lists all",
+            alike(unknown).join(", ")
         )));
     }
     effects.retain(|e| args.effects.is_empty() || args.effects.contains(&e.name));

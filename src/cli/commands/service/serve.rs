@@ -1,7 +1,7 @@
 //! `serve`: runs the service until SIGTERM or ctrl-c.
 
 use crate::cli::connection::Target;
-use crate::cli::connection::start;
+use crate::cli::connection::{Announcement, start};
 use crate::cli::error::Failure;
 use crate::cli::output::print;
 use crate::config::{Config, Flags};
@@ -42,8 +42,8 @@ pub struct ServeArgs {
 pub async fn run(target: &Target, args: ServeArgs) -> Result<(), Failure> {
     let ServeArgs { listen, http, tls_cert, tls_key, tls_client_ca, tokens, print_config, insecure, config } =
         args;
-    let (insecure, data_dir) = (insecure.then_some(true), target.data_dir.clone());
-    let flags = Flags { listen, http, insecure, data_dir, tls_cert, tls_key, tls_client_ca, tokens };
+    let (insecure, data_dir, workers) = (insecure.then_some(true), target.data_dir.clone(), target.threads);
+    let flags = Flags { listen, http, insecure, data_dir, tls_cert, tls_key, tls_client_ca, tokens, workers };
     let config = Config::load(config.as_deref(), flags).map_err(|e| Failure::input(e.to_string()))?;
     let collector = Some(config.otlp.as_str()).filter(|url| !url.is_empty());
     let _telemetry = telemetry::init(&config.log, config.log_json, collector).map_err(Failure::input)?;
@@ -52,6 +52,7 @@ pub async fn run(target: &Target, args: ServeArgs) -> Result<(), Failure> {
     }
     tracing::info!(?config, "effective configuration");
     let service = start(&config).await?;
+    let _announcement = Announcement::new(&config, service.address);
     let http =
         service.http.map(|address| format!("vrdp serves HTTP on http://{address}\n")).unwrap_or_default();
     print(&format!("vrdp serves gRPC on {}\n{http}", service.address))?;

@@ -53,7 +53,9 @@ pub async fn run(target: &Target, args: DiagnoseArgs) -> Result<(), Failure> {
     };
     let found = stream::result("diagnosing", open, event).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
-    output::result(args.json.as_deref(), &text(&found, names.len()), || to_json(&found, &names))?;
+    let [flag, place] = target.words();
+    let text = text(&found, names.len()) + &output::next("discover", &args.scenes, &[&flag, &place]);
+    output::result(args.json.as_deref(), &text, || to_json(&found, &names))?;
     connection.close().await
 }
 

@@ -50,8 +50,19 @@ pub async fn run(target: &Target, args: DiscoverArgs) -> Result<(), Failure> {
     let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
     let found = search(&connection, request).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
-    output::result(args.json.as_deref(), &text(&found), || to_json(&found, &names))?;
+    let text = text(&found) + &next(target, &args.scenes, &found);
+    output::result(args.json.as_deref(), &text, || to_json(&found, &names))?;
     connection.close().await
+}
+
+/// The command to try after a discovery: its numbers where they are kept, else how to keep them.
+fn next(target: &Target, scenes: &[PathBuf], found: &Discovery) -> String {
+    let [flag, place] = target.words();
+    match found.revisions.last().map(revisions::id).filter(|id| !id.is_empty()) {
+        Some(id) if target.keeps_results() => output::next("show", &[], &[&id, &flag, &place]),
+        _ if found.verdict() == Verdict::NotIdentifiable => output::next("compare", scenes, &[]),
+        _ => output::next("discover", scenes, &[&flag, &place]),
+    }
 }
 
 /// Runs the search and shows its progress.

@@ -7,3 +7,4 @@ mod ranking;
 pub mod report;
 pub mod revise;
 pub mod show;
+mod why;

@@ -1,6 +1,7 @@
 //! `revise`: adds an effect to the models of a set-up or removes one, compares before and after; lists the history.
 
 use super::discover;
+use super::why::not_better;
 use crate::api::v1::add_effect_request::Addition;
 use crate::api::v1::{
     AddEffectRequest, AddEffectResponse, FoundEffect, RemoveEffectRequest, RemoveEffectResponse,
@@ -11,6 +12,7 @@ use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::revisions::{self, ID_DIGITS};
 use crate::cli::{input, output};
+use crate::effects::{EFFECTS, alike};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -97,7 +99,11 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     study.models = match (&args.on, &study.start) {
         (Some(digits), _) => revision_named(&known, digits)?.models.clone(),
         (None, Some(_)) => vec![],
-        (None, None) => latest(&known)?.map(|r| r.models.clone()).unwrap_or_default(),
+        (None, None) => {
+            // A misspelt name says more than a history with several ends.
+            let latest = latest(&known).map_err(|e| misspelt(args.add.as_deref()).unwrap_or(e))?;
+            latest.map(|r| r.models.clone()).unwrap_or_default()
+        }
     };
     let addition = args.add.map(Addition::Effect).or(formula.map(Addition::Formula));
     let found = match (addition, args.remove) {
@@ -108,8 +114,15 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     let names = scenes.iter().map(|s| s.name.as_str());
     let names: Vec<(&str, &str)> = study.videos.iter().map(String::as_str).zip(names).collect();
     let of = |r: &Option<Revision>| r.as_ref().map(to_json);
-    let value = || json!({ "before": of(&found.before), "after": of(&found.after) });
-    output::result(args.json.as_deref(), &text(&found, &known, &names, is_kept), value)?;
+    let why = found.before.as_ref().zip(found.after.as_ref()).and_then(|(b, a)| not_better(b, a));
+    let value = || json!({ "before": of(&found.before), "after": of(&found.after), "why_not_better": why });
+    let [flag, place] = target.words();
+    let next = match &found.after {
+        Some(after) if is_kept => output::next("show", &[], &[&revisions::id(after), &flag, &place]),
+        _ => output::next("revise", &args.scenes, &["--list", &flag, &place]),
+    };
+    let text = text(&found, &known, &names, is_kept) + &next;
+    output::result(args.json.as_deref(), &text, value)?;
     connection.close().await
 }
 
@@ -180,6 +193,15 @@ fn revision_named<'r>(known: &'r [Revision], digits: &str) -> Result<&'r Revisio
     }
 }
 
+/// The error about an effect that does not exist.
+fn misspelt(name: Option<&str>) -> Option<Failure> {
+    let name = name.filter(|name| !EFFECTS.iter().any(|e| e.spec.name == *name || e.kind == *name))?;
+    let meant = alike(name).join(", ");
+    Some(Failure::input(format!(
+        "there is no effect {name:?}; did you mean {meant}? `vrdp effects` lists all"
+    )))
+}
+
 /// The revision without a child; `None` without a history; an error if there are several.
 fn latest(known: &[Revision]) -> Result<Option<&Revision>, Failure> {
     let last = |r: &&Revision| !known.iter().any(|next| next.parents == r.models);
@@ -206,6 +228,8 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], i
         lineage => lineage,
     };
     let mut text = format!("{}: {}\n", revisions::change(after), verdict(after));
+    let why = found.before.as_ref().and_then(|before| not_better(before, after));
+    text.extend(why.map(|why| format!("  not better, because {why}\n")));
     if let Some(added) = &after.added {
         text += &discover::parameter_lines(&added.parameters, names);
     }
@@ -219,17 +243,11 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], i
     text
 }
 
-/// Log evidence (nats) above which a model fits the frames better, though the other tests reject it.
-const FITS_BETTER: f64 = 10.0;
-
 fn verdict(r: &Revision) -> String {
     let word = match r.worth() {
         // The log evidence is undefined here.
         Worth::NotIdentifiable => return format!("NOT_IDENTIFIABLE: {}", r.not_identifiable_reason),
         Worth::Better => "better",
-        Worth::NoDifference if r.log_evidence > FITS_BETTER => {
-            "not better: it fits the frames more closely, but the held-out frames, the other videos or the size of the effect do not support it"
-        }
         Worth::NoDifference => "no significant difference; the simpler model is as good",
         Worth::Worse => "worse",
         Worth::Unspecified => "first revision",

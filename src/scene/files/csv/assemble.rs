@@ -7,12 +7,12 @@ use crate::scene::files::csv::vocabulary::ShapeKind;
 use crate::scene::limits::{DEFAULT_FPS, MAX_FRAMES};
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Track};
-use crate::scene::violations::{SceneError, SceneViolations};
+use crate::scene::violations::{SceneError, SceneViolations, readable};
 use std::collections::BTreeMap;
 
 /// Times closer than this share of the mean frame time are the same frame.
 const SAME_TIME: f64 = 1e-3;
-/// Largest share by which the rate of the times may exceed `fps`.
+/// Largest share by which the rate of the times may differ from `fps`.
 const MAX_RATE_EXCESS: f64 = 0.05;
 /// Largest median speed of an object (m/s), faster than sound. Larger ones come from a wrong unit.
 const MAX_SPEED: f64 = 500.0;
@@ -29,13 +29,16 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<Scene, S
     let (objects, tracks) = objects_and_tracks(notes, rows, frame_of, &mut r);
     for (object, track) in objects.iter().zip(&tracks) {
         if let Some((frame, yaw)) = track.yaw_in_degrees() {
-            let message =
-                format!("is {yaw}, which is not radians; name the column `yaw [deg]` if it holds degrees");
+            let message = format!(
+                "is {}, which is not radians; name the column `yaw [deg]` if it holds degrees",
+                readable(yaw)
+            );
             r.add(format!("frame {frame}, object {}: yaw", object.id), message);
         }
         if let Some(speed) = median_speed(track, &times).filter(|speed| timed && *speed > MAX_SPEED) {
             let message = format!(
-                "moves at {speed:.0} m/s; at most {MAX_SPEED} m/s are allowed: check the units of t, x and y"
+                "moves at {} m/s; at most {MAX_SPEED} m/s are allowed: check the units of t, x and y",
+                readable(speed.round())
             );
             r.add(format!("object {}", object.id), message);
         }
@@ -64,8 +67,10 @@ fn frame_times(notes: &Notes, timed: bool, rows: &[Row]) -> Result<(Vec<f64>, f6
         let fps = notes.fps.unwrap_or(DEFAULT_FPS);
         let last = whens.last().copied().unwrap_or(0.0);
         if last >= MAX_FRAMES as f64 {
-            let message =
-                format!("{last} is beyond the {MAX_FRAMES} frames that are allowed; split the video");
+            let message = format!(
+                "{} is beyond the {MAX_FRAMES} frames that are allowed; split the video",
+                readable(last)
+            );
             return Err(SceneError::single("frame", message));
         }
         return Ok(((0..=last as usize).map(|f| f as f64 / fps).collect(), fps));
@@ -80,12 +85,15 @@ fn frame_times(notes: &Notes, timed: bool, rows: &[Row]) -> Result<(Vec<f64>, f6
     let times = distinct(SAME_TIME * span / rough.len().max(2) as f64);
     let rate = (times.len() as f64 - 1.0) / span;
     let rate = Some(rate).filter(|rate| rate.is_finite() && *rate > 0.0);
-    // Frames may be missing, but there are no times between two frames.
-    if let (Some(fps), Some(rate)) = (notes.fps, rate)
-        && fps * (1.0 + MAX_RATE_EXCESS) < rate
+    // Some frames may be missing: most are not.
+    let mut gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let usual = quantile(&mut gaps, 0.5).map(|gap| 1.0 / gap).filter(|rate| rate.is_finite() && *rate > 0.0);
+    if let (Some(fps), Some(usual)) = (notes.fps, usual)
+        && (fps / usual).max(usual / fps) > 1.0 + MAX_RATE_EXCESS
     {
+        let (fps, usual) = (readable(fps), readable((10.0 * usual).round() / 10.0));
         let message = format!(
-            "is {fps}, but there are {rate:.1} times a second; correct one of both, or leave out fps"
+            "is {fps}, but the times in column t are those of {usual} frames a second; correct one of both, or leave out fps"
         );
         return Err(SceneError::single("fps", message));
     }

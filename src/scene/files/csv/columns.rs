@@ -1,7 +1,8 @@
 //! The header of a CSV file: which column holds what, and in which unit.
 
 use crate::scene::files::csv::notes::Notes;
-use crate::scene::files::csv::vocabulary::{ANGLES, LENGTHS, MASSES, PIXELS, TIMES, misspelt, size_of};
+use crate::scene::files::csv::vocabulary::{ANGLES, LENGTHS, MASSES, PIXELS, TIMES, size_of};
+use crate::scene::spelling::misspelt;
 use crate::scene::violations::SceneViolations;
 use ::csv::StringRecord;
 use std::collections::BTreeMap;

@@ -8,11 +8,13 @@ mod rows;
 mod tests;
 mod vocabulary;
 
+use crate::scene::files::assumptions::{StatedValues, assumptions};
 use crate::scene::observation::Scene;
 use crate::scene::violations::{SceneError, SceneViolations};
 use assemble::scene;
 use notes::Notes;
-use rows::rows;
+use rows::{CsvRows, rows};
+use std::collections::BTreeSet;
 
 /// Reads the text of a CSV file of tracks.
 ///
@@ -26,10 +28,38 @@ use rows::rows;
 /// Rows may be in any order, one for each object and time. A constant property of an object, such as its mass, may stand
 /// in one of its rows only. Everything that is wrong is reported at once, with line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
+    Ok(read_csv(name, text)?.0)
+}
+
+/// The same, with a line for each thing that is assumed because the file does not state it.
+pub fn read_csv(name: &str, text: &str) -> Result<(Scene, Vec<String>), SceneError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut r = SceneViolations::of_rows();
     let notes = Notes::read(text, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
-    scene(name, &notes, rows?)?.validate()
+    let rows = rows?;
+    let stated = stated(&notes, &rows);
+    let scene = scene(name, &notes, rows)?.validate()?;
+    let assumed = assumptions(&scene, &stated);
+    Ok((scene, assumed))
+}
+
+/// What a file states, and how to state the rest.
+fn stated(notes: &Notes, rows: &CsvRows) -> StatedValues {
+    let ids = |sized: bool| -> BTreeSet<u32> {
+        rows.rows.iter().filter(|row| !sized || row.size.is_some()).map(|row| row.id).collect()
+    };
+    StatedValues {
+        size: notes.has_size || ids(true) == ids(false),
+        fps: rows.timed || notes.fps.is_some(),
+        world: notes.has_world,
+        how: [
+            "`# size: 30 mm`",
+            "`# fps: 50`",
+            "`# world: air_table`",
+            "a column `mass [kg]`",
+            "`# unit: cm`",
+        ],
+    }
 }

@@ -1,11 +1,12 @@
 //! The lines `# key: value` before the header of a CSV file, which hold for all of its rows.
 
 use crate::scene::files::csv::vocabulary::{
-    BALL, DISC, LENGTHS, MAX_SIZE, PIXELS, SHAPES, ShapeKind, misspelt, shape_kind, size_of,
+    BALL, DISC, LENGTHS, MAX_SIZE, PIXELS, SHAPES, ShapeKind, shape_kind, size_of,
 };
 use crate::scene::limits::DEFAULT_SIZE;
 use crate::scene::observation::{Table, WorldKind};
-use crate::scene::violations::SceneViolations;
+use crate::scene::spelling::misspelt;
+use crate::scene::violations::{SceneViolations, readable};
 
 /// Keys of the lines before the header.
 const KEYS: [&str; 10] =
@@ -21,6 +22,10 @@ pub(super) struct Notes {
     pub scale: Option<f64>,
     /// Radius or half side of an object (m).
     pub size: f64,
+    /// Whether a line gives the size.
+    pub has_size: bool,
+    /// Whether a line gives the world.
+    pub has_world: bool,
     pub shape: ShapeKind,
     pub material: String,
     pub world: WorldKind,
@@ -58,6 +63,8 @@ impl Notes {
             unit: None,
             scale: None,
             size: DEFAULT_SIZE,
+            has_size: false,
+            has_world: false,
             shape: DISC,
             material: String::new(),
             world: WorldKind::Table,
@@ -90,6 +97,7 @@ impl Notes {
             "scale" => self.scale = positive(value),
             "size" | "radius" => {
                 let unit = value.split_whitespace().nth(1).map(str::to_ascii_lowercase);
+                self.has_size = true;
                 pending.size = positive(value).map(|size| (at.to_string(), size, unit));
             }
             "unit" => self.unit = Some(value.to_ascii_lowercase()),
@@ -113,6 +121,7 @@ impl Notes {
             "world" => {
                 let wrong =
                     || format!("world is {value:?}; it must be clevrer, table, air_table or billiards");
+                self.has_world = true;
                 self.world = WorldKind::named(&value.to_ascii_lowercase()).ok_or_else(wrong)?;
             }
             "cushions" | "rails" => {
@@ -142,8 +151,11 @@ impl Notes {
             if own.is_none() {
                 r.add(at, "size has an unknown unit; give m, cm or mm");
             } else if self.size > MAX_SIZE {
-                let message =
-                    format!("size is {} m; write \"# size: {size} mm\" if it is in millimetres", self.size);
+                let message = format!(
+                    "size is {} m; write \"# size: {} mm\" if it is in millimetres",
+                    readable(self.size),
+                    readable(size)
+                );
                 r.add(at, message);
             }
         }

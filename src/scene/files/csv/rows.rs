@@ -4,7 +4,7 @@ use crate::scene::files::csv::columns::{ColumnPlaces, CsvColumn, columns};
 use crate::scene::files::csv::notes::Notes;
 use crate::scene::files::csv::vocabulary::{MAX_SIZE, SHAPES, ShapeKind, shape_kind};
 use crate::scene::limits::{MASS_RANGE, SIZE_RANGE};
-use crate::scene::violations::{SceneError, SceneViolations};
+use crate::scene::violations::{SceneError, SceneViolations, readable};
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use std::collections::BTreeMap;
 
@@ -200,6 +200,7 @@ impl Cells<'_> {
     fn check_coordinate(&mut self, column: CsvColumn, value: f64) {
         if value.abs() > MAX_COORDINATE {
             let name = if column == CsvColumn::X { "x" } else { "y" };
+            let value = readable(value);
             let message = format!(
                 "is {value} m; it must be within {MAX_COORDINATE} m; if it is in millimetres, name the column \
                  `{name} [mm]`, and `{name} [px]` if in pixels"
@@ -213,6 +214,7 @@ impl Cells<'_> {
         let value = self.number(column)?;
         let fits = (low..=high).contains(&value);
         if !fits {
+            let value = readable(value);
             self.wrong(column, format!("is {value} {unit}; it must be from {low:e} to {high:e} {unit}"));
         }
         fits.then_some(value)
@@ -253,7 +255,7 @@ impl Cells<'_> {
         let value = self.number(column)?;
         let whole = value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0;
         if !whole {
-            self.wrong(column, format!("is {value}; give a whole number from 0"));
+            self.wrong(column, format!("is {}; give a whole number from 0", readable(value)));
         }
         whole.then_some(value as u32)
     }

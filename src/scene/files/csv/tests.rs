@@ -143,7 +143,18 @@ fn everything_wrong_is_reported_with_line_and_column() {
     check("# fps: fast\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fps is \"fast\""]);
     check(
         "# fps: 25\nid,t,x,y\n1,0,0,0\n1,0.02,0,0\n1,0.04,0,0\n",
-        &["fps: is 25, but there are 50.0 times a second; correct one of both, or leave out fps"],
+        &[
+            "fps: is 25, but the times in column t are those of 50 frames a second; correct one of both, or leave out",
+        ],
+    );
+    check(
+        "# fps: 50\nid,t,x,y\n1,0,0,0\n1,0.04,0,0\n1,0.08,0,0\n1,0.2,0,0\n",
+        &["fps: is 50, but the times in column t are those of 25 frames a second"],
+    );
+    check("# fsp: 50\nid,frame,x,y\n1,0,0,0\n1,1,0,0\n", &["line 1: fsp is not known; did you mean fps?"]);
+    check(
+        "id,frame,x,y\n1,0,1e300,0\n1,1,0,0\n",
+        &["line 2, column 3 (x): is 1e300 m; it must be within 200 m"],
     );
     // One time has no rate that could contradict.
     assert!(!parse_csv("s", "# fps: 10\nid,t,x,y\n1,0,0,0\n").is_err_and(|e| e.to_string().contains("fps")));
@@ -240,4 +251,25 @@ proptest! {
         let _ = parse_csv("s", &text);
         let _ = parse_csv("s", &any);
     }
+}
+
+#[test]
+fn what_a_file_does_not_state_is_listed_with_what_to_write() {
+    let assumed = |text: &str| read_csv("s", text).expect(text).1;
+    let bare = "id,frame,x,y\n1,0,0,0\n1,1,100,0\n1,2,130,0\n";
+    insta::assert_snapshot!(assumed(bare).join("\n"), @r"
+    radius or half side of 0.2 m (`# size: 30 mm`)
+    25 frames per second (`# fps: 50`)
+    world table, which selects the preset (`# world: air_table`)
+    masses near 1 kg, as none is given: masses and forces (N) are relative (a column `mass [kg]`)
+    metres, although the tracks span 130 m for objects of 0.2 m: is the unit cm? (`# unit: cm`)
+    ");
+    let close = "id,frame,x,y\n1,0,0,0\n1,1,0.01,0\n2,0,0.37,0\n2,1,0.37,0\n";
+    assert!(
+        assumed(close).last().is_some_and(|line| line.contains("size and unit right")),
+        "{:?}",
+        assumed(close)
+    );
+    let whole = "# world: table\nid,t,x,y,mass,size\n1,0,0,0,1,0.03\n1,0.04,0.5,0,,\n1,0.08,0.8,0,,\n";
+    assert_eq!(assumed(whole), [""; 0]);
 }

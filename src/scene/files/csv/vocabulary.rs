@@ -1,4 +1,4 @@
-//! The words of CSV files: units, shapes, and the known name that a misspelt one means.
+//! The words of CSV files: units and shapes.
 
 use crate::scene::object::Shape;
 use std::f64::consts::PI;
@@ -34,16 +34,4 @@ pub(super) fn shape_kind(word: &str) -> Option<ShapeKind> {
         "cube" | "square" | "box" | "block" => Some(CUBE),
         _ => None,
     }
-}
-
-/// The known name nearest to this one, if it differs by one or two typing errors.
-pub(super) fn misspelt<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let allowed = |near: &str| match near.len() {
-        // Of a short name only one letter too many, as "row" does not mean "yaw".
-        3 => usize::from(name.len() > 3),
-        short @ ..6 => short / 4,
-        _ => 2,
-    };
-    let distance = |known: &&str| strsim::osa_distance(known, name);
-    known.min_by_key(distance).filter(|near| distance(near) <= allowed(near))
 }

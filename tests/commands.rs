@@ -1,0 +1,196 @@
+//! The program as its user meets it: what commands print, what they take, and how they share a data folder.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+
+/// Two pucks that collide; nothing but ids, frames and positions is stated.
+const BARE: &str = "id,frame,x,y\n1,0,0,0\n1,1,0.2,0\n1,2,0.4,0\n1,3,0.5,0\n1,4,0.51,0\n1,5,0.52,0\n\
+                    2,0,0.9,0\n2,1,0.9,0\n2,2,0.9,0\n2,3,1,0\n2,4,1.18,0\n2,5,1.36,0\n";
+
+/// A folder that is deleted at the end.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new(name: &str) -> Scratch {
+        let folder =
+            Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("commands-{name}-{}", std::process::id()));
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).unwrap();
+        Scratch(folder)
+    }
+
+    fn write(&self, name: &str, text: &str) -> String {
+        let file = self.0.join(name);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(&file, text).unwrap();
+        file.display().to_string()
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.join(name).display().to_string()
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+fn vrdp(words: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_vrdp"));
+    command.args(words).stdin(Stdio::null());
+    for name in ["VRDP_SERVER", "VRDP_CA", "VRDP_TOKEN"] {
+        command.env_remove(name);
+    }
+    command
+}
+
+fn run(words: &[&str]) -> (Output, String, String) {
+    let output = vrdp(words).output().unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let (out, err) = (text(&output.stdout), text(&output.stderr));
+    (output, out, err)
+}
+
+/// A service that is stopped at the end.
+struct Service(Child);
+
+impl Service {
+    /// Starts a service; when this returns, it accepts calls.
+    fn start(data_dir: &str) -> Service {
+        let words = ["serve", "--listen", "127.0.0.1:0", "--http", "", "--data-dir", data_dir];
+        let mut child = vrdp(&words).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        assert!(line.contains("serves gRPC"), "{line}");
+        Service(child)
+    }
+}
+
+impl Drop for Service {
+    fn drop(&mut self) {
+        let _ = Command::new("kill").arg(self.0.id().to_string()).status();
+        let _ = self.0.wait();
+    }
+}
+
+fn scene(name: &str) -> String {
+    format!("{}/tests/data/clevrer/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn a_result_says_what_was_assumed_and_what_to_try_next() {
+    let scratch = Scratch::new("assumed");
+    let video = scratch.write("bare.csv", BARE);
+    let json = scratch.path("bare.json");
+    let (output, out, _) = run(&["fit", &video, "--json", &json]);
+    assert!(output.status.success(), "{out}");
+    for words in [
+        "radius or half side of 0.2 m (`# size: 30 mm`)",
+        "25 frames per second (`# fps: 50`)",
+        "world table, which selects the preset",
+        "masses and forces (N) are relative",
+        "contact",
+        "e = coefficient r_a r_b d_ab",
+        "\nnext: vrdp ",
+    ] {
+        assert!(out.contains(words), "{words}: {out}");
+    }
+    let written = fs::read_to_string(&json).unwrap();
+    assert!(written.contains("\"assumed\":[\"radius"), "{written}");
+    assert!(written.contains("\"pairs\":[{\"object_ids\":[1,2]"), "{written}");
+    let (_, out, _) = run(&["fit", &video, "--quiet"]);
+    assert!(!out.contains("next:"), "{out}");
+}
+
+#[test]
+fn errors_name_what_the_user_typed() {
+    let scratch = Scratch::new("errors");
+    let video = scratch.write("bare.csv", BARE);
+    for (words, expected) in [
+        (&["effects", "wind"][..], "did you mean uniform_force?"),
+        (&["simulate", &video, "--mass", "1=1e300"], "--mass 1=1e300: is 1e300; must be from"),
+        (&["simulate", &video, "--mass", "1=inf"], "give a finite number"),
+        (&["simulate", &video, "--remove", "7"], "object 7 is not in the model"),
+        (
+            &["simulate", &video, "--without", "gravity"],
+            "effect \"gravity\" is not in the model, whose effects are",
+        ),
+        (&["revise", &video, "--add-formula", "ax = -0.1*vx**2"], "write ^ for a power"),
+        (&["revise", &video, "--add-formula", "let k [kg] = 1; ax = -k*vx"], "k [kg] would have to be 1/s"),
+        (&["revise", &video, "--add", "coriolys"], "did you mean coriolis"),
+        (&["fit", &video, "--threads", "0"], "workers"),
+        (&["fitt", &video], "similar subcommand exists: 'fit'"),
+        (&["import", &scratch.path("no.csv")], "no.csv: "),
+    ] {
+        let (output, _, err) = run(words);
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {err}");
+        assert!(err.contains(expected), "{words:?}: {err}");
+        assert!(!err.contains("interventions"), "{words:?}: {err}");
+        assert!(err.matches("no.csv").count() <= 1, "the file is named once: {err}");
+    }
+}
+
+#[test]
+fn a_command_uses_the_service_that_holds_its_data_folder() {
+    let scratch = Scratch::new("shared");
+    let lab = scratch.path("lab");
+    let service = Service::start(&lab);
+    let (output, out, err) = run(&["effects", "coriolis", "--data-dir", &lab]);
+    assert!(output.status.success() && out.starts_with("coriolis"), "{err}");
+    assert!(err.contains("using the service at http://127.0.0.1:"), "{err}");
+    drop(service);
+    assert!(!scratch.0.join("lab/service-url").exists());
+}
+
+#[test]
+fn a_command_waits_for_its_data_folder() {
+    let scratch = Scratch::new("waits");
+    let lab = scratch.path("lab");
+    let service = Service::start(&lab);
+    // Now the folder is held as another command holds it: without a service for others.
+    fs::remove_file(scratch.0.join("lab/service-url")).unwrap();
+    let words = ["effects", "coriolis", "--data-dir", &lab];
+    let mut waiting = vrdp(&words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut line = String::new();
+    let mut err = BufReader::new(waiting.stderr.take().unwrap());
+    err.read_line(&mut line).unwrap();
+    assert!(line.starts_with("waiting for another command, which uses the data folder"), "{line}");
+    assert!(waiting.try_wait().unwrap().is_none());
+    drop(service);
+    let output = waiting.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stdout.starts_with(b"coriolis"));
+}
+
+#[test]
+fn clevrers_own_layout_is_scored_and_written_for_its_evaluation() {
+    let scratch = Scratch::new("clevrer");
+    let folder = "annotation_validation/annotation_00000-01000";
+    let observed = fs::read_to_string(scene("scene_00022") + "/observed.json").unwrap();
+    scratch.write(&format!("{folder}/annotation_00022.json"), &observed);
+    let questions = fs::read_to_string(scene("scene_00022") + "/questions.json").unwrap();
+    // One right answer is changed: that question is then answered wrongly.
+    let changed = questions.replacen("\"answer\": \"no\"", "\"answer\": \"yes\"", 1);
+    assert_ne!(changed, questions);
+    scratch.write("validation.json", &format!("[{changed}]"));
+    let submission = scratch.path("submission.json");
+    let place = scratch.path("annotation_validation");
+    let (output, out, err) = run(&["score", &place, "--wrong", "--submission", &submission]);
+    assert!(output.status.success(), "{err}");
+    let mistake = "annotation_00022, question 0 (descriptive): Are there any metal objects that exit the scene?\n  \
+                   said: no; right: yes\n";
+    assert!(out.contains(mistake), "{out}");
+    assert!(out.contains("exist"), "the steps: {out}");
+    let written = fs::read_to_string(&submission).unwrap();
+    assert!(written.starts_with("[{\"questions\":[{\"answer\":\"no\",\"question_id\":0}"), "{written}");
+    assert!(written.trim_end().ends_with("\"scene_index\":22}]"), "{written}");
+    // The same folder is taken by the other commands.
+    let (output, _, err) = run(&["ask", &place, "--question", "How many objects are moving?"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(err.contains("is a folder of scenes; give one of them, such as"), "{err}");
+    let (output, out, err) = run(&["fit", &place]);
+    assert!(output.status.success() && out.contains("annotation_00022"), "{err}");
+}
