@@ -40,7 +40,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     // 2. Compare: how well does the default model fit, and where does it fail?
     let mut models = ModelsClient::new(channel).max_decoding_message_size(MAX_MESSAGE);
     let study = StudyRequest { videos, ..Default::default() };
-    let request = CompareModelsRequest { study: Some(study.clone()) };
+    let request = CompareModelsRequest { study: Some(study.clone()), ..Default::default() };
     let mut stream = models.compare_models(request).await?.into_inner();
     while let Some(message) = stream.message().await? {
         if let Some(compare_models_response::Event::Comparison(c)) = message.event {

@@ -363,16 +363,7 @@ fn chi_square(fits: &[&SceneFit]) -> (f64, f64) {
 /// Evidence of a revision against the fits that it came from, and whether it is better. A scene that both lose says nothing, if
 /// there are others: by how much is a matter of chaos.
 pub fn weigh(before: &[&SceneFit], unseen: PredictionErrors, after: &Revision) -> ChangeEvidence {
-    let pairs: Vec<(&SceneFit, &SceneFit)> = before.iter().copied().zip(&after.fit.scenes).collect();
-    let told: Vec<_> = pairs.iter().copied().filter(|(b, a)| !(lost(b) && lost(a))).collect();
-    let (judged, judged_after): (Vec<_>, Vec<_>) =
-        if told.is_empty() { pairs } else { told }.into_iter().unzip();
-    let (chi_before, degrees) = chi_square(&judged);
-    let (chi_after, degrees_after) = chi_square(&judged_after);
-    let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
-    let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
-    let more = count(&mut after.fit.scenes.iter()) - count(&mut before.iter().copied());
-    let log_evidence = 0.5 * ((chi_before - chi_after) / unit - more * elementary::ln(degrees.max(2.0)));
+    let log_evidence = log_evidence(before, &after.fit.scenes.iter().collect::<Vec<_>>());
     let now = after.unseen();
     let grew = |old: f64, new: f64| new > old * (1.0 + ALIKE);
     let fails =
@@ -384,6 +375,20 @@ pub fn weigh(before: &[&SceneFit], unseen: PredictionErrors, after: &Revision) -
         () => ChangeVerdict::NoDifference,
     };
     ChangeEvidence { log_evidence, worth }
+}
+
+/// Log evidence ratio of fits to others of the same scenes, by BIC (nats).
+pub fn log_evidence(before: &[&SceneFit], after: &[&SceneFit]) -> f64 {
+    let pairs: Vec<(&SceneFit, &SceneFit)> = before.iter().copied().zip(after.iter().copied()).collect();
+    let told: Vec<_> = pairs.iter().copied().filter(|(b, a)| !(lost(b) && lost(a))).collect();
+    let (judged, judged_after): (Vec<_>, Vec<_>) =
+        if told.is_empty() { pairs } else { told }.into_iter().unzip();
+    let (chi_before, degrees) = chi_square(&judged);
+    let (chi_after, degrees_after) = chi_square(&judged_after);
+    let unit = (chi_before / degrees.max(1.0)).min(chi_after / degrees_after.max(1.0)).max(1.0);
+    let count = |fits: &mut dyn Iterator<Item = &SceneFit>| parameters(fits.map(|f| &f.model)) as f64;
+    let more = count(&mut after.iter().copied()) - count(&mut before.iter().copied());
+    0.5 * ((chi_before - chi_after) / unit - more * elementary::ln(degrees.max(2.0)))
 }
 
 /// Numbers of the effects that a fit of all models together finds: a shared one counts once.
@@ -443,9 +448,10 @@ pub fn found(
         return Ok(FoundEffect::with_numbers(entry, &values, &sd));
     }
     let one = |((p, at), sd): ((&FormulaParameter, &f64), &f64)| {
-        let number = |z: f64| ParameterValue::Number(at + z * NINETY_FIVE * sd);
+        let number = |z: f64| ParameterValue::Number((at + z * NINETY_FIVE * sd).max(p.min).min(p.max));
         let (value, low, high) = (number(0.0), number(-1.0), number(1.0));
-        ParameterEstimate { name: p.name.clone(), unit: p.unit.clone(), value, low, high, owner: None }
+        let (name, unit) = (p.name.clone(), p.unit.clone());
+        ParameterEstimate { name, unit, value, low, high, sd: vec![*sd], owner: None }
     };
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
     let text = formula.map(|f| f.text.clone());

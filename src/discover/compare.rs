@@ -8,6 +8,7 @@ use crate::num::{Stop, elementary};
 use crate::scene::Scene;
 use crate::world::{Model, SimulationLimits, simulate_observed};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Regimes of bodies that touch nothing.
 pub const FAST_FREE: &str = "fast free motion";
@@ -67,6 +68,7 @@ pub struct Regime {
 }
 
 /// One residual of a position.
+#[derive(Clone, Copy)]
 struct PositionResidual {
     object: usize,
     frame: usize,
@@ -155,16 +157,61 @@ fn objects(scene: &Scene, residuals: &[PositionResidual], sigma: f64) -> Vec<Obj
     scene.objects.iter().enumerate().map(one).collect()
 }
 
+/// Where the simulations of two models of one scene are farthest apart, in one regime.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Separation {
+    pub regime: String,
+    /// Root mean square distance of a coordinate (m) over the regime's frames of objects.
+    pub rms: f64,
+    pub frames: usize,
+    /// The largest distance (m), its object and its frame.
+    pub largest: f64,
+    pub object: u32,
+    pub frame: usize,
+}
+
+/// How far two models of a scene are apart, regime by regime, where the scene was measured; the largest first.
+pub fn separations(scene: &Scene, models: [&Model; 2]) -> Vec<Separation> {
+    let noise = estimate_noise(scene);
+    let smooth = paths(scene, &noise);
+    let [a, b] = models.map(|model| residuals(scene, model));
+    let others: BTreeMap<(usize, usize), &PositionResidual> =
+        b.iter().map(|r| ((r.object, r.frame), r)).collect();
+    let between = |r: &PositionResidual| {
+        let other = others.get(&(r.object, r.frame))?;
+        Some(PositionResidual { x: r.x - other.x, y: r.y - other.y, ..*r })
+    };
+    let apart: Vec<PositionResidual> = a.iter().filter_map(between).collect();
+    let size = |r: &PositionResidual| elementary::hypot(r.x, r.y);
+    let one = |(regime, belongs): (String, Belongs)| {
+        let own = || apart.iter().filter(|r| belongs(r.object, r.frame));
+        let most = own().max_by(|a, b| size(a).total_cmp(&size(b)))?;
+        Some(Separation {
+            regime,
+            rms: rms(own()),
+            frames: own().count(),
+            largest: size(most),
+            object: scene.objects.get(most.object)?.id,
+            frame: most.frame,
+        })
+    };
+    let mut all: Vec<Separation> = motion_regimes(&smooth).into_iter().filter_map(one).collect();
+    all.sort_by(|a, b| b.largest.total_cmp(&a.largest));
+    all
+}
+
 /// Whether something is in a regime: index of the object, frame.
 type Belongs<'a> = Box<dyn Fn(usize, usize) -> bool + 'a>;
 
-fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual], sigma: f64) -> Vec<Regime> {
-    let near = |i: usize, f: usize| paths[i].near.iter().any(|n| n.0 == f);
-    let after = |i: usize, f: usize| (1..=AFTERMATH).any(|k| f >= k && near(i, f - k)) && !near(i, f);
-    let hit = |i: usize, f: usize| paths[i].jumps.iter().any(|j| (j.frame..j.frame + AFTERMATH).contains(&f));
-    let speed = |i: usize, f: usize| paths[i].motion[f].map_or(0.0, |k| k.velocity.norm());
+/// The regimes by how an object moves: each of its frames is in one or more of them.
+fn motion_regimes(paths: &[SmoothTrack]) -> Vec<(String, Belongs<'_>)> {
+    let near = move |i: usize, f: usize| paths[i].near.iter().any(|n| n.0 == f);
+    let after = move |i: usize, f: usize| (1..=AFTERMATH).any(|k| f >= k && near(i, f - k)) && !near(i, f);
+    let hit =
+        move |i: usize, f: usize| paths[i].jumps.iter().any(|j| (j.frame..j.frame + AFTERMATH).contains(&f));
+    let speed = move |i: usize, f: usize| paths[i].motion[f].map_or(0.0, |k| k.velocity.norm());
     let free = move |i: usize, f: usize| !near(i, f) && !after(i, f) && !hit(i, f) && speed(i, f) > REST;
-    let mut all: Vec<(String, Belongs)> = vec![
+    vec![
         (FAST_FREE.into(), Box::new(move |i, f| free(i, f) && speed(i, f) >= FAST)),
         (SLOW_FREE.into(), Box::new(move |i, f| free(i, f) && speed(i, f) < FAST)),
         ("near another object".into(), Box::new(near)),
@@ -174,7 +221,11 @@ fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual],
             "at rest".into(),
             Box::new(move |i, f| !near(i, f) && !after(i, f) && !hit(i, f) && speed(i, f) <= REST),
         ),
-    ];
+    ]
+}
+
+fn regimes(scene: &Scene, paths: &[SmoothTrack], residuals: &[PositionResidual], sigma: f64) -> Vec<Regime> {
+    let mut all = motion_regimes(paths);
     let mut looks: Vec<(String, &str, &str)> = vec![];
     for o in &scene.objects {
         let name = format!("{} {}", o.material, o.shape.word()).trim().to_string();

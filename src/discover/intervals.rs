@@ -193,6 +193,7 @@ pub fn found_contact(c: &ContactCandidate, values: &[f64], sd: &[f64]) -> FoundE
         value: id.clone(),
         low: id.clone(),
         high: id,
+        sd: vec![0.0],
         owner: None,
     });
     let mut found = FoundEffect::with_numbers(c.entry, values, sd);

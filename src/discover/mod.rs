@@ -39,10 +39,11 @@ mod windows;
 
 pub use change::{
     ChangeError, ChangeEvidence, ChangeResult, ChangeVerdict, FORMULA, ModelChange, Origin, PredictionErrors,
-    change, check_name, weigh,
+    change, check_name, log_evidence, weigh,
 };
 pub use compare::{
-    Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, compare, failures,
+    Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, Separation, compare,
+    failures, separations,
 };
 pub use contact::{ContactCandidate, screen_contacts};
 pub use contact_law::with_contact;

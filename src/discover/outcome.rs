@@ -3,11 +3,10 @@
 use super::revise::Revision;
 use crate::effects::{EffectEntry, Quantity};
 use crate::fit::Fit;
+pub use crate::num::NINETY_FIVE;
 use crate::num::{Vec2, elementary};
 use serde::{Deserialize, Serialize};
 
-/// Deviations of a 95 % interval of a normal law.
-pub const NINETY_FIVE: f64 = 1.96;
 /// How many times its own deviation a number may scatter between videos.
 const MOST_SCATTER: f64 = 4.0;
 
@@ -106,6 +105,9 @@ pub struct ParameterEstimate {
     pub value: ParameterValue,
     pub low: ParameterValue,
     pub high: ParameterValue,
+    /// Standard deviation of each number; none of a word.
+    #[serde(default)]
+    pub sd: Vec<f64>,
     /// Whose it is, where objects differ in it.
     #[serde(default)]
     pub owner: Option<ParameterOwner>,
@@ -231,13 +233,18 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Paramete
                     elementary::powi(slope * sd[k], 2)
                 })
                 .sum();
-            NINETY_FIVE * squares.sqrt()
+            squares.sqrt()
         };
         let own =
             entry.spec.params.iter().find(|p| p.name == *name || p.name.strip_suffix("_x") == Some(*name));
+        let deviations: Vec<f64> = match quantity {
+            Quantity::Number(_) => vec![deviation(0)],
+            Quantity::Vector(_) => vec![deviation(0), deviation(1)],
+            Quantity::Word(_) => vec![],
+        };
         let (value, low, high) = match quantity {
             Quantity::Number(v) => {
-                let d = deviation(0);
+                let d = NINETY_FIVE * deviations[0];
                 let [least, most] = own.map_or_else(|| reach(entry, which), |p| [p.min, p.max]);
                 (
                     ParameterValue::Number(*v),
@@ -246,7 +253,7 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Paramete
                 )
             }
             Quantity::Vector([x, y]) => {
-                let (dx, dy) = (deviation(0), deviation(1));
+                let (dx, dy) = (NINETY_FIVE * deviations[0], NINETY_FIVE * deviations[1]);
                 (
                     ParameterValue::Vector([*x, *y]),
                     ParameterValue::Vector([x - dx, y - dy]),
@@ -259,7 +266,7 @@ pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<Paramete
             }
         };
         let unit = own.map(|p| p.unit).unwrap_or_default().to_string();
-        ParameterEstimate { name: name.to_string(), unit, value, low, high, owner: None }
+        ParameterEstimate { name: name.to_string(), unit, value, low, high, sd: deviations, owner: None }
     };
     at.iter().enumerate().map(one).collect()
 }

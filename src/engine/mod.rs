@@ -24,6 +24,7 @@ mod predictions;
 mod progress;
 mod report_page;
 mod results;
+mod sides;
 mod state;
 mod studies;
 mod traces;
@@ -50,6 +51,7 @@ pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,
     Study, TrajectoryPair,
 };
+pub use sides::SideDifference;
 pub use state::{Capacity, Engine};
 pub use studies::{MAX_EFFECTS, StudyKind};
 pub use traces::file::{TraceKind, TraceRecord};

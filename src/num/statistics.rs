@@ -19,6 +19,8 @@ pub fn median(sample: &mut [f64]) -> Option<f64> {
     Some(0.5 * (lower + upper))
 }
 
+/// Standard deviations to either end of the 95 % interval of a normal number.
+pub const NINETY_FIVE: f64 = 1.96;
 /// Median of the absolute value of a standard normal number.
 pub const NORMAL_MEDIAN_ABSOLUTE: f64 = 0.674_489_750_196_081_7;
 /// Median of the length of a plane vector of two independent standard normal numbers: sqrt(2 ln 2).

@@ -67,7 +67,7 @@ pub fn encode_change(change: &RecordedChange) -> Result<Vec<u8>, RecordingError>
         };
         writer.push(&m::REVISIONS, scene.time_of(number), &message)?;
     }
-    parameters(&fit.posterior.estimates, &mut writer)?;
+    parameters(fit, &mut writer)?;
     let json = "application/json";
     let attachments = [
         ("request.json", json, change.request_json.as_bytes().to_vec()),

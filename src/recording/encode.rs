@@ -5,7 +5,7 @@ use super::messages::{self as m, Topic, foxglove as fox, v1};
 use super::origin::metadata;
 use super::writer::{TraceWriter, timestamp};
 use super::{FRAME, Recording, RecordingError};
-use crate::fit::{Estimate, Fit};
+use crate::fit::Fit;
 use crate::num::Vec2;
 use crate::reason::{LikelyEvent, Prediction};
 use crate::scene::Scene;
@@ -35,7 +35,7 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     simulated(scene, prediction, &mut writer)?;
     ensemble(prediction, kept, &mut writer)?;
     events(recording, &mut writer)?;
-    parameters(&fit.posterior.estimates, &mut writer)?;
+    parameters(fit, &mut writer)?;
     let attachments = [
         ("request.json", JSON, recording.request_json.as_bytes().to_vec()),
         ("model.json", JSON, serde_json::to_vec(&prediction.model)?),
@@ -316,14 +316,19 @@ fn sentence(recording: &Recording, likely: &LikelyEvent) -> String {
     format!("{} of {}, probability {probability:.0} %", word(likely.event.kind), objects.join(" and "))
 }
 
-/// The fitted parameters with their standard deviations.
-pub fn parameters(estimates: &[Estimate], to: &mut TraceWriter) -> Result<(), RecordingError> {
-    let parameters = estimates.iter().map(|e| v1::TraceParameter {
-        name: e.name.clone(),
-        value: e.value,
-        sd: e.sd,
-        unit: e.unit.clone(),
-        identified: e.identified,
+/// The fitted parameters of one scene with their standard deviations and 95 % intervals.
+pub fn parameters(fit: &Fit, to: &mut TraceWriter) -> Result<(), RecordingError> {
+    let parameters = fit.posterior.estimates.iter().map(|e| {
+        let [low95, high95] = fit.interval(0, e);
+        v1::TraceParameter {
+            name: e.name.clone(),
+            value: e.value,
+            sd: e.sd,
+            unit: e.unit.clone(),
+            identified: e.identified,
+            low95,
+            high95,
+        }
     });
     to.push(&m::PARAMETERS, 0.0, &v1::TraceParameters { parameters: parameters.collect() })
 }

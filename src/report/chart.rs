@@ -2,6 +2,7 @@
 
 use crate::num::elementary;
 use maud::{Markup, PreEscaped, Render, html};
+use serde_json::{Value, json};
 
 /// Colours and lines of pictures, light and dark.
 pub const PICTURE_STYLE: &str = include_str!("picture.css");
@@ -13,22 +14,71 @@ const RIGHT: f64 = 12.0;
 const TOP: f64 = 14.0;
 const BOTTOM: f64 = 42.0;
 
-/// A drawing: file name, title, caption, size (px) and SVG elements.
+/// A drawing: file name, title, caption, size (px), SVG elements, and the numbers that they show.
 pub struct Picture {
     pub name: String,
     pub title: String,
     pub caption: String,
     pub size: [f64; 2],
     pub body: Markup,
+    pub data: PictureData,
+}
+
+/// The numbers of a picture, for a look at single values and for a table; none of a picture that only illustrates.
+#[derive(Default)]
+pub struct PictureData {
+    /// Names of the columns, with units.
+    pub columns: Vec<String>,
+    pub series: Vec<Series>,
+}
+
+/// A named list of points: the number of each column, and the place in the picture (px).
+pub struct Series {
+    pub name: String,
+    pub points: Vec<(Vec<f64>, (f64, f64))>,
+}
+
+/// Most points of one picture that a page holds as numbers.
+const MOST_POINTS: usize = 20_000;
+
+impl PictureData {
+    pub fn new(columns: &[&str], series: Vec<Series>) -> PictureData {
+        PictureData { columns: columns.iter().map(|c| c.to_string()).collect(), series }
+    }
+
+    /// For the page's script; empty where there are no numbers, or too many.
+    fn json(&self) -> Option<String> {
+        let points = self.series.iter().map(|s| s.points.len()).sum::<usize>();
+        let number = |v: f64| match v.is_finite() {
+            true => format!("{v:.6e}").parse::<f64>().map_or(Value::Null, |v| json!(v)),
+            false => Value::Null,
+        };
+        let tenth = |v: f64| number((10.0 * v).round() / 10.0);
+        let one = |s: &Series| {
+            let row = |(values, (x, y)): &(Vec<f64>, (f64, f64))| {
+                values.iter().map(|v| number(*v)).chain([tenth(*x), tenth(*y)]).collect::<Vec<Value>>()
+            };
+            json!({ "name": s.name, "rows": s.points.iter().map(row).collect::<Vec<_>>() })
+        };
+        let text =
+            || json!({ "columns": self.columns, "series": self.series.iter().map(one).collect::<Vec<_>>() });
+        (1..=MOST_POINTS).contains(&points).then(|| embedded(&text().to_string()))
+    }
+}
+
+/// JSON inside a script element: it is not markup, and only `<` could end it.
+pub fn embedded(json: &str) -> String {
+    json.replace('<', "\\u003c")
 }
 
 impl Picture {
     /// The figure for a page.
     pub fn figure(&self) -> Markup {
         html! {
-            figure {
+            figure data-name=(self.name) {
                 h3 { (self.title) }
                 (self.svg(html! {}))
+                @if let Some(data) = self.data.json() { script type="application/json" class="data" { (PreEscaped(data)) } }
                 @if !self.caption.is_empty() { figcaption { (self.caption) } }
             }
         }
@@ -123,7 +173,7 @@ impl Axis {
         (v - self.low) / (self.high - self.low)
     }
 
-    fn ticks(&self) -> Vec<f64> {
+    pub fn ticks(&self) -> Vec<f64> {
         if self.logarithmic {
             let (low, high) =
                 (elementary::log10(self.low).round() as i32, elementary::log10(self.high).round() as i32);
@@ -166,6 +216,12 @@ impl Chart {
         (LEFT + inner.0 * self.x.share(x), TOP + inner.1 * (1.0 - self.y.share(y).clamp(-0.02, 1.02)))
     }
 
+    /// The points of a curve of this chart as numbers.
+    pub fn series(&self, name: &str, points: impl Iterator<Item = (f64, f64)>) -> Series {
+        let points = points.map(|(x, y)| (vec![x, y], self.at(x, y))).collect();
+        Series { name: name.into(), points }
+    }
+
     /// The area of the data: left, top, right, bottom (px).
     pub fn inside() -> [f64; 4] {
         [LEFT, TOP, WIDTH - RIGHT, HEIGHT - BOTTOM]
@@ -191,6 +247,7 @@ impl Chart {
             text x=(px(-0.5 * (top + bottom))) y="12" text-anchor="middle" transform="rotate(-90)" { (self.y.label) }
         };
         let size = [WIDTH, HEIGHT];
-        Picture { name: name.into(), title: title.into(), caption: caption.into(), size, body }
+        let data = PictureData::default();
+        Picture { name: name.into(), title: title.into(), caption: caption.into(), size, body, data }
     }
 }

@@ -18,7 +18,8 @@ pub fn document(title: &str, fetches: &str, style: &str, main: Markup, script: &
                 meta name="color-scheme" content="light dark";
                 meta http-equiv="Content-Security-Policy" content=(policy);
                 title { (title) }
-                style { (PreEscaped(PICTURE_STYLE)) (PreEscaped(PAGE_STYLE)) (PreEscaped(style)) }
+                style id="picture-style" { (PreEscaped(PICTURE_STYLE)) }
+                style { (PreEscaped(PAGE_STYLE)) (PreEscaped(style)) }
             }
             body {
                 main { (main) }

@@ -3,12 +3,15 @@
 mod chart;
 pub mod dashboard;
 mod document;
+mod numbers;
 mod page;
 mod plots;
 #[cfg(test)]
 mod tests;
 mod top_view;
 mod views;
+
+pub use numbers::step_words;
 
 use crate::discover::Discovery;
 use crate::reason::Answer;
@@ -20,8 +23,20 @@ pub struct ReportData<'a> {
     /// The videos of the study, in order.
     pub scenes: &'a [Scene],
     pub discovery: &'a Discovery,
+    /// What each revision of the discovery changes, such as `+ tilt`.
+    pub steps: &'a [String],
+    /// Where the page is of kept models and not of a search: its words.
+    pub kept: Option<&'a KeptModels>,
     pub answers: &'a [AnsweredQuestion<'a>],
     pub traces: &'a [TraceLink],
+}
+
+/// The words of a page of kept models.
+pub struct KeptModels {
+    pub headline: String,
+    pub sentence: String,
+    /// Names of the first and the last model.
+    pub names: [String; 2],
 }
 
 /// A question, its answer, and the model that gave it.

@@ -2,13 +2,13 @@
 
 use super::chart::{Picture, number};
 use super::document::document;
-use super::plots::{class, step, word};
+use super::numbers::{parameters, reported, unit};
+use super::plots::{class, word};
 use super::top_view::{self, PlayerSide, name, player};
 use super::views::{ReportViews, direction, label};
 use super::{AnsweredQuestion, ReportData};
-use crate::discover::{FAST, FAST_FREE, FoundEffect, ParameterEstimate, ParameterValue, SLOW_FREE, Verdict};
+use crate::discover::{FAST, FAST_FREE, FoundEffect, SLOW_FREE, Verdict};
 use crate::effects::effect;
-use crate::fit::Estimate;
 use crate::num::elementary;
 use crate::reason::DerivationStep;
 use crate::scene::Scene;
@@ -27,11 +27,15 @@ pub fn html(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> S
         @if !report.answers.is_empty() { (answers(report)) }
         @if !report.traces.is_empty() { (traces(report)) }
     };
-    document(&format!("{headline} – vrdp"), "", "", main, PAGE_SCRIPT)
+    // A picture becomes a PNG by way of an image of its own text.
+    document(&format!("{headline} – vrdp"), "; img-src data:", "", main, PAGE_SCRIPT)
 }
 
 /// Headline, and the verdict in one sentence.
 fn words(report: &ReportData) -> [String; 2] {
+    if let Some(kept) = report.kept {
+        return [kept.headline.clone(), kept.sentence.clone()];
+    }
     let found = report.discovery;
     let names: Vec<String> = found.effects.iter().map(|e| label(&e.effect)).collect();
     let names = names.join(" and ");
@@ -107,7 +111,7 @@ fn head(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Marku
             @if many {
                 dl class="facts" {
                     @if let Some(place) = worst(report, views) { dt { "Where the first model failed" } dd { (place) } }
-                    dt { "What was missing" }
+                    @if !found.effects.is_empty() { dt { @if report.kept.is_some() { "What was added" } @else { "What was missing" } } }
                     @for e in &found.effects { dd { (found_effect(e)) } }
                     dt { "How far the error fell" } dd { (tiles.unwrap_or_default()) }
                 }
@@ -115,7 +119,7 @@ fn head(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Marku
                 @for e in &found.effects { p { (found_effect(e)) } }
                 (tiles.unwrap_or_default())
             }
-            p class="quiet" { (found.reason) }
+            @if !found.reason.is_empty() { p class="quiet" { (found.reason) } }
             @for kinds in &found.ambiguous { p { "These effects explain the videos equally well: " strong { (label(&kinds.join(", "))) } "." } }
             @if let Some(e) = &found.experiment {
                 p { "To decide between them, record this: a " (e.shape) " of " (number(e.mass)) " kg from (" (number(e.position.x)) ", "
@@ -184,7 +188,7 @@ fn revision_table(report: &ReportData) -> Markup {
             thead { tr { th { "Revision" } th { "error" } th { "held out" } @if several { th { "other videos" } } th { "chi-square" } } }
             tbody {
                 @for (k, r) in report.discovery.revisions.iter().enumerate() {
-                    tr { th { (step(k, r.effect.as_deref())) } td { (mm(r.rmse)) } td { (mm(r.held_out_rmse)) }
+                    tr { th { (super::plots::words(report, k)) } td { (mm(r.rmse)) } td { (mm(r.held_out_rmse)) }
                         @if several { td { (mm(r.left_out_rmse)) } } td { (number(r.reduced_chi_square)) } }
                 }
                 tr { th { "noise floor" } td { (mm(report.discovery.noise_sigma)) } td {} @if several { td {} } td { "1" } }
@@ -246,7 +250,7 @@ fn fails(views: &ReportViews, pictures: &[Picture]) -> Markup {
             (regimes(views))
             p class="quiet" { "Free: no contact. Fast: " (FAST) " m/s or more." }
             div class="figures wide" {
-                (figures(pictures, "residual-map")) (figures(pictures, "residual-acceleration"))
+                (figures(pictures, "residual-map")) (figures(pictures, "residual-magnified")) (figures(pictures, "residual-acceleration"))
                 (figures(pictures, "autocorrelation")) (figures(pictures, "cause"))
             }
         }
@@ -307,68 +311,6 @@ fn ranked(report: &ReportData, pictures: &[Picture]) -> Markup {
                         tr { th { (label(&s.kind)) } td { (s.parameter) } td { (number(s.value)) " " (unit(&s.unit)) } }
                     } }
                 } }
-            }
-        }
-    }
-}
-
-fn reported(p: &ParameterEstimate) -> Markup {
-    let text = |v: &ParameterValue| match v {
-        ParameterValue::Number(v) => number(*v),
-        ParameterValue::Vector([x, y]) => format!("({}, {})", number(*x), number(*y)),
-        ParameterValue::Word(word) => word.clone(),
-    };
-    html! {
-        (p.name) " = " strong { (text(&p.value)) " " (unit(&p.unit)) }
-        @if !matches!(p.value, ParameterValue::Word(_)) { span class="quiet" { " 95 % interval " (text(&p.low)) " to " (text(&p.high)) } }
-    }
-}
-
-/// A unit with superscripts; empty for a pure number.
-fn unit(unit: &str) -> String {
-    if unit == "1" { String::new() } else { unit.replace("^2", "²").replace("^3", "³") }
-}
-
-fn estimate(e: &Estimate) -> Markup {
-    let unit = unit(&e.unit);
-    if e.sd == 0.0 {
-        return html! { td { (number(e.value)) " " (unit) " (fixed)" } };
-    }
-    html! {
-        td class=[(!e.identified).then_some("open")] {
-            (number(e.value)) " ± " (number(e.sd)) " " (unit) @if !e.identified { " (not identified)" }
-        }
-    }
-}
-
-fn parameters(report: &ReportData) -> Markup {
-    let Some(last) = report.discovery.revisions.last() else { return html! {} };
-    let added = |name: &str| report.discovery.effects.iter().any(|e: &FoundEffect| e.effect == name);
-    html! {
-        section aria-labelledby="parameters" {
-            h2 id="parameters" { "Parameters of the last model" }
-            p { "±: standard deviation. The videos do not determine a value marked “not identified”: it comes mostly from the prior. Two objects rebound with about the product of their restitution factors." }
-            @for (k, scene) in report.scenes.iter().enumerate() {
-                details open[k == 0] {
-                    summary { (scene.name) }
-                    div class="scroll" { table {
-                        thead { tr { th { "Object" } th { "mass" } th { "restitution factor" } } }
-                        tbody { @for o in last.fit.objects(k) {
-                            tr { th { (scene.objects.iter().find(|s| s.id == o.id).map_or(o.id.to_string(), name)) }
-                                (estimate(&o.mass)) (estimate(&o.restitution)) }
-                        } }
-                    } }
-                    div class="scroll" { table {
-                        thead { tr { th { "Effect" } th { "parameter" } th { "of" } th { "value" } } }
-                        tbody { @for s in last.fit.shared(k) {
-                            @for (of, value) in s.labels.iter().zip(&s.values).filter(|(_, v)| v.sd > 0.0) {
-                                tr class=[added(&s.effect).then_some("added")] {
-                                    th { (label(&s.effect)) } td { (label(&s.parameter)) } td { (of) }
-                                    (estimate(value)) }
-                            }
-                        } }
-                    } }
-                }
             }
         }
     }

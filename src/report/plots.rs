@@ -2,8 +2,8 @@
 //! the revisions and of the candidates.
 
 use super::ReportData;
-use super::chart::{Axis, Chart, Picture, dots, line, number, px};
-use super::top_view::PlanView;
+use super::chart::{Axis, Chart, Picture, PictureData, Series, dots, line, number, px};
+use super::top_view::{PlanView, name};
 use super::views::{
     ModelStage, NINETY_NINE, PositionResidual, ReportViews, along, label, left, weighted_mean,
 };
@@ -20,6 +20,8 @@ const GROUPS: usize = 8;
 const NAMES: f64 = 150.0;
 const ROW: f64 = 36.0;
 const WIDTH: f64 = 400.0;
+/// Length of a magnified residual at the 90 % quantile (px).
+const RESIDUAL: f64 = 16.0;
 /// Length of the arrow at the 90 % quantile of the accelerations (px).
 const ARROW: f64 = 34.0;
 
@@ -41,6 +43,9 @@ pub fn all(report: &ReportData, views: &ReportViews) -> Vec<Picture> {
     }
     for (k, stage) in views.stages.iter().enumerate() {
         all.push(map(k, report, views, stage));
+    }
+    for (k, stage) in views.stages.iter().enumerate() {
+        all.push(magnified(k, report, views, stage));
     }
     for (k, stage) in views.stages.iter().enumerate() {
         all.push(quiver(k, report, views, stage));
@@ -73,7 +78,7 @@ fn ladder(report: &ReportData) -> Picture {
         @for (k, r) in revisions.iter().enumerate() {
             @let y = 14.0 + ROW * k as f64;
             @let class = class(revisions.len(), k);
-            text class="bold" x="4" y=(px(y + 16.0)) { (step(k, r.effect.as_deref())) }
+            text class="bold" x="4" y=(px(y + 16.0)) { (words(report, k)) }
             (bar(y, r.rmse, class))
             (bar(y + 13.0, r.held_out_rmse, &format!("{class} pale")))
         }
@@ -82,7 +87,14 @@ fn ladder(report: &ReportData) -> Picture {
             "noise floor " (number(1e3 * noise)) " mm"
         }
     };
+    let row = |(k, r): (usize, &crate::discover::Revision)| Series {
+        name: words(report, k),
+        points: vec![(vec![1e3 * r.rmse, 1e3 * r.held_out_rmse], (at(r.rmse), 27.0 + ROW * k as f64))],
+    };
+    let data =
+        PictureData::new(&["error (mm)", "held out (mm)"], revisions.iter().enumerate().map(row).collect());
     Picture {
+        data,
         name: "ladder".into(),
         title: "Error of each revision of the model".into(),
         caption: "Root mean square error per coordinate. Strong: all frames. Pale: held out, the last quarter of each video, \
@@ -94,11 +106,8 @@ fn ladder(report: &ReportData) -> Picture {
 }
 
 /// What a revision changes.
-pub fn step(number: usize, effect: Option<&str>) -> String {
-    match (number, effect) {
-        (0, _) | (_, None) => "start".into(),
-        (_, Some(effect)) => format!("+ {}", label(effect)),
-    }
+pub fn words(report: &ReportData, revision: usize) -> String {
+    report.steps.get(revision).cloned().unwrap_or_default()
 }
 
 fn against_time(video: usize, scene: &Scene, views: &ReportViews) -> Picture {
@@ -163,7 +172,13 @@ fn against_time(video: usize, scene: &Scene, views: &ReportViews) -> Picture {
         (legend(views))
     };
     let caption = "Root mean square per coordinate; thick: all objects, thin: single objects. Green band: 99 % interval of pure noise. Dotted: contacts.";
-    chart.picture(&format!("residual-time-{}", video + 1), "Error against time", caption, data)
+    let series = curves.iter().enumerate().map(|(k, curve)| {
+        let points = curve.iter().enumerate().filter_map(|(f, v)| Some((scene.time_of(f), (*v)?)));
+        chart.series(word(views, k), points)
+    });
+    let data_of = PictureData::new(&["time (s)", "residual (mm)"], series.collect());
+    let name = format!("residual-time-{}", video + 1);
+    Picture { data: data_of, ..chart.picture(&name, "Error against time", caption, data) }
 }
 
 /// Edge of the 99 % interval of the root mean square of `n` normal numbers (Wilson-Hilferty); `side` is -1 or 1.
@@ -210,13 +225,63 @@ fn map(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage) -
             path class={ "dots " (class) } style="stroke-width:9" d={ "M" (px(x)) " " (px(h + 15.0)) "h0" } {}
             text class="small" x=(px(x + 9.0)) y=(px(h + 19.0)) { (text) }
         }
-        rect class="axis" x="0.5" y="0.5" width=(px(w - 1.0)) height=(px(h - 1.0)) {}
+        (view.axes())
     };
     Picture {
+        data: residual_data(report, &view, stage),
         name: format!("residual-map-{}", k + 1),
         title: format!("Residuals on the table, {}", word(views, k)),
         caption: "Each measured position of all videos; the colour is the distance to the simulation.".into(),
         size: [w, h + 26.0],
+        body,
+    }
+}
+
+/// The residuals of each object as numbers; the place is that of the measured position.
+fn residual_data(report: &ReportData, view: &PlanView, stage: &ModelStage) -> PictureData {
+    let columns = ["frame", "x (m)", "y (m)", "measured - simulated x (mm)", "measured - simulated y (mm)"];
+    let of = |(scene, all): (&Scene, &Vec<PositionResidual>)| -> Vec<Series> {
+        let one = |(k, object): (usize, &crate::scene::Object)| {
+            let row = |r: &PositionResidual| {
+                let values = vec![r.frame as f64, r.at[0], r.at[1], 1e3 * r.off[0], 1e3 * r.off[1]];
+                (values, view.at(r.at[0], r.at[1]))
+            };
+            let points = all.iter().filter(|r| r.object == k).map(row).collect();
+            Series { name: format!("{}: {}", scene.name, name(object)), points }
+        };
+        scene.objects.iter().enumerate().map(one).collect()
+    };
+    PictureData::new(&columns, report.scenes.iter().zip(&stage.residuals).flat_map(of).collect())
+}
+
+/// Each residual as a line from the measured position towards the simulated one, longer than it is.
+fn magnified(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage) -> Picture {
+    let view = PlanView::around(report.scenes.iter(), &[]);
+    let mut sizes: Vec<f64> = stage.residuals.iter().flatten().map(PositionResidual::size).collect();
+    let typical = quantile(&mut sizes, 0.9).unwrap_or(1.0).max(1e-9);
+    let (x_0, x_1) = (view.at(0.0, 0.0).0, view.at(typical, 0.0).0);
+    let factor = elementary::powf(10f64, elementary::log10(RESIDUAL / (x_1 - x_0)).floor());
+    let factor = [5.0, 2.0, 1.0].map(|m| m * factor).into_iter().find(|m| m * (x_1 - x_0) <= RESIDUAL);
+    let factor = factor.unwrap_or(1.0).max(1.0);
+    let drawn = |object: usize| {
+        let own = stage.residuals.iter().flatten().filter(move |r| r.object == object);
+        let ends = own.flat_map(|r| {
+            let to = [r.at[0] - factor * r.off[0], r.at[1] - factor * r.off[1]];
+            [Some(view.at(r.at[0], r.at[1])), Some(view.at(to[0], to[1])), None]
+        });
+        line(ends)
+    };
+    let objects = report.scenes.iter().map(|s| s.objects.len()).max().unwrap_or(0);
+    let body = html! {
+        @for object in 0..objects { path class={ (class(views.stages.len(), k)) " hair" } d=(drawn(object)) {} }
+        (view.axes())
+    };
+    Picture {
+        data: residual_data(report, &view, stage),
+        name: format!("residual-magnified-{}", k + 1),
+        title: format!("Residuals, {} times magnified, {}", number(factor), word(views, k)),
+        caption: "Each line starts at a measured position and leads towards the simulated one.".into(),
+        size: view.size,
         body,
     }
 }
@@ -243,16 +308,23 @@ fn quiver(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage
     let is_significant = |u: &&UnexplainedAcceleration| u.acceleration.norm() > NINETY_NINE * 1.18 * u.sd;
     let (strong, weak): (Vec<&UnexplainedAcceleration>, Vec<&UnexplainedAcceleration>) =
         stage.unexplained.iter().partition(is_significant);
-    let [w, h] = view.size;
+    let w = view.size[0];
     let round = elementary::powf(10f64, elementary::log10(typical).floor());
     let body = html! {
         @for u in &weak { path class="mute" d=(arrow(u)) {} }
         @for u in &strong { path class=(class(views.stages.len(), k)) d=(arrow(u)) {} }
-        line class="cursor" x1="10" x2=(px(10.0 + scale * round)) y1=(px(h - 12.0)) y2=(px(h - 12.0)) {}
-        text class="small" x="10" y=(px(h - 17.0)) { (number(round)) " m/s²" }
-        rect class="axis" x="0.5" y="0.5" width=(px(w - 1.0)) height=(px(h - 1.0)) {}
+        line class="cursor" x1=(px(w - 10.0 - scale * round)) x2=(px(w - 10.0)) y1="22" y2="22" {}
+        text class="small" x=(px(w - 10.0)) y="14" text-anchor="end" { (number(round)) " m/s²" }
+        (view.axes())
     };
+    let row = |u: &UnexplainedAcceleration| {
+        let values = vec![u.time, u.position.x, u.position.y, u.acceleration.x, u.acceleration.y, u.sd];
+        (values, view.at(u.position.x, u.position.y))
+    };
+    let points = stage.unexplained.iter().map(row).collect();
+    let columns = ["time (s)", "x (m)", "y (m)", "missing x (m/s²)", "missing y (m/s²)", "sd (m/s²)"];
     Picture {
+        data: PictureData::new(&columns, vec![Series { name: word(views, k).into(), points }]),
         name: format!("residual-acceleration-{}", k + 1),
         title: format!("Missing acceleration, {}", word(views, k)),
         caption: format!(
@@ -261,7 +333,7 @@ fn quiver(k: usize, report: &ReportData, views: &ReportViews, stage: &ModelStage
             strong.len(),
             stage.unexplained.len()
         ),
-        size: [w, h],
+        size: view.size,
         body,
     }
 }
@@ -288,7 +360,11 @@ fn autocorrelation(views: &ReportViews) -> Picture {
     };
     let caption = "Correlation of a residual with the one some frames later. Noise lies within the green 99 % band; a missing effect \
                    does not.";
-    chart.picture("autocorrelation", "Are the residuals noise?", caption, data)
+    let series = curves.iter().enumerate().map(|(k, curve)| {
+        chart.series(word(views, k), curve.iter().enumerate().map(|(lag, v)| (lag as f64, *v)))
+    });
+    let data_of = PictureData::new(&["lag (frames)", "autocorrelation"], series.collect());
+    Picture { data: data_of, ..chart.picture("autocorrelation", "Are the residuals noise?", caption, data) }
 }
 
 /// The missing acceleration against speed, time and position.
@@ -336,12 +412,11 @@ fn causes(first: &ModelStage) -> Vec<Picture> {
             "For the first model. Zero everywhere: nothing is missing. A steady rise or fall: the missing effect depends on {}.",
             if name.len() == 1 { "the position" } else { name }
         );
-        chart.picture(
-            &format!("cause-{name}"),
-            &format!("Missing acceleration against {name}"),
-            &caption,
-            data,
-        )
+        let series = PARTS
+            .map(|(_, part_name, part)| chart.series(part_name, all.iter().map(|u| (cause(u), part(u)))));
+        let data_of = PictureData::new(&[label, "missing (m/s²)"], series.into());
+        let title = format!("Missing acceleration against {name}");
+        Picture { data: data_of, ..chart.picture(&format!("cause-{name}"), &title, &caption, data) }
     };
     CAUSES.iter().map(one).collect()
 }
@@ -362,7 +437,13 @@ fn candidates(report: &ReportData) -> Picture {
             text class="small" x=(px(NAMES + width + 5.0)) y=(px(y + 12.0)) { (number(*evidence)) }
         }
     };
+    let bar = |(k, (r, evidence)): (usize, &(&crate::discover::RankedEffect, f64))| {
+        let at = (NAMES + (WIDTH - NAMES - 62.0) * (evidence / most).clamp(0.0, 1.0), 15.0 + 24.0 * k as f64);
+        Series { name: label(&r.effect), points: vec![(vec![*evidence], at)] }
+    };
+    let data = PictureData::new(&["log evidence (nats)"], shown.iter().enumerate().map(bar).collect());
     Picture {
+        data,
         name: "candidates".into(),
         title: "Which effect explains the videos best".into(),
         caption: "Log evidence (nats) of the motion between contacts: gain over the model without the candidate, less the cost of its \

@@ -62,6 +62,7 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         value: number(f64::NAN),
         low: number(0.0),
         high: number(1.0),
+        sd: vec![0.3],
         owner: None,
     };
     let parameters = vec![parameter];
@@ -99,7 +100,10 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
     let answers = [AnsweredQuestion { question: HOSTILE, scene: &scenes[0], model, answer: &answer }];
     let href = Some(HOSTILE.to_string());
     let traces = [TraceLink { name: HOSTILE.into(), href, about: HOSTILE.into() }];
-    report(&ReportData { scenes: &scenes, discovery: &discovery, answers: &answers, traces: &traces })
+    let steps: Vec<String> =
+        discovery.revisions.iter().map(|r| step_words(r.effect.as_deref(), None)).collect();
+    let (discovery, steps, kept) = (&discovery, &steps, None);
+    report(&ReportData { scenes: &scenes, discovery, steps, kept, answers: &answers, traces: &traces })
 }
 
 #[test]
@@ -138,8 +142,9 @@ fn a_page_says_what_was_missing_and_shows_both_models() {
 fn names_stay_text_and_pictures_are_whole() {
     let (html, pictures) = made(Verdict::EffectFound, 2);
     assert!(!html.contains("<script>alert") && html.contains("&lt;script&gt;alert"));
-    // One script of the page, and one for each player.
-    assert_eq!(html.matches("<script").count(), 1 + 2);
+    // One script runs; the others are numbers, one for each player among them.
+    assert_eq!(html.matches("<script>").count(), 1);
+    assert_eq!(html.matches("class=\"motion\"").count(), 2);
     for (name, svg) in [("page".to_string(), html)].iter().chain(&pictures) {
         let drawn = svg.split("<script").next().unwrap_or_default();
         for wrong in ["NaN", "\"inf", " inf", "-inf"] {

@@ -1,6 +1,6 @@
 //! The table seen from above: paths, bodies moved by a slider, and stroboscopic pictures.
 
-use super::chart::{Picture, dots, line, px};
+use super::chart::{Axis, Picture, PictureData, dots, embedded, line, number, px};
 use super::views::{FUTURE, PositionResidual, ReportViews};
 use super::{AnsweredQuestion, ReportData};
 use crate::num::elementary;
@@ -139,22 +139,49 @@ impl PlanView {
         html! {
             path class="off" d=(line([Some((x, y)), Some((to_x, to_y))].into_iter())) {}
             text class="off" x=(px(place)) y=(px((0.5 * (y + to_y) - 14.0).max(14.0))) text-anchor=[left.then_some("end")] {
-                (super::chart::number(1e3 * r.size())) " mm"
+                (number(1e3 * r.size())) " mm"
             }
         }
     }
 
     fn ground(&self, scene: &Scene) -> Markup {
-        let metre = if self.scale > 120.0 { 0.5 } else { 1.0 };
-        let [w, h] = self.size;
         html! {
             @if let Some(t) = &scene.table {
                 @let (x, y) = self.at(t.x[0], t.y[1]);
                 rect class="wall" x=(px(x)) y=(px(y)) width=(px((t.x[1] - t.x[0]) * self.scale))
                     height=(px((t.y[1] - t.y[0]) * self.scale)) {}
             }
-            line class="cursor" x1="10" x2=(px(10.0 + metre * self.scale)) y1=(px(h - 10.0)) y2=(px(h - 10.0)) {}
-            text class="small" x="10" y=(px(h - 15.0)) { (metre) " m" }
+            (self.axes())
+        }
+    }
+
+    /// The frame with ticks and their values (m): x below, y at the left.
+    pub fn axes(&self) -> Markup {
+        let [w, h] = self.size;
+        let axis = |low: f64, reach: f64| Axis {
+            low,
+            high: low + reach / self.scale,
+            label: String::new(),
+            logarithmic: false,
+        };
+        let (x_axis, y_axis) = (axis(self.left, w), axis(self.top - h / self.scale, h));
+        html! {
+            @for tick in x_axis.ticks() {
+                @let (x, _) = self.at(tick, 0.0);
+                @if (24.0..w - 44.0).contains(&x) {
+                    line class="axis" x1=(px(x)) x2=(px(x)) y1=(px(h)) y2=(px(h - 5.0)) {}
+                    text class="small" x=(px(x)) y=(px(h - 8.0)) text-anchor="middle" { (number(tick)) }
+                }
+            }
+            @for tick in y_axis.ticks() {
+                @let (_, y) = self.at(0.0, tick);
+                @if (20.0..h - 20.0).contains(&y) {
+                    line class="axis" x1="0" x2="5" y1=(px(y)) y2=(px(y)) {}
+                    text class="small" x="8" y=(px(y + 4.0)) { (number(tick)) }
+                }
+            }
+            text class="small" x=(px(w - 6.0)) y=(px(h - 8.0)) text-anchor="end" { "x (m)" }
+            text class="small" x="8" y="14" { "y (m)" }
             rect class="axis" x="0.5" y="0.5" width=(px(w - 1.0)) height=(px(h - 1.0)) {}
         }
     }
@@ -256,7 +283,8 @@ pub fn player(
     for (n, side) in sides.iter().enumerate() {
         let body = view.side(scene, side, frames, farthest.filter(|_| n == 0), &mut tracks);
         let title = side.title.clone();
-        drawn.push(Picture { name: String::new(), title, caption: String::new(), size: view.size, body });
+        let (name, caption, data) = (format!("{id}-{}", n + 1), String::new(), PictureData::default());
+        drawn.push(Picture { name, title, caption, size: view.size, body, data });
     }
     let times: Vec<f64> = (0..frames).map(|f| (1e3 * scene.time_of(f)).round() / 1e3).collect();
     let start = farthest.map_or(observed.min(frames).saturating_sub(1), |r| r.frame);
@@ -272,8 +300,7 @@ pub fn player(
             }
             div class="sides" { @for picture in &drawn { (picture.figure()) } }
             (extra)
-            // A script is not markup; only `<` could end it.
-            script type="application/json" { (maud::PreEscaped(data.replace('<', "\\u003c"))) }
+            script type="application/json" class="motion" { (maud::PreEscaped(embedded(&data))) }
         }
     }
 }
@@ -317,9 +344,10 @@ pub fn strobe(name: &str, title: &str, scene: &Scene, run: &Trace, added: &[&Bod
     };
     let caption = format!(
         "The bodies every {} s, later ones darker; dashed after the video; + marks contacts.",
-        super::chart::number(step as f64 / scene.fps)
+        number(step as f64 / scene.fps)
     );
-    Picture { name: name.into(), title: title.into(), caption, size: view.size, body }
+    let (name, title, data) = (name.into(), title.into(), PictureData::default());
+    Picture { name, title, caption, size: view.size, body, data }
 }
 
 /// The predictions of the last model, and the simulations of each answer without and with the change.

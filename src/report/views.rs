@@ -77,6 +77,7 @@ impl ReportViews {
             _ => "them".into(),
         };
         let names = match ends.len() {
+            2 if report.kept.is_some() => report.kept.map_or(vec![], |kept| kept.names.to_vec()),
             2 => vec![format!("without {added}"), format!("with {added}")],
             _ => vec!["the model".into()],
         };

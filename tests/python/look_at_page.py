@@ -98,7 +98,8 @@ def look(browser, url, width, scheme, shots, try_it):
     wrong = [e for e in browser.events if e.get("method") in ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")]
     assert not wrong, f"{where}: {wrong}"
     asked = [e["params"]["request"]["url"] for e in browser.events if e.get("method") == "Network.requestWillBeSent"]
-    assert all(a == url for a in asked), f"{where}: requests {asked}"
+    # A picture becomes a PNG by way of an image of its own text.
+    assert all(a == url or a.startswith("data:image/svg+xml") for a in asked), f"{where}: requests {asked}"
     if shots:
         height = min(browser.value("document.documentElement.scrollHeight"), 12000)
         browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
@@ -129,7 +130,7 @@ def report(browser, where):
     worst = browser.value("""(() => { const p = [...document.querySelectorAll('.player')].find(p => p.querySelector('.worst'));
       if (!p) return true;
       p.querySelector('.worst').click();
-      return +p.querySelector('.time').value == JSON.parse(p.querySelector('script').textContent).start; })()""")
+      return +p.querySelector('.time').value == JSON.parse(p.querySelector('.motion').textContent).start; })()""")
     assert worst, f"{where}: the farthest frame is not shown"
     picked = browser.value("""(() => { const c = document.querySelector('.choose'); if (!c) return true;
       c.value = '1'; c.dispatchEvent(new Event('change'));
@@ -137,6 +138,40 @@ def report(browser, where):
       c.value = '0'; c.dispatchEvent(new Event('change'));
       return shown.indexOf(true) == 1 && shown.lastIndexOf(true) == 1; })()""")
     assert picked, f"{where}: choosing a video does not show it"
+
+
+    tools(browser, where)
+
+
+def tools(browser, where):
+    """Zoom, values under the pointer, and files."""
+    zoomed = browser.value("""(() => { const f = document.querySelector('figure[data-name=residual-time-1]'), svg = f.querySelector('svg');
+      const press = (text) => [...f.querySelectorAll('.tools button')].find(b => b.textContent == text).click();
+      const whole = svg.getAttribute('viewBox'); press('+'); const near = svg.getAttribute('viewBox'); press('1:1');
+      return near != whole && svg.getAttribute('viewBox') == whole; })()""")
+    assert zoomed, f"{where}: zoom does not zoom"
+    shown = browser.value("""(() => { const f = document.querySelector('figure[data-name=residual-time-1]'), svg = f.querySelector('svg');
+      f.scrollIntoView({ block: 'center' });
+      const row = JSON.parse(f.querySelector('.data').textContent).series[0].rows[5], m = svg.getScreenCTM();
+      const at = new DOMPoint(row.at(-2), row.at(-1)).matrixTransform(m);
+      svg.dispatchEvent(new PointerEvent('pointermove', { clientX: at.x, clientY: at.y, bubbles: true }));
+      const tip = f.querySelector('.tip'), text = tip.hidden ? '' : tip.textContent;
+      svg.dispatchEvent(new PointerEvent('pointerleave'));
+      scrollTo(0, 0);
+      return text; })()""")
+    assert "time (s)" in shown and "residual (mm)" in shown, f"{where}: no value under the pointer: {shown}"
+    kept = browser.value("""(async () => { const kept = [], make = URL.createObjectURL, click = HTMLAnchorElement.prototype.click;
+      URL.createObjectURL = (blob) => { kept.push(blob); return make.call(URL, blob); };
+      HTMLAnchorElement.prototype.click = () => {};
+      const f = document.querySelector('figure[data-name=residual-time-1]');
+      for (const b of f.querySelectorAll('.tools button')) if (['CSV', 'SVG', 'PNG'].includes(b.textContent)) b.click();
+      document.querySelector('.numbers > button').click();
+      for (let k = 0; k < 50 && kept.length < 4; k++) await new Promise(r => setTimeout(r, 100));
+      URL.createObjectURL = make; HTMLAnchorElement.prototype.click = click;
+      return Promise.all(kept.map(async (b) => b.type + ' ' + (await b.slice(0, 60).text()))); })()""")
+    assert len(kept) == 4, f"{where}: saved {kept}"
+    for start in ["text/csv series,time (s),residual (mm)", "image/svg+xml <svg", "image/png ", "text/csv parameter,value,sd,low95,high95"]:
+        assert any(k.startswith(start) for k in kept), f"{where}: {start} is not in {kept}"
 
 
 def dashboard(browser, where):

@@ -154,7 +154,7 @@ async fn nothing_is_found_where_nothing_is_hidden() {
 
     use v1::compare_models_response::Event;
     let study = v1::StudyRequest { videos: videos[..1].to_vec(), ..Default::default() };
-    let asked = v1::CompareModelsRequest { study: Some(study) };
+    let asked = v1::CompareModelsRequest { study: Some(study), ..Default::default() };
     let mut stream = service.models().compare_models(asked).await.unwrap().into_inner();
     let mut last = None;
     while let Some(message) = stream.message().await.unwrap() {

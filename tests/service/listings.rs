@@ -144,7 +144,7 @@ async fn models_and_revisions_are_filtered_and_paged() {
     assert_eq!(found, [v1::Revision { models: after.models, ..Default::default() }]);
     let other = v1::ListRevisionsRequest { effect: "magnus".into(), ..all() };
     assert_eq!(service.models().list_revisions(other).await.unwrap().into_inner().revisions, []);
-    let wrong = v1::GetModelRequest { name: plain.name, read_mask: paths(&["rmse.x"]) };
+    let wrong = v1::GetModelRequest { name: plain.name, read_mask: paths(&["rmse.x"]), ..Default::default() };
     assert_eq!(fields(&service.models().get_model(wrong).await.unwrap_err()), ["read_mask.paths[0]"]);
     let missing = v1::ListModelsRequest { parent: "videos/00".into(), ..Default::default() };
     assert_eq!(service.models().list_models(missing).await.unwrap_err().code(), Code::NotFound);

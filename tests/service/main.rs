@@ -1,5 +1,6 @@
 //! Tests of the service over a real channel: results, storage, sharing, refusals, robustness.
 
+mod agreement;
 mod camera;
 mod crowd;
 mod discover;
@@ -16,5 +17,6 @@ mod revise;
 mod security;
 mod setup;
 mod sharing;
+mod side_by_side;
 mod spans;
 mod traces;

@@ -15,7 +15,7 @@ fn fit_of(video: &str) -> Work {
 
 fn compare_of(video: &str) -> Work {
     let study = v1::StudyRequest { videos: vec![video.into()], ..Default::default() };
-    Work::CompareModels(v1::CompareModelsRequest { study: Some(study) })
+    Work::CompareModels(v1::CompareModelsRequest { study: Some(study), against: None })
 }
 
 async fn begin(service: &Running, work: Work) -> Result<v1::Operation, Status> {

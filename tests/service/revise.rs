@@ -59,7 +59,7 @@ async fn history(service: &Running, video: &str) -> Vec<v1::Revision> {
 
 async fn compare(service: &Running, study: v1::StudyRequest) -> v1::Comparison {
     use v1::compare_models_response::Event;
-    let request = v1::CompareModelsRequest { study: Some(study) };
+    let request = v1::CompareModelsRequest { study: Some(study), ..Default::default() };
     let mut stream = service.models().compare_models(request).await.unwrap().into_inner();
     let mut last = None;
     while let Some(message) = stream.message().await.unwrap() {

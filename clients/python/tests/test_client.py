@@ -39,6 +39,9 @@ def test_questions_are_answered_and_models_can_be_named(client):
     video = client.post(tracks())
     model = client.fit(video, preset="table")
     assert model.preset == "table" and math.isfinite(model.rmse)
+    for mass in (o.mass for o in model.objects):
+        assert mass.low95 <= mass.value <= mass.high95
+        assert mass.high95 - mass.value == pytest.approx(1.96 * mass.sd)
     answer = client.ask(video, "What will happen next?", ["the red object and the blue object collide"], model=model.name)
     assert list(answer.choices.values())[0][0] and answer.text is None and answer.traces
     assert client.ask(video, "How many objects are there?").text == "2"

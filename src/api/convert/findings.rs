@@ -6,7 +6,9 @@ use crate::discover::{
     ChangePoint, ChangeVerdict, Comparison, Diagnosis, FoundEffect, ParameterEstimate, ParameterOwner,
     ParameterValue, RankedEffect, SceneComparison, Verdict,
 };
-use crate::engine::{Discovered, Findings, OptionalPose, RevisionRecord, Study, TrajectoryPair};
+use crate::engine::{
+    Discovered, Findings, OptionalPose, RevisionRecord, SideDifference, StoredFit, Study, TrajectoryPair,
+};
 use crate::num::Vec2;
 
 /// Sorts by the order in which the request named the videos; a study has an order of its own.
@@ -59,6 +61,38 @@ fn compared(videos: &[String], found: &Comparison, requested: &[String]) -> v1::
             &v.video
         }),
         summary: found.summary.clone(),
+        models: vec![],
+        difference: None,
+    }
+}
+
+/// Names of models in the order of the request's videos.
+pub fn model_names(fits: &[StoredFit]) -> Vec<String> {
+    fits.iter().map(|f| model_name(&f.video, &f.id)).collect()
+}
+
+/// The difference of two sides, whose models have the order of the request's videos.
+pub fn difference(against: v1::Comparison, videos: &[String], found: SideDifference) -> v1::ModelDifference {
+    let of_video = |(video, all): (&String, Vec<crate::discover::Separation>)| {
+        let one = |s: crate::discover::Separation| v1::Separation {
+            video: video_name(video),
+            regime: s.regime,
+            rms: s.rms,
+            largest: s.largest,
+            object_id: s.object,
+            frame: s.frame as u64,
+        };
+        all.into_iter().map(one).collect::<Vec<_>>()
+    };
+    let (log_evidence, reason) = match found.log_evidence {
+        Ok(evidence) => (Some(evidence), String::new()),
+        Err(reason) => (None, reason.to_string()),
+    };
+    v1::ModelDifference {
+        against: Some(Box::new(against)),
+        log_evidence,
+        no_evidence_reason: reason,
+        separations: videos.iter().zip(found.separations).flat_map(of_video).collect(),
     }
 }
 
@@ -206,6 +240,7 @@ fn parameter(p: &ParameterEstimate, videos: &[String]) -> v1::FoundParameter {
         high: numbers(&p.high),
         word,
         owner: p.owner.map(owner),
+        sd: p.sd.clone(),
     }
 }
 

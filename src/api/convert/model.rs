@@ -6,7 +6,7 @@ use super::violations::Violations;
 use crate::api::v1;
 use crate::effects::{EFFECTS, EffectEntry, ParamSpec, Scope};
 use crate::engine::{EngineError, JointVideos, MAX_STUDY_VIDEOS, ModelSource, StoredFit};
-use crate::fit::{Estimate, FitOptions, Method, PairRestitution, Termination};
+use crate::fit::{Estimate, Fit, FitOptions, Method, PairRestitution, Termination};
 
 /// Most iterations of a fit that a caller may ask for.
 const MAX_ITERATIONS: u32 = 10_000;
@@ -46,14 +46,14 @@ pub fn model(stored: &StoredFit) -> v1::Model {
     };
     let objects = stored.fit.objects(0).into_iter().map(|o| v1::ObjectEstimate {
         object_id: o.id,
-        mass: Some(estimate(&o.mass)),
-        restitution: Some(estimate(&o.restitution)),
+        mass: Some(estimate(&stored.fit, &o.mass)),
+        restitution: Some(estimate(&stored.fit, &o.restitution)),
     });
     let shared = stored.fit.shared(0).into_iter().map(|s| v1::SharedEstimate {
         effect: s.effect,
         parameter: s.parameter,
         labels: s.labels,
-        values: s.values.iter().map(estimate).collect(),
+        values: s.values.iter().map(|e| estimate(&stored.fit, e)).collect(),
     });
     v1::Model {
         name,
@@ -74,12 +74,13 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         model_json: serde_json::to_string(&scene.model).unwrap_or_default(),
         history: stored.record.as_ref().map(revision),
         create_time: None,
-        pairs: stored.fit.posterior.pairs.iter().map(pair).collect(),
+        pairs: stored.fit.posterior.pairs.iter().map(|p| pair(&stored.fit, p)).collect(),
+        covariance: None,
     }
 }
 
-fn pair(p: &PairRestitution) -> v1::PairEstimate {
-    v1::PairEstimate { object_ids: p.objects.to_vec(), restitution: Some(estimate(&p.estimate)) }
+fn pair(fit: &Fit, p: &PairRestitution) -> v1::PairEstimate {
+    v1::PairEstimate { object_ids: p.objects.to_vec(), restitution: Some(estimate(fit, &p.estimate)) }
 }
 
 /// The models of a fit.
@@ -87,8 +88,17 @@ pub fn fitted(fit: &StoredFit, others: &[&StoredFit]) -> v1::FittedModels {
     v1::FittedModels { model: Some(model(fit)), others: others.iter().map(|fit| model(fit)).collect() }
 }
 
-fn estimate(e: &Estimate) -> v1::Estimate {
-    v1::Estimate { value: e.value, sd: e.sd, unit: e.unit.clone(), identified: e.identified }
+/// The covariance of a model's fitted numbers, if it is known.
+pub fn covariance(stored: &StoredFit) -> Option<v1::ParameterCovariance> {
+    let (estimates, rows) = stored.fit.posterior.covariance();
+    let names: Vec<String> = estimates.iter().map(|e| e.name.clone()).collect();
+    (!names.is_empty()).then(|| v1::ParameterCovariance { names, values: rows.concat() })
+}
+
+/// An estimate of the fit of one video.
+fn estimate(fit: &Fit, e: &Estimate) -> v1::Estimate {
+    let [low95, high95] = fit.interval(0, e);
+    v1::Estimate { value: e.value, sd: e.sd, unit: e.unit.clone(), identified: e.identified, low95, high95 }
 }
 
 pub fn effects() -> Vec<v1::Effect> {

@@ -13,7 +13,7 @@ use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
     CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, FitModelResponse,
-    ListModelsRequest, ListVideosRequest, Model, ModelChoice, StudyRequest, Video, fit_model_response,
+    ListModelsRequest, ListVideosRequest, Model, ModelChoice, Video, fit_model_response,
 };
 use crate::cli::error::Failure;
 use crate::config::{Config, Flags};
@@ -89,15 +89,6 @@ impl Connection {
         let request =
             CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() };
         Ok(self.create(request).await?.name)
-    }
-
-    /// Posts scenes of one set-up and names them in a request.
-    pub async fn study(&self, scenes: &[Scene], start: Option<ModelChoice>) -> Result<StudyRequest, Failure> {
-        let mut videos = Vec::with_capacity(scenes.len());
-        for scene in scenes {
-            videos.push(self.post(scene).await.map_err(|e| e.at(&scene.name))?);
-        }
-        Ok(StudyRequest { videos, start, models: vec![] })
     }
 
     pub async fn create(&self, request: CreateVideoRequest) -> Result<Video, Failure> {

@@ -2,6 +2,7 @@
 
 mod client;
 mod data_folder;
+mod kept;
 mod local;
 mod remote;
 pub mod stream;
@@ -9,6 +10,7 @@ mod target;
 
 pub use client::Connection;
 pub use data_folder::Announcement;
+pub use kept::{heads, id, the_one};
 pub use local::start;
 pub use remote::remote;
 pub use target::Target;

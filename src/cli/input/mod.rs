@@ -4,6 +4,6 @@ mod models;
 mod pairs;
 mod scenes;
 
-pub use models::{formula, model};
+pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
 pub use scenes::{OBSERVED, outlier_message, scene, scene_paths, scenes, text};

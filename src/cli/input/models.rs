@@ -38,13 +38,50 @@ pub fn formula(given: &str, name: Option<&str>) -> Result<Formula, Failure> {
     Ok(Formula { name, text, parameters: vec![] })
 }
 
-/// The start model: a preset, a model of the service (`videos/...`), or a model file.
-pub fn model(flag: &str, choice: Option<&str>) -> Result<Option<ModelChoice>, Failure> {
+/// A model that a command is given.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelArgument {
+    /// A preset, or the text of a model file.
+    Start(ModelChoice),
+    /// One that the service keeps: its name, or the first digits of its id; and the flag that names it.
+    Kept { flag: String, name: String },
+}
+
+impl ModelArgument {
+    fn start(choice: model_choice::Choice) -> ModelArgument {
+        ModelArgument::Start(ModelChoice { choice: Some(choice) })
+    }
+
+    /// The choice, of an argument that names no model of the service.
+    pub fn of_start(&self) -> Option<ModelChoice> {
+        if let ModelArgument::Start(choice) = self { Some(choice.clone()) } else { None }
+    }
+}
+
+/// Whether a text names a model and not a scene: a preset, a kept model, or a model file.
+pub fn is_model(text: &str) -> bool {
+    let path = Path::new(text);
+    if !path.exists() {
+        return Preset::named(text).is_some() || text.starts_with("videos/") || is_id_start(text);
+    }
+    let is_small = path.metadata().is_ok_and(|found| found.is_file() && found.len() <= MAX_FILE);
+    let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let value = || serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(path).ok()?).ok();
+    is_small && is_json && value().is_some_and(|v| v.get("bodies").is_some() && v.get("effects").is_some())
+}
+
+/// Whether a text may be the first digits of an id.
+fn is_id_start(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(|c| c.is_ascii_digit() || ('a'..='f').contains(&c))
+}
+
+/// A model: a preset, one of the service (`videos/...`, or the first digits of its id), or a model file.
+pub fn model(flag: &str, choice: Option<&str>) -> Result<Option<ModelArgument>, Failure> {
     let Some(choice) = choice else { return Ok(None) };
-    let kind = if Preset::named(choice).is_some() {
-        model_choice::Choice::Preset(choice.into())
-    } else if choice.starts_with("videos/") {
-        model_choice::Choice::Model(choice.into())
+    let found = if Preset::named(choice).is_some() {
+        ModelArgument::start(model_choice::Choice::Preset(choice.into()))
+    } else if choice.starts_with("videos/") || (is_id_start(choice) && !Path::new(choice).exists()) {
+        ModelArgument::Kept { flag: flag.into(), name: choice.into() }
     } else {
         let read = match Path::new(choice).metadata() {
             Ok(found) if !found.is_file() => Err(std::io::Error::other("it is not a file")),
@@ -54,14 +91,15 @@ pub fn model(flag: &str, choice: Option<&str>) -> Result<Option<ModelChoice>, Fa
             let known: Vec<&str> = crate::world::PRESETS.iter().map(|p| p.name).collect();
             let known = known.join(", ");
             Failure::input(format!(
-                "{flag} {choice}: is neither a preset nor a readable model file ({e}); the presets are {known}"
+                "{flag} {choice}: is neither a preset, nor the id of a model (`vrdp show` lists them), nor a readable \
+                 model file ({e}); the presets are {known}"
             ))
         };
         let text = read.map_err(|e| wrong(&e))?;
         serde_json::from_str::<serde::de::IgnoredAny>(&text).map_err(|e| wrong(&e))?;
-        model_choice::Choice::ModelJson(text)
+        ModelArgument::start(model_choice::Choice::ModelJson(text))
     };
-    Ok(Some(ModelChoice { choice: Some(kind) }))
+    Ok(Some(found))
 }
 
 #[cfg(test)]
@@ -75,5 +113,17 @@ mod tests {
             assert!(message.contains("give one such as \"ax = 0.1\""), "{wrong}: {message}");
         }
         assert_eq!(formula("ax = 1", None).unwrap().text, "ax = 1");
+    }
+
+    #[test]
+    fn a_model_is_a_preset_an_id_or_a_file() {
+        let read = |text| model("--model", Some(text)).map(Option::unwrap);
+        assert!(matches!(read("table"), Ok(ModelArgument::Start(_))));
+        for name in ["0123ab", "7", "videos/1/models/2"] {
+            let kept = ModelArgument::Kept { flag: "--model".into(), name: name.into() };
+            assert_eq!(read(name).unwrap(), kept);
+        }
+        let refused = read("tabel").unwrap_err().to_string();
+        assert!(refused.contains("nor the id of a model") && refused.contains("air_table"), "{refused}");
     }
 }

@@ -1,7 +1,7 @@
 //! The errors of revisions as a table, as bars in a terminal and as an SVG; the drawings mark the noise.
 
 use super::table::table as aligned;
-use crate::api::v1::{Revision, Worth};
+use crate::api::v1::{Model, Revision, Worth};
 
 /// Characters of the longest bar.
 const CELLS: usize = 40;
@@ -48,6 +48,11 @@ pub fn change(r: &Revision) -> String {
         ("", removed) => format!("- {removed}"),
         (added, _) => format!("+ {added}"),
     }
+}
+
+/// What the revision of a model changes; `fit` of a model that was only fitted.
+pub fn change_of(model: &Model) -> String {
+    model.history.as_ref().map_or("fit".into(), change)
 }
 
 /// A table of the errors of revisions, with a legend: the errors on other videos only if there are `several`, the evidence

@@ -1,14 +1,9 @@
 //! Numbers and tables for people.
 
-use crate::num::elementary;
+use crate::num::{decimals, elementary, interval_digits, measured_digits, rounded};
 
 /// Numbers from here on have an exponent, as their digits would say little.
 const MANY_DIGITS: f64 = 1e9;
-
-/// A number with so many decimals.
-fn rounded(v: f64, digits: usize) -> String {
-    if v.abs() >= MANY_DIGITS { format!("{v:.3e}") } else { format!("{v:.digits$}") }
-}
 
 /// A number with four decimals, or with four significant digits if it is small.
 pub fn number(v: f64) -> String {
@@ -20,16 +15,9 @@ pub fn number(v: f64) -> String {
     format!("{v:.digits$}")
 }
 
-/// Numbers with as many decimals as an uncertainty of this size leaves them: two of its digits.
-fn decimals(uncertainty: f64) -> usize {
-    let is_usable = uncertainty.is_finite() && uncertainty > 0.0;
-    if is_usable { (1 - elementary::log10(uncertainty).floor() as i32).clamp(0, 12) as usize } else { 4 }
-}
-
 /// A value with its standard deviation: `0.877 ± 0.013`.
 pub fn measured(value: f64, sd: f64) -> String {
-    let digits = decimals(sd);
-    format!("{} ± {}", rounded(value, digits), rounded(sd, digits))
+    measured_digits(value, sd).join(" ± ")
 }
 
 /// The same in short: `0.877(13)`, the standard deviation in units of the last digit.
@@ -41,8 +29,7 @@ pub fn concise(value: f64, sd: f64) -> String {
 
 /// An interval: `[0.0790 to 0.0953]`.
 pub fn interval(low: f64, high: f64) -> String {
-    let digits = decimals(0.5 * (high - low));
-    format!("[{} to {}]", rounded(low, digits), rounded(high, digits))
+    format!("[{}]", interval_digits(low, high).join(" to "))
 }
 
 /// A value with its interval: `0.0872 [0.0790 to 0.0953]`.

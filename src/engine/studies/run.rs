@@ -76,7 +76,11 @@ impl Engine {
     }
 
     /// The fitted models that the request names, one a video; none where it names none.
-    async fn parents(&self, videos: &[String], start: &ModelSource) -> Result<Vec<StoredFit>, EngineError> {
+    pub(in crate::engine) async fn parents(
+        &self,
+        videos: &[String],
+        start: &ModelSource,
+    ) -> Result<Vec<StoredFit>, EngineError> {
         let ids = match &start.kind {
             ModelSourceKind::Fitted(id) => std::slice::from_ref(id),
             ModelSourceKind::FittedEach(ids) => ids,

@@ -1,8 +1,10 @@
 //! What a fit says of objects and of effects, by their names.
 
 use super::super::result::{Fit, SceneFit};
+use super::laplace::Posterior;
 use super::parameter_estimate::Estimate;
 use crate::effects::{EffectEntry, ParamId, ParamRole, ParamSpec, parameter_with};
+use crate::num::NINETY_FIVE;
 use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, Model, Parameter};
 
 /// What is known of one object of a scene.
@@ -31,6 +33,27 @@ impl Fit {
         self.scenes.iter().map(|s| s.model.clone()).collect()
     }
 
+    /// Fits of single scenes of one joint fit as one, to show; without what sampling needs.
+    pub fn joined(fits: &[&Fit]) -> Option<Fit> {
+        let first = fits.first()?;
+        let (mut own, mut shared): (Vec<Estimate>, Vec<Estimate>) = (vec![], vec![]);
+        for (k, fit) in fits.iter().enumerate() {
+            for e in &fit.posterior.estimates {
+                let is_other = shared.iter().any(|s| s.name == e.name && s != e);
+                match e.scene {
+                    None if !is_other && shared.contains(e) => {}
+                    None if !is_other => shared.push(e.clone()),
+                    // Found before the shared one of this name.
+                    _ => own.push(Estimate { scene: Some(k), ..e.clone() }),
+                }
+            }
+        }
+        own.extend(shared);
+        let scenes = fits.iter().flat_map(|f| f.scenes.iter().cloned()).collect();
+        let posterior = Posterior { estimates: own, ..Posterior::default() };
+        Some(Fit { scenes, posterior, losses: vec![], ..(*first).clone() })
+    }
+
     /// The part of the fit that concerns one scene.
     pub fn of_scene(&self, scene: usize) -> Fit {
         Fit {
@@ -50,6 +73,25 @@ impl Fit {
         if let [only] = &mut own[..] {
             only.sd = only.sd.max(sd);
         }
+    }
+
+    /// The 95 % interval of an estimate of a scene, cut off where its parameter ends.
+    pub fn interval(&self, scene: usize, estimate: &Estimate) -> [f64; 2] {
+        let reach = NINETY_FIVE * estimate.sd;
+        let [least, most] = self.bounds(scene, &estimate.name);
+        [(estimate.value - reach).max(least), (estimate.value + reach).min(most)]
+    }
+
+    fn bounds(&self, scene: usize, name: &str) -> [f64; 2] {
+        let of_effect = || {
+            let (id, scene) = (ParamId::parse(name)?, self.scenes.get(scene)?);
+            let active = scene.model.effect(id.effect)?;
+            let k = active.parameters.iter().position(|p| p.name == id.parameter)?;
+            active.bounds(k).map(|(_, least, most)| [least, most])
+        };
+        let is_positive = name.ends_with("].mass") || name.ends_with("].restitution");
+        let least = if is_positive { 0.0 } else { f64::NEG_INFINITY };
+        of_effect().unwrap_or([least, f64::INFINITY])
     }
 
     /// How many draws the fit has.

@@ -3,6 +3,7 @@
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter};
 use super::pairs::{PairRestitution, pair_restitutions};
 use super::parameter_estimate::{Estimate, IDENTIFIED};
+use crate::effects::ParamId;
 use crate::num::elementary;
 use crate::world::Model;
 use nalgebra::DMatrix;
@@ -10,6 +11,9 @@ use serde::{Deserialize, Serialize};
 
 /// Uninformative if the posterior standard deviation is at least this share of the prior's.
 const UNINFORMATIVE: f64 = 0.95;
+
+/// Most parameters whose correlations are kept: as many as a few dozen objects have.
+const MOST_CORRELATED: usize = 256;
 
 /// Normal distribution around the best parameters in search space: masses as logarithms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -24,6 +28,53 @@ pub struct Posterior {
     pub pairs: Vec<PairRestitution>,
     /// Draws, as search-space values; none until they are asked for.
     pub(super) draws: Vec<Vec<f64>>,
+    /// Correlations of the physical parameters.
+    #[serde(default, skip_serializing_if = "Correlations::is_empty")]
+    pub(super) correlations: Correlations,
+}
+
+/// Correlations of the masses and of the effects' parameters, which are of all scenes of the fit.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub(super) struct Correlations {
+    /// Indices of the estimates, ascending.
+    of: Vec<usize>,
+    /// Rows of the lower triangle without its diagonal.
+    below: Vec<f64>,
+}
+
+impl Correlations {
+    fn new(estimates: &[Estimate], factor: &DMatrix<f64>) -> Correlations {
+        let is_physical = |k: &usize| {
+            let name = &estimates[*k].name;
+            estimates[*k].sd > 0.0 && (ParamId::parse(name).is_some() || name.ends_with("].mass"))
+        };
+        let of: Vec<usize> = (0..estimates.len()).filter(is_physical).collect();
+        if of.len() > MOST_CORRELATED {
+            return Correlations::default();
+        }
+        let rows: Vec<_> = of.iter().map(|&k| factor.row(k).normalize()).collect();
+        let below =
+            (0..of.len()).flat_map(|a| (0..a).map(move |b| (a, b))).map(|(a, b)| rows[a].dot(&rows[b]));
+        Correlations { below: below.collect(), of }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.of.is_empty()
+    }
+
+    fn at(&self, a: usize, b: usize) -> f64 {
+        let (row, column) = (a.max(b), a.min(b));
+        if row == column { 1.0 } else { self.below[row * (row - 1) / 2 + column] }
+    }
+
+    /// Those of the estimates `kept` (ascending), which are renumbered.
+    fn among(&self, kept: &[usize]) -> Correlations {
+        let places: Vec<(usize, usize)> =
+            (0..self.of.len()).filter_map(|a| Some((a, kept.binary_search(&self.of[a]).ok()?))).collect();
+        let pairs = (0..places.len()).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let below = pairs.map(|(a, b)| self.at(places[a].0, places[b].0)).collect();
+        Correlations { of: places.iter().map(|p| p.1).collect(), below }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -76,8 +127,10 @@ impl Posterior {
         };
         let coordinate =
             |(p, &value): (&SearchParameter, &f64)| SearchCoordinate { value, log: p.log, mean: p.mean };
+        let estimates: Vec<Estimate> = problem.parameters.iter().enumerate().map(estimate).collect();
         Posterior {
-            estimates: problem.parameters.iter().enumerate().map(estimate).collect(),
+            correlations: Correlations::new(&estimates, &factor),
+            estimates,
             coordinates: problem.parameters.iter().zip(point).map(coordinate).collect(),
             slots: problem.scenes.iter().map(|s| s.slots.clone()).collect(),
             pairs: pair_restitutions(problem, point, horizon, &factor),
@@ -111,7 +164,17 @@ impl Posterior {
                 .map(|pair| PairRestitution { scene: 0, ..pair.clone() })
                 .collect(),
             draws: self.draws.iter().map(|d| kept.iter().map(|&k| d[k]).collect()).collect(),
+            correlations: self.correlations.among(&kept),
         }
+    }
+
+    /// The fitted masses and parameters of effects with their covariance, row by row; none where there are too many of them.
+    pub fn covariance(&self) -> (Vec<&Estimate>, Vec<Vec<f64>>) {
+        let all = &self.correlations;
+        let own: Vec<&Estimate> = all.of.iter().map(|&k| &self.estimates[k]).collect();
+        let row = |a: usize| (0..own.len()).map(|b| all.at(a, b) * own[a].sd * own[b].sd).collect();
+        let rows = (0..own.len()).map(row).collect();
+        (own, rows)
     }
 
     /// The estimate of a name in one scene.

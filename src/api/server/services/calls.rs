@@ -1,7 +1,7 @@
 //! The long calls: each from its request to its job, and from what the job found to its result.
 
-use super::report;
 use super::updates::{LongCall, long_call, long_call_of};
+use super::{comparison, report};
 use crate::api::convert::ingest::detections::linking_message;
 use crate::api::convert::ingest::new_video::scene_from_request;
 use crate::api::convert::video::video_message;
@@ -32,9 +32,17 @@ pub async fn fit(owner: &Owner, given: v1::FitModelRequest) -> Started<v1::Fitte
 
 pub async fn compare(owner: &Owner, given: v1::CompareModelsRequest) -> Started<v1::Comparison> {
     let (videos, start) = study::request(given.study)?;
+    let other = comparison::other_side(&videos, given.against)?;
     let job = owner.study(&videos, &start, StudyKind::Compare).await?;
-    long_call(job, async move |s: Arc<Study>| findings::comparison(&s, &videos).ok_or_else(other_result))
-        .await
+    let owner = owner.clone();
+    let result = async move |s: Arc<Study>| {
+        let alone = findings::comparison(&s, &videos).ok_or_else(other_result)?;
+        match other {
+            None => Ok(alone),
+            Some(other) => comparison::with_difference(&owner, alone, &videos, &start, other).await,
+        }
+    };
+    long_call(job, result).await
 }
 
 pub async fn diagnose(owner: &Owner, given: v1::DiagnoseModelRequest) -> Started<v1::Diagnosis> {
@@ -63,8 +71,13 @@ pub async fn remove(owner: &Owner, given: v1::RemoveEffectRequest) -> Started<v1
 }
 
 pub async fn write_report(owner: &Owner, given: v1::WriteReportRequest) -> Started<v1::Report> {
+    let maker = owner.clone();
+    if given.as_is {
+        let asked = report::as_is_request(given)?;
+        return long_call_of(async move { report::written_as_is(&maker, asked).await }).await;
+    }
     let report::ReportRequest { job, questions, prefix } = report::report_request(owner, given).await?;
-    let owner = owner.clone();
+    let owner = maker;
     long_call(job, async move |s: Arc<Study>| report::written(&owner, &s, questions, prefix).await).await
 }
 

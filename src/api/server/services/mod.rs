@@ -1,6 +1,7 @@
 //! The services: each call is converted, handed to the engine, and its result converted back.
 
 mod calls;
+mod comparison;
 mod models;
 mod operations;
 mod reasoning;

@@ -140,8 +140,10 @@ impl v1::models_server::Models for Services {
         let mask = listing::mask(given.read_mask, "Model").map_err(status)?;
         let value = owner.model(&video, &id).await.map_err(status)?;
         let created_ms = owner.model_created_ms(&video, &id).await.map_err(status)?;
+        let covariance = given.covariance.then(|| model::covariance(&value)).flatten();
         let row = TimedRow { key: id, value, created_ms };
-        Ok(Response::new(mask.apply(listing::listed_model(&row))))
+        let found = v1::Model { covariance, ..listing::listed_model(&row) };
+        Ok(Response::new(mask.apply(found)))
     }
 
     async fn list_models(

@@ -1,9 +1,10 @@
 //! Reports: requests to a study and questions, pages to replies.
 
-use crate::api::convert::names::trace_name;
+use super::comparison;
+use crate::api::convert::names::{trace_name, video_name};
 use crate::api::convert::{question, study};
 use crate::api::v1;
-use crate::engine::{Engine, EngineError, JobHandle, ReportPage, ReportQuestion, Study};
+use crate::engine::{Engine, EngineError, JobHandle, ModelSource, ReportPage, ReportQuestion, Study};
 use std::sync::Arc;
 
 /// Most questions of one report.
@@ -18,11 +19,43 @@ pub struct ReportRequest {
     pub prefix: Option<String>,
 }
 
-/// Starts the study of a request and converts its questions.
-pub async fn report_request(
-    engine: &Arc<Engine>,
-    given: v1::WriteReportRequest,
-) -> Result<ReportRequest, EngineError> {
+/// A page of models as they are: the videos and models, those beside them, the questions, and the prefix of its links.
+pub struct AsIsRequest {
+    models: (Vec<String>, ModelSource),
+    against: Option<(Vec<String>, ModelSource)>,
+    questions: Vec<ReportQuestion>,
+    prefix: Option<String>,
+}
+
+/// Checks a request for a page of models as they are.
+pub fn as_is_request(given: v1::WriteReportRequest) -> Result<AsIsRequest, EngineError> {
+    check(&given)?;
+    if given.max_effects.is_some() {
+        return Err(EngineError::invalid("max_effects", "has no effect with as_is; leave it out"));
+    }
+    let models = study::request(given.study)?;
+    let against = comparison::other_side(&models.0, given.against)?;
+    let questions = questions(given.questions, models.0.first())?;
+    let prefix = Some(given.trace_prefix).filter(|p| !p.is_empty());
+    Ok(AsIsRequest { models, against, questions, prefix })
+}
+
+/// The page of models as they are.
+pub async fn written_as_is(engine: &Arc<Engine>, asked: AsIsRequest) -> Result<v1::Report, EngineError> {
+    let (videos, source) = asked.models;
+    let models = engine.side(&videos, &source).await?;
+    let against = match asked.against {
+        None => None,
+        Some((their_videos, source)) => {
+            let theirs = engine.side(&their_videos, &source).await?;
+            let of = |video: &String| theirs.iter().find(|f| f.video == *video).cloned();
+            Some(videos.iter().filter_map(of).collect())
+        }
+    };
+    Ok(report(engine.models_page(models, against, asked.questions, asked.prefix).await?))
+}
+
+fn check(given: &v1::WriteReportRequest) -> Result<(), EngineError> {
     if given.questions.len() > MAX_QUESTIONS {
         let message = format!("are {}; at most {MAX_QUESTIONS}", given.questions.len());
         return Err(EngineError::invalid("questions", message));
@@ -32,18 +65,36 @@ pub async fn report_request(
         let message = format!("must be a relative link of at most {MAX_PREFIX} bytes, such as `traces/`");
         return Err(EngineError::invalid("trace_prefix", message));
     }
-    let first = given.study.as_ref().and_then(|s| s.videos.first()).cloned().unwrap_or_default();
+    if given.against.is_some() && !given.as_is {
+        return Err(EngineError::invalid("against", "needs as_is: a search has no models beside it"));
+    }
+    Ok(())
+}
+
+/// The questions of a page; the default video is the first one.
+fn questions(given: Vec<v1::AskRequest>, first: Option<&String>) -> Result<Vec<ReportQuestion>, EngineError> {
+    let one = |mut asked: v1::AskRequest| {
+        if asked.video.is_empty() {
+            asked.video = first.map_or(String::new(), |id| video_name(id));
+        }
+        let (video, source, question, options) = question::ask_request(asked)?;
+        Ok(ReportQuestion { video, source, question, options })
+    };
+    given.into_iter().map(one).collect()
+}
+
+/// Starts the study of a request and converts its questions.
+pub async fn report_request(
+    engine: &Arc<Engine>,
+    given: v1::WriteReportRequest,
+) -> Result<ReportRequest, EngineError> {
+    check(&given)?;
+    let named = given.study.as_ref().and_then(|s| s.videos.first()).cloned();
     let search =
         v1::DiscoverEffectsRequest { study: given.study, max_effects: given.max_effects, frames: None };
     let (videos, start, kind) = study::discovery(search)?;
-    let mut questions = vec![];
-    for mut asked in given.questions {
-        if asked.video.is_empty() {
-            asked.video = first.clone();
-        }
-        let (video, source, question, options) = question::ask_request(asked)?;
-        questions.push(ReportQuestion { video, source, question, options });
-    }
+    let first = named.as_deref().map(|name| name.trim_start_matches("videos/").to_string());
+    let questions = questions(given.questions, first.as_ref())?;
     let job = engine.study(&videos, &start, kind).await?;
     Ok(ReportRequest { job, questions, prefix: Some(given.trace_prefix).filter(|p| !p.is_empty()) })
 }

@@ -235,7 +235,9 @@ fn table(schema: &str) -> Option<(&'static [&'static str], RowReader)> {
             ],
             event_rows,
         ),
-        "vrdp.v1.TraceParameters" => (&["name", "value", "sd", "unit", "identified"], parameter_rows),
+        "vrdp.v1.TraceParameters" => {
+            (&["name", "value", "sd", "unit", "identified", "low95", "high95"], parameter_rows)
+        }
         "vrdp.v1.TraceIteration" => (&["iteration", "loss"], |m| {
             let i = v1::TraceIteration::decode(m.data.as_slice()).unwrap_or_default();
             vec![vec![i.iteration.to_string(), number(i.loss)]]
@@ -304,8 +306,10 @@ fn event_rows(m: &Message) -> Vec<Vec<String>> {
 
 fn parameter_rows(m: &Message) -> Vec<Vec<String>> {
     let all = v1::TraceParameters::decode(m.data.as_slice()).unwrap_or_default().parameters;
-    let one =
-        |p: v1::TraceParameter| vec![p.name, number(p.value), number(p.sd), p.unit, p.identified.to_string()];
+    let one = |p: v1::TraceParameter| {
+        let [value, sd, low, high] = [p.value, p.sd, p.low95, p.high95].map(number);
+        vec![p.name, value, sd, p.unit, p.identified.to_string(), low, high]
+    };
     all.into_iter().map(one).collect()
 }
 

@@ -27,8 +27,8 @@ pub struct AskArgs {
     /// Seed of the draws; the same seed gives the same result.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Preset or model file [default: by the scene's world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
@@ -47,6 +47,7 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
     let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
+    let model = connection.choice(&video, model.as_ref()).await?;
     let (rollouts, seed) = (args.rollouts, args.seed);
     let request = AskRequest { model, rollouts, seed, ..request(video, &args.question, &args.choice) };
     let mut reply = progress::during("answering", connection.reasoning().ask(request)).await?.into_inner();

@@ -1,7 +1,7 @@
 //! `fit`: fits a model to each scene, separately or jointly.
 
 use crate::api::v1::{
-    Estimate, FitMethod, FitModelRequest, Model, ModelChoice, ObjectEstimate, PairEstimate, SharedEstimate,
+    Estimate, FitMethod, FitModelRequest, Model, ObjectEstimate, PairEstimate, SharedEstimate,
 };
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
@@ -18,8 +18,8 @@ pub struct FitArgs {
     /// Scene files, scene folders, or folders of scene folders.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Preset or model file [default: by the scene's world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
     /// Method that minimises the misfit [default: gauss-newton].
     #[arg(long, value_enum, value_name = "NAME")]
@@ -50,8 +50,8 @@ pub async fn run(target: &Target, args: FitArgs) -> Result<(), Failure> {
     let connection = Connection::open(target).await?;
     let progress = TaskProgress::new(if args.joint { 1 } else { count });
     let (done, failures) = match args.joint {
-        true => (jointly(&connection, scenes, start, args.method, &progress).await?, vec![]),
-        false => separately(&connection, scenes, start, args.method, &progress).await,
+        true => (jointly(&connection, scenes, start.as_ref(), args.method, &progress).await?, vec![]),
+        false => separately(&connection, scenes, start.as_ref(), args.method, &progress).await,
     };
     let is_adequate = done.iter().all(|(_, model, _)| model.adequate);
     let (mut fitted, mut ratios, mut tables) = (Map::new(), Vec::with_capacity(count), String::new());
@@ -99,7 +99,7 @@ impl MethodName {
 async fn separately(
     connection: &Connection,
     scenes: Vec<Result<Scene, Failure>>,
-    start: Option<ModelChoice>,
+    start: Option<&input::ModelArgument>,
     method: Option<MethodName>,
     bar: &TaskProgress,
 ) -> (Vec<Fitted>, Vec<Failure>) {
@@ -112,7 +112,8 @@ async fn separately(
             progress(0.0);
             let model = async {
                 let video = connection.post(&scene).await?;
-                connection.fit(&video, start.clone(), MethodName::of(method), progress).await
+                let start = connection.start(&video, start).await?;
+                connection.fit(&video, start, MethodName::of(method), progress).await
             };
             let model = model.await.map_err(|e| e.at(&scene.name))?;
             Ok((scene, model, start_time.elapsed().as_secs_f64()))
@@ -129,7 +130,7 @@ async fn separately(
 async fn jointly(
     connection: &Connection,
     scenes: Vec<Result<Scene, Failure>>,
-    start: Option<ModelChoice>,
+    start: Option<&input::ModelArgument>,
     method: Option<MethodName>,
     bar: &TaskProgress,
 ) -> Result<Vec<Fitted>, Failure> {
@@ -139,14 +140,9 @@ async fn jointly(
         let scene = scene?;
         posted.push((connection.post(&scene).await.map_err(|e| e.at(&scene.name))?, scene));
     }
-    let mut videos = posted.iter().map(|(video, _)| video.clone());
-    let request = FitModelRequest {
-        parent: videos.next().unwrap_or_default(),
-        others: videos.collect(),
-        start,
-        method: MethodName::of(method).into(),
-        ..Default::default()
-    };
+    let videos = posted.iter().map(|(video, _)| video.clone()).collect();
+    let request = connection.joint_request(videos, start)?;
+    let request = FitModelRequest { method: MethodName::of(method).into(), ..request };
     let progress = |fraction| bar.show("fitting all scenes", 0, fraction);
     progress(0.0);
     let models = connection.fit_together(request, progress).await?;
@@ -286,10 +282,12 @@ fn pair_json(pair: &PairEstimate) -> Value {
 }
 
 fn number(e: Option<&Estimate>) -> Value {
-    e.map_or(
-        Value::Null,
-        |e| json!({ "value": e.value, "sd": e.sd, "unit": e.unit, "identified": e.identified }),
-    )
+    e.map_or(Value::Null, |e| {
+        json!({
+            "value": e.value, "sd": e.sd, "low95": e.low95, "high95": e.high95,
+            "unit": e.unit, "identified": e.identified,
+        })
+    })
 }
 
 /// One value as a number; several as lists, with labels.
@@ -303,6 +301,8 @@ fn vector(shared: &SharedEstimate) -> Value {
         "labels": shared.labels,
         "value": list(&|e| json!(e.value)),
         "sd": list(&|e| json!(e.sd)),
+        "low95": list(&|e| json!(e.low95)),
+        "high95": list(&|e| json!(e.high95)),
         "unit": shared.values.first().map_or("", |e| e.unit.as_str()),
         "identified": list(&|e| json!(e.identified)),
     })

@@ -40,8 +40,8 @@ pub struct ScoreArgs {
     /// Writes the answers in the form of CLEVRER's evaluation: a JSON list of scenes with their questions.
     #[arg(long, value_name = "FILE")]
     submission: Option<String>,
-    /// Preset or model file [default: by the scene's world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
 }
 
@@ -65,7 +65,7 @@ pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
         };
         let progress = |fraction: f64| bar.show(&scene.name, k, fraction);
         let of_fit = |fraction: f64| progress(FIT_SHARE * fraction);
-        let requests = requests(&connection, (&scene, &found), model.clone(), args.programs, of_fit).await;
+        let requests = requests(&connection, (&scene, &found), model.as_ref(), args.programs, of_fit).await;
         let requests = requests.map_err(|e| e.at(&found.file.display().to_string()))?;
         let of_answers = |fraction: f64| progress(FIT_SHARE + (1.0 - FIT_SHARE) * fraction);
         let answered = answer_all(&connection, &scene, &found.questions, requests, of_answers).await?;
@@ -183,16 +183,22 @@ fn evaluation_entry(found: &QuestionedScene, answers: &Map<String, Value>) -> Va
 async fn requests(
     connection: &Connection,
     (scene, found): (&Scene, &QuestionedScene),
-    model: Option<ModelChoice>,
+    model: Option<&input::ModelArgument>,
     programs: bool,
     progress: impl Fn(f64),
 ) -> Result<Vec<AskRequest>, Failure> {
     let video = connection.post(scene).await?;
-    let fitted = connection.fit(&video, model, FitMethod::Unspecified, progress).await?;
+    let name = match connection.choice(&video, model).await?.and_then(|m| m.choice) {
+        Some(model_choice::Choice::Model(kept)) => kept,
+        start => {
+            let start = start.map(|choice| ModelChoice { choice: Some(choice) });
+            connection.fit(&video, start, FitMethod::Unspecified, progress).await?.name
+        }
+    };
     let request = |question: &ClevrerQuestion| -> Result<AskRequest, Failure> {
         let wrong = |what| Failure::input(format!("question {}: {what}", question.id()));
         let request = request_for(video.clone(), &question.0, programs).map_err(wrong)?;
-        let model = Some(ModelChoice { choice: Some(model_choice::Choice::Model(fitted.name.clone())) });
+        let model = Some(ModelChoice { choice: Some(model_choice::Choice::Model(name.clone())) });
         Ok(AskRequest { model, ..request })
     };
     found.questions.iter().map(request).collect()

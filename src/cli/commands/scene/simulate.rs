@@ -50,8 +50,8 @@ pub struct SimulateArgs {
     /// Seed of the draws; the same seed gives the same result.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
-    /// Preset or model file [default: by the scene's world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
     /// Writes the trace; else it is kept only with --data-dir or --server.
     #[arg(long, value_name = "FILE.mcap")]
@@ -75,6 +75,7 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
     let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
     let video = connection.post(&scene).await?;
+    let model = connection.choice(&video, model.as_ref()).await?;
     let request = SimulateRequest {
         video,
         model,

@@ -1,6 +1,6 @@
 //! `diagnose`: shows where the model of a set-up fails, and ranks candidates for the missing effect.
 
-use super::compare;
+use super::errors;
 use super::ranking::ranking;
 use crate::api::v1::{
     DiagnoseModelRequest, DiagnoseModelResponse, Diagnosis, diagnose_model_response::Event,
@@ -20,8 +20,8 @@ pub struct DiagnoseArgs {
     /// Scenes of one set-up: scene files, scene folders, or folders of scene folders.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Preset or model file [default: by the scenes' world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scenes' world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
     /// A formula of your own to rank too: a text such as `let k = 0.1; ax = -k * vx; ay = -k * vy`, or a file
     /// with it (see `vrdp revise --help`); may be repeated.
@@ -39,7 +39,7 @@ pub async fn run(target: &Target, args: DiagnoseArgs) -> Result<(), Failure> {
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let study = Some(connection.study(&scenes, start).await?);
+    let study = Some(connection.study(&scenes, start.as_ref()).await?);
     let mut candidates = vec![];
     for (k, given) in args.formula.iter().enumerate() {
         let name = given.contains('=').then(|| format!("formula_{}", k + 1));
@@ -82,7 +82,7 @@ fn text(found: &Diagnosis, videos: usize) -> String {
 fn to_json(found: &Diagnosis, names: &[String]) -> Value {
     let videos = found.comparison.as_ref().map_or(&[][..], |c| &c.videos);
     let scenes: Map<String, Value> =
-        names.iter().zip(videos).map(|(name, v)| (name.clone(), compare::to_json(v))).collect();
+        names.iter().zip(videos).map(|(name, v)| (name.clone(), errors::to_json(v))).collect();
     let ranked = |r: &crate::api::v1::RankedEffect| json!({ "kind": r.kind, "effect": r.effect, "log_evidence": r.log_evidence, "contact_log_evidence": r.contact_log_evidence, "held_out_rmse_m": r.held_out_rmse });
     let change_point = |j: &crate::api::v1::ChangePoint| {
         let scene = videos.iter().position(|v| v.video == j.video).and_then(|k| names.get(k));

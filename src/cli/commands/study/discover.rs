@@ -10,11 +10,12 @@ use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::revisions;
 use crate::cli::{input, output};
+use crate::num::NINETY_FIVE;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
-/// Half-width of the 95 % interval of a normal distribution, in standard deviations.
-pub const NINETY_FIVE: f64 = 1.96;
+/// What stands behind the numbers of an added effect.
+pub const INTERVALS: &str = "  in square brackets: 95 % intervals\n";
 /// Log evidence (nats) above which a candidate is strong.
 const STRONG: f64 = 5.0;
 /// Number of candidates in the table.
@@ -25,8 +26,8 @@ pub struct DiscoverArgs {
     /// Scenes of one set-up: scene files, scene folders, or folders of scene folders.
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
-    /// Preset or model file to start from [default: by the scenes' world].
-    #[arg(long, value_name = "NAME|FILE")]
+    /// Preset, id of a kept model (`vrdp show`), or model file to start from [default: by the scenes' world].
+    #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
     /// Largest number of effects to add [default: 2].
     #[arg(long, value_name = "N")]
@@ -46,7 +47,7 @@ pub async fn run(target: &Target, args: DiscoverArgs) -> Result<(), Failure> {
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let study = Some(connection.study(&scenes, start).await?);
+    let study = Some(connection.study(&scenes, start.as_ref()).await?);
     let request = DiscoverEffectsRequest { study, max_effects: args.max_effects, frames: args.frames };
     let found = search(&connection, request).await?;
     let names: Vec<String> = scenes.iter().map(|s| s.name.clone()).collect();
@@ -93,7 +94,7 @@ pub fn text(found: &Discovery) -> String {
         };
     }
     if !found.effects.is_empty() {
-        text += "  in square brackets: 95 % intervals\n";
+        text += INTERVALS;
     }
     for kinds in &found.ambiguous {
         text += &format!("\n  these effects explain the videos equally well: {}\n", kinds.kinds.join(", "));
@@ -253,15 +254,23 @@ pub fn parameters(e: &crate::api::v1::FoundEffect) -> Value {
 }
 
 fn quantity(p: &FoundParameter) -> Value {
-    let sd: Vec<f64> = p.low.iter().zip(&p.high).map(|(l, h)| (h - l) / (2.0 * NINETY_FIVE)).collect();
+    // One of an older version says it by its interval.
+    let half = || p.low.iter().zip(&p.high).map(|(l, h)| (h - l) / (2.0 * NINETY_FIVE)).collect();
+    let sd: Vec<f64> = if p.sd.is_empty() { half() } else { p.sd.clone() };
     match (&p.value[..], &sd[..]) {
         ([], _) => json!({ "value": p.word, "sd": 0.0, "unit": p.unit, "identified": true }),
         ([value], [sd]) => {
-            json!({ "value": value, "sd": sd, "unit": p.unit, "identified": sd < &value.abs() })
+            json!({
+                "value": value, "sd": sd, "low95": p.low.first(), "high95": p.high.first(),
+                "unit": p.unit, "identified": sd < &value.abs(),
+            })
         }
         (values, _) => {
             let identified: Vec<bool> = values.iter().zip(&sd).map(|(v, sd)| *sd < v.abs()).collect();
-            json!({ "value": values, "sd": sd, "unit": p.unit, "identified": identified })
+            json!({
+                "value": values, "sd": sd, "low95": p.low, "high95": p.high,
+                "unit": p.unit, "identified": identified,
+            })
         }
     }
 }

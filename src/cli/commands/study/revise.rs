@@ -58,8 +58,8 @@ pub struct ReviseArgs {
     /// The revision to change: the first digits of its id [default: the latest].
     #[arg(long, value_name = "ID", conflicts_with_all = ["list", "model"])]
     on: Option<String>,
-    /// Starts a new history from a preset or a model file.
-    #[arg(long, value_name = "NAME|FILE", conflicts_with = "list")]
+    /// Starts a new history from a preset or a model file; an id is a revision to change, as with --on.
+    #[arg(long, value_name = "NAME|ID|FILE", conflicts_with = "list")]
     model: Option<String>,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
@@ -89,7 +89,7 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     let scenes = input::scenes(&args.scenes)?.into_iter().collect::<Result<Vec<_>, _>>()?;
     let start = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
-    let mut study = connection.study(&scenes, start).await?;
+    let mut study = connection.study(&scenes, start.as_ref()).await?;
     let known = history(&connection, &study.videos).await?;
     if args.list {
         let value = || json!({ "revisions": known.iter().map(to_json).collect::<Vec<Value>>() });
@@ -99,6 +99,7 @@ pub async fn run(target: &Target, args: ReviseArgs) -> Result<(), Failure> {
     study.models = match (&args.on, &study.start) {
         (Some(digits), _) => revision_named(&known, digits)?.models.clone(),
         (None, Some(_)) => vec![],
+        (None, None) if !study.models.is_empty() => study.models.clone(),
         (None, None) => {
             // A misspelt name says more than a history with several ends.
             let latest = latest(&known).map_err(|e| misspelt(args.add.as_deref()).unwrap_or(e))?;
@@ -231,7 +232,7 @@ pub fn text(found: &RevisedModels, known: &[Revision], names: &[(&str, &str)], i
     let why = found.before.as_ref().and_then(|before| not_better(before, after));
     text.extend(why.map(|why| format!("  not better, because {why}\n")));
     if let Some(added) = &after.added {
-        text += &discover::parameter_lines(&added.parameters, names);
+        text += &(discover::parameter_lines(&added.parameters, names) + discover::INTERVALS);
     }
     text += &format!("\n{}\n{}", table(&lineage), revisions::text(&lineage, after.noise_sigma));
     if is_kept {

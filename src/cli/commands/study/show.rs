@@ -1,12 +1,13 @@
 //! `show`: the numbers of a fitted model with their uncertainty, its errors and its history; to read, to compute with, to cite.
 
-use super::discover::NINETY_FIVE;
 use super::revise;
-use crate::api::v1::{Estimate, Model, Revision, SharedEstimate};
-use crate::cli::connection::{Connection, Target};
+use crate::api::v1::{
+    Estimate, GetModelRequest, GetVideoRequest, Model, ParameterCovariance, Revision, SharedEstimate, Video,
+};
+use crate::cli::connection::{Connection, Target, heads, id, the_one};
 use crate::cli::error::Failure;
 use crate::cli::output;
-use crate::cli::output::revisions::{self, short_id};
+use crate::cli::output::revisions::{self, change_of, short_id};
 use crate::cli::version::version;
 use crate::num::NUMERIC_FINGERPRINT;
 use serde_json::{Value, json};
@@ -22,6 +23,9 @@ pub struct ShowArgs {
     /// Writes the numbers as CSV too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE", requires = "id", conflicts_with = "cite")]
     csv: Option<String>,
+    /// Shows how the fitted numbers depend on each other; with --json their covariance too.
+    #[arg(long, requires = "id", conflicts_with = "cite")]
+    covariance: bool,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -46,15 +50,16 @@ pub async fn run(target: &Target, args: ShowArgs) -> Result<(), Failure> {
         return Err(Failure::input(message));
     }
     let connection = Connection::open(target).await?;
-    let known = all_models(&connection).await?;
+    let known = connection.all_models().await?;
     let json_file = args.json.as_deref();
     match &args.id {
         None => {
-            let value = || json!({ "models": heads(&known).map(summary).collect::<Vec<_>>() });
+            let value = || json!({ "models": heads(&known).into_iter().map(summary).collect::<Vec<_>>() });
             output::result(json_file, &listing(&known), value)?;
         }
         Some(id) => {
-            let shown = ShownModel::of(&known, id)?;
+            let mut shown = ShownModel::of(&known, id)?;
+            shown.complete(&connection, args.covariance).await?;
             if let Some(file) = args.csv.as_deref().filter(|file| *file != "-") {
                 output::file(file.as_ref(), shown.csv()?.as_bytes())?;
             }
@@ -69,39 +74,15 @@ pub async fn run(target: &Target, args: ShowArgs) -> Result<(), Failure> {
     connection.close().await
 }
 
-/// All models of the service, video by video.
-async fn all_models(connection: &Connection) -> Result<Vec<Model>, Failure> {
-    let mut models = vec![];
-    for video in connection.video_names().await? {
-        models.extend(connection.models_of(&video).await?);
-    }
-    Ok(models)
-}
-
-/// The id in a model's name.
-fn id(name: &str) -> &str {
-    name.rsplit('/').next().unwrap_or_default()
-}
-
-/// One model for each revision, and the others.
-fn heads(known: &[Model]) -> impl Iterator<Item = &Model> {
-    let leads = |m: &&Model| m.history.as_ref().is_none_or(|r| r.models.first() == Some(&m.name));
-    known.iter().filter(leads)
-}
-
-fn change(model: &Model) -> String {
-    model.history.as_ref().map_or("fit".into(), revisions::change)
-}
-
 fn listing(known: &[Model]) -> String {
     let mm = |v: f64| format!("{:.2}", 1e3 * v);
     let row = |m: &Model| {
         let videos = m.history.as_ref().map_or(1, |r| r.models.len());
         let held_out = m.history.as_ref().map_or("-".into(), |r| mm(r.held_out_rmse));
         let rmse = m.history.as_ref().map_or(m.rmse, |r| r.rmse);
-        vec![short_id(&m.name), m.preset.clone(), change(m), videos.to_string(), held_out, mm(rmse)]
+        vec![short_id(&m.name), m.preset.clone(), change_of(m), videos.to_string(), held_out, mm(rmse)]
     };
-    let rows: Vec<Vec<String>> = heads(known).map(row).collect();
+    let rows: Vec<Vec<String>> = heads(known).into_iter().map(row).collect();
     match rows.is_empty() {
         true => "no model is kept here yet; `vrdp fit` and `vrdp discover` make some\n".into(),
         false => {
@@ -117,7 +98,7 @@ fn summary(model: &Model) -> Value {
         "id": id(&model.name),
         "name": model.name,
         "preset": model.preset,
-        "change": change(model),
+        "change": change_of(model),
         "videos": model.history.as_ref().map_or(1, |r| r.models.len()),
         "rmse_m": of(&|r| r.rmse).unwrap_or(model.rmse),
         "held_out_rmse_m": of(&|r| r.held_out_rmse),
@@ -125,31 +106,45 @@ fn summary(model: &Model) -> Value {
 }
 
 /// A model with those of the other videos of its revision.
-struct ShownModel<'m> {
+pub struct ShownModel<'m> {
     models: Vec<&'m Model>,
+    /// What each was fitted to, and the covariance of its numbers, where they were asked for.
+    videos: Vec<Video>,
+    covariances: Vec<Option<ParameterCovariance>>,
 }
 
 /// One number of a model.
-struct ModelNumber {
+pub struct ModelNumber {
     /// `linear_drag.c`, `object 3 mass`; of one of several videos: `object 3 mass (video 2)`.
-    name: String,
-    estimate: Estimate,
+    pub name: String,
+    pub estimate: Estimate,
 }
 
 impl<'m> ShownModel<'m> {
     fn of(known: &'m [Model], digits: &str) -> Result<ShownModel<'m>, Failure> {
-        let fits = |m: &&Model| m.name == digits || (!digits.is_empty() && id(&m.name).starts_with(digits));
-        let mut found: Vec<&Model> = known.iter().filter(fits).collect();
-        found.dedup_by(|a, b| a.history.is_some() && a.history == b.history);
-        match &found[..] {
-            [one] => {
-                let names = one.history.as_ref().map_or(vec![one.name.clone()], |r| r.models.clone());
-                let named = names.iter().filter_map(|name| known.iter().find(|m| m.name == *name));
-                Ok(ShownModel { models: named.collect() })
+        let one = the_one(known, digits)?;
+        let names = one.history.as_ref().map_or(vec![one.name.clone()], |r| r.models.clone());
+        let named = names.iter().filter_map(|name| known.iter().find(|m| m.name == *name));
+        Ok(ShownModel::of_models(named.collect()))
+    }
+
+    /// Asks for the videos and, if wanted, the covariances.
+    async fn complete(&mut self, connection: &Connection, covariance: bool) -> Result<(), Failure> {
+        for model in &self.models {
+            let video = model.name.split("/models/").next().unwrap_or_default();
+            let request = GetVideoRequest { name: video.into(), ..Default::default() };
+            self.videos.push(connection.videos().get_video(request).await?.into_inner());
+            if covariance {
+                let request = GetModelRequest { name: model.name.clone(), covariance, ..Default::default() };
+                self.covariances.push(connection.models().get_model(request).await?.into_inner().covariance);
             }
-            [] => Err(Failure::input(format!("{digits}: no such model; `vrdp show` lists all of them"))),
-            _ => Err(Failure::input(format!("{digits}: several models have these first digits; give more"))),
         }
+        Ok(())
+    }
+
+    /// The models of a revision, one a video.
+    pub fn of_models(models: Vec<&'m Model>) -> ShownModel<'m> {
+        ShownModel { models, videos: vec![], covariances: vec![] }
     }
 
     fn history(&self) -> Option<&'m Revision> {
@@ -157,7 +152,7 @@ impl<'m> ShownModel<'m> {
     }
 
     /// What the videos share, then what their objects have; a video that differs in a shared number has it named.
-    fn numbers(&self) -> Vec<ModelNumber> {
+    pub fn numbers(&self) -> Vec<ModelNumber> {
         let mut all: Vec<ModelNumber> = vec![];
         let several = self.models.len() > 1;
         let of_video = |k: usize| if several { format!(" (video {})", k + 1) } else { String::new() };
@@ -188,18 +183,17 @@ impl<'m> ShownModel<'m> {
         let Some(first) = self.models.first() else { return String::new() };
         let row = |n: &ModelNumber| {
             let e = &n.estimate;
-            let (value, interval) = match e.sd == 0.0 {
-                true => (format!("{} given", output::number(e.value)), String::new()),
-                false => (output::measured(e.value, e.sd), output::interval(low(e), high(e))),
-            };
+            let [value, interval] = with_interval(e);
             let from = if e.identified || e.sd == 0.0 { "" } else { "prior" };
             vec![n.name.clone(), value, interval, e.unit.clone(), from.into()]
         };
         let rows: Vec<Vec<String>> = self.numbers().iter().map(row).collect();
         let header = ["parameter", "value ± sd", "95 % interval", "unit", "from"];
-        let mut text = format!("{}: {} (preset {})\n\n", short_id(&first.name), change(first), first.preset);
+        let mut text =
+            format!("{}: {} (preset {})\n\n", short_id(&first.name), change_of(first), first.preset);
         text += &output::table(&header, &rows);
-        text += "  prior: the videos do not determine it; given: not fitted\n";
+        text += "  ±: standard deviation; prior: the videos do not determine it; given: not fitted\n";
+        text += &self.correlations();
         match self.history() {
             Some(last) => {
                 let lineage = lineage(known, last);
@@ -209,8 +203,69 @@ impl<'m> ShownModel<'m> {
             }
             None => text += &format!("\n{}\n", fit_errors(first)),
         }
-        text += "\n  fitted to, and for --model of other commands:\n";
-        text + &self.models.iter().map(|m| format!("    {}\n", m.name)).collect::<String>()
+        text += "\n  fitted to, and the full name of each model (--model takes it, or its first digits):\n";
+        let videos = self.videos.iter().map(Some).chain(std::iter::repeat(None));
+        let line = |(model, video): (&&Model, Option<&Video>)| {
+            let what = video.map_or(String::new(), |v| {
+                format!("{}, {} frames, {} objects: ", v.display_name, frames(v), v.objects.len())
+            });
+            format!("    {what}{}\n", model.name)
+        };
+        text + &self.models.iter().zip(videos).map(line).collect::<String>()
+    }
+
+    /// The correlations of the numbers of each model as a triangle.
+    fn correlations(&self) -> String {
+        let mut text = String::new();
+        for (k, covariance) in self.covariances.iter().enumerate() {
+            let of = if self.covariances.len() > 1 { format!(" (video {})", k + 1) } else { String::new() };
+            let Some(covariance) = covariance else {
+                text +=
+                    &format!("\n  correlations{of}: not kept; fit the videos again (up to 256 numbers)\n");
+                continue;
+            };
+            let numbers: Vec<String> = (1..=covariance.names.len()).map(|n| n.to_string()).collect();
+            let title = format!("correlations{of}");
+            let header: Vec<&str> =
+                [title.as_str()].into_iter().chain(numbers.iter().map(String::as_str)).collect();
+            let row = |(a, row): (usize, Vec<f64>)| {
+                let cells = row[..=a].iter().map(|r| format!("{r:.2}"));
+                let name = format!("{} {}", a + 1, readable(&covariance.names[a]));
+                std::iter::once(name).chain(cells).collect::<Vec<String>>()
+            };
+            let rows: Vec<Vec<String>> =
+                correlation_rows(covariance).into_iter().enumerate().map(row).collect();
+            text += &format!("\n{}", output::table(&header, &rows));
+        }
+        text
+    }
+
+    /// What the models were fitted to.
+    fn fitted_to(&self) -> Vec<Value> {
+        let videos = self.videos.iter().map(Some).chain(std::iter::repeat(None));
+        let one = |(model, video): (&&Model, Option<&Video>)| {
+            json!({
+                "model": model.name,
+                "name": video.map(|v| &v.display_name),
+                "frames": video.map(frames),
+                "objects": video.map(|v| v.objects.len()),
+            })
+        };
+        self.models.iter().zip(videos).map(one).collect()
+    }
+
+    /// Covariance and correlation of each model's numbers; none where they were not asked for.
+    fn covariance_json(&self) -> Value {
+        let one = |(model, covariance): (&&Model, &Option<ParameterCovariance>)| {
+            let covariance = covariance.as_ref()?;
+            let names: Vec<String> = covariance.names.iter().map(|name| readable(name)).collect();
+            let rows: Vec<&[f64]> = covariance.values.chunks(names.len().max(1)).collect();
+            Some(json!({
+                "model": model.name, "names": names, "covariance": rows,
+                "correlation": correlation_rows(covariance),
+            }))
+        };
+        json!(self.models.iter().zip(&self.covariances).map(one).collect::<Vec<_>>())
     }
 
     fn csv(&self) -> Result<String, Failure> {
@@ -219,7 +274,7 @@ impl<'m> ShownModel<'m> {
         out.write_record(header).map_err(Failure::other)?;
         for n in self.numbers() {
             let e = &n.estimate;
-            let [value, sd, low, high] = [e.value, e.sd, low(e), high(e)].map(|v| v.to_string());
+            let [value, sd, low, high] = [e.value, e.sd, e.low95, e.high95].map(|v| v.to_string());
             let row = [n.name, value, sd, low, high, e.unit.clone(), e.identified.to_string()];
             out.write_record(row).map_err(Failure::other)?;
         }
@@ -230,7 +285,7 @@ impl<'m> ShownModel<'m> {
         let number = |n: &ModelNumber| {
             let e = &n.estimate;
             json!({
-                "name": n.name, "value": e.value, "sd": e.sd, "low95": low(e), "high95": high(e),
+                "name": n.name, "value": e.value, "sd": e.sd, "low95": e.low95, "high95": e.high95,
                 "unit": e.unit, "identified": e.identified,
             })
         };
@@ -238,8 +293,10 @@ impl<'m> ShownModel<'m> {
         json!({
             "model": self.models.first().map(|m| summary(m)),
             "fitted_to": self.models.iter().map(|m| &m.name).collect::<Vec<_>>(),
+            "videos": self.fitted_to(),
             "numbers": self.numbers().iter().map(number).collect::<Vec<_>>(),
             "history": lineage.into_iter().map(revise::to_json).collect::<Vec<_>>(),
+            "covariance": if self.covariances.is_empty() { Value::Null } else { self.covariance_json() },
         })
     }
 
@@ -287,12 +344,33 @@ fn shared_numbers(shared: &SharedEstimate) -> impl Iterator<Item = (String, Esti
     labels.zip(&shared.values).map(move |(label, e)| (name(label), e.clone())).collect::<Vec<_>>().into_iter()
 }
 
-fn low(e: &Estimate) -> f64 {
-    e.value - NINETY_FIVE * e.sd
+/// Value with standard deviation, and the 95 % interval; of a given number the value alone.
+pub fn with_interval(e: &Estimate) -> [String; 2] {
+    match e.sd == 0.0 {
+        true => [format!("{} given", output::number(e.value)), String::new()],
+        false => [output::measured(e.value, e.sd), output::interval(e.low95, e.high95)],
+    }
 }
 
-fn high(e: &Estimate) -> f64 {
-    e.value + NINETY_FIVE * e.sd
+/// Frames of a video: up to its last sample.
+fn frames(video: &Video) -> u32 {
+    let last = video.objects.iter().filter_map(|o| o.samples.last()).map(|s| s.frame + 1).max();
+    last.unwrap_or(0).max(video.times.len() as u32)
+}
+
+/// The name of a fitted number as tables have it: `object 3 mass`.
+fn readable(name: &str) -> String {
+    match name.strip_prefix("objects[").and_then(|rest| rest.split_once("].")) {
+        Some((object, what)) => format!("object {object} {what}"),
+        None => name.into(),
+    }
+}
+
+fn correlation_rows(covariance: &ParameterCovariance) -> Vec<Vec<f64>> {
+    let n = covariance.names.len();
+    let at = |a: usize, b: usize| covariance.values.get(a * n + b).copied().unwrap_or(f64::NAN);
+    let row = |a: usize| (0..n).map(|b| at(a, b) / (at(a, a) * at(b, b)).sqrt()).collect();
+    (0..n).map(row).collect()
 }
 
 fn fit_errors(model: &Model) -> String {
@@ -326,10 +404,13 @@ fn latex(name: &str, value: &str, unit: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::num::NINETY_FIVE;
 
     fn model(video: &str, digits: &str, drag: f64) -> Model {
-        let number =
-            |value, sd, unit: &str, identified| Estimate { value, sd, unit: unit.into(), identified };
+        let number = |value, sd, unit: &str, identified| {
+            let (unit, low95, high95) = (unit.into(), value - NINETY_FIVE * sd, value + NINETY_FIVE * sd);
+            Estimate { value, sd, unit, identified, low95, high95 }
+        };
         let shared = SharedEstimate {
             effect: "linear_drag".into(),
             parameter: "c".into(),
@@ -373,10 +454,25 @@ mod tests {
         let apart = [model("a", "0123456789", 0.3), model("b", "9876543210", 0.4)];
         let names = ShownModel::of(&apart, "0").unwrap().numbers().into_iter().map(|n| n.name);
         assert!(names.collect::<Vec<_>>().contains(&"linear_drag.c (video 2)".to_string()));
-        assert_eq!(heads(&known).count(), 1);
+        assert_eq!(heads(&known).len(), 1);
         let listed = listing(&known);
         let rows = listed.lines().map(|l| l.split_whitespace().collect::<Vec<_>>().join(" "));
         assert!(rows.collect::<Vec<_>>().contains(&"01234567 table + linear_drag 2 6.00 5.00".to_string()));
+    }
+
+    #[test]
+    fn the_covariance_is_shown_as_correlations() {
+        let known = [model("a", "0123456789", 0.3), model("b", "9876543210", 0.3)];
+        let mut shown = ShownModel::of(&known, "01").unwrap();
+        let names = ["linear_drag.c", "objects[3].mass"].map(String::from).to_vec();
+        shown.covariances =
+            vec![Some(ParameterCovariance { names, values: vec![4.0, -3.0, -3.0, 9.0] }), None];
+        let text = shown.text(&known);
+        assert!(text.contains("2 object 3 mass") && text.contains("-0.50  1.00"), "{text}");
+        assert!(text.contains("correlations (video 2): not kept"), "{text}");
+        let all = shown.to_json(&known);
+        assert_eq!(all["covariance"][0]["covariance"], json!([[4.0, -3.0], [-3.0, 9.0]]));
+        assert_eq!(all["covariance"][0]["correlation"][0][1], json!(-0.5));
     }
 
     #[test]
