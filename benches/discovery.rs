@@ -1,7 +1,7 @@
 //! Calibrates discovery on videos of an independent engine (rapier2d): false discoveries on controls, power by kind and
-//! strength, confusions, and laws outside the library.
+//! strength, confusions, laws outside the library, and how many true numbers lie in their 95 % intervals.
 //! `cargo bench --bench discovery -- --groups 20 --controls 200 [--kinds tilt,coriolis] [--strengths weak] [--first SEED]
-//! [--masses unknown]`
+//! [--masses unknown] [--videos 1] [--frames 150]`
 
 #![allow(clippy::disallowed_methods)] // Made scenes need not have the same bits everywhere.
 
@@ -13,12 +13,12 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::time::Instant;
-use vrdp::discover::{DiscoverOptions, Discovery, Verdict, discover};
+use vrdp::discover::{DiscoverOptions, Discovery, ParameterEstimate, ParameterValue, Verdict, discover};
 use vrdp::num::{Vec2, never, vec2};
 use vrdp::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use vrdp::world::{Model, Preset};
 
-/// Number of videos in a group, of frames in a video, and of steps in a frame.
+/// Number of videos in a group and of frames in a video where the command line does not say; of steps in a frame.
 const VIDEOS: usize = 4;
 const FRAMES: usize = 128;
 const STEPS: usize = 20;
@@ -174,6 +174,9 @@ impl Random {
     }
 }
 
+/// Standard deviations from which a number is printed.
+const FAR: f64 = 3.0;
+
 /// What all videos of a group share.
 struct Setup {
     kind: &'static str,
@@ -183,6 +186,8 @@ struct Setup {
     u: [f64; 4],
     mu: BTreeMap<&'static str, f64>,
     restitution: f64,
+    /// Number of frames in each video.
+    frames: usize,
 }
 
 impl Setup {
@@ -322,7 +327,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         setup: None,
         world: WorldKind::Table,
         fps: FPS,
-        times: (0..FRAMES).map(|f| f as f64 / FPS).collect(),
+        times: (0..setup.frames).map(|f| f as f64 / FPS).collect(),
         camera: None,
         table: None,
         noise_sigma: Some(SIGMA),
@@ -333,7 +338,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
     let movers = add_objects(setup, &mut world, &mut scene, random);
     let decay = if setup.is("speed_dependent_restitution") { 0.7 * setup.strength } else { 0.0 };
     let hooks = RestitutionDecay { restitution: setup.restitution as f32, inverse_v0: decay as f32 };
-    for frame in 0..FRAMES {
+    for frame in 0..setup.frames {
         for (track, body) in scene.tracks.iter_mut().zip(&movers.bodies) {
             let b = &world.bodies[*body];
             let position = plain(b.translation()) + vec2(random.noise(SIGMA), random.noise(SIGMA));
@@ -349,14 +354,117 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
     scene
 }
 
-fn group(kind: &'static str, law: Law, strength: f64, seed: u64) -> Vec<Scene> {
+/// Number of videos in a group, and of frames in a video.
+#[derive(Clone, Copy)]
+struct Length {
+    videos: usize,
+    frames: usize,
+}
+
+fn group(kind: &'static str, law: Law, strength: f64, seed: u64, length: Length) -> (Setup, Vec<Scene>) {
     let mut random = Random(ChaCha8Rng::seed_from_u64(seed));
     let u = [0; 4].map(|_| random.between(-1.0, 1.0));
     let mu =
         BTreeMap::from([("rubber", random.between(0.03, 0.045)), ("metal", random.between(0.009, 0.021))]);
     let restitution = random.between(0.6, 0.9);
-    let setup = Setup { kind, law, strength: strength * random.between(0.8, 1.25), u, mu, restitution };
-    (0..VIDEOS).map(|number| video(&setup, number, &mut random)).collect()
+    let strength = strength * random.between(0.8, 1.25);
+    let setup = Setup { kind, law, strength, u, mu, restitution, frames: length.frames };
+    let scenes = (0..length.videos).map(|number| video(&setup, number, &mut random)).collect();
+    (setup, scenes)
+}
+
+/// True values of the reported quantities of the set-up's effect, as far as they are numbers.
+fn truth(setup: &Setup, effect: &str) -> Vec<(&'static str, Vec<f64>)> {
+    let (k, u) = (setup.strength, &setup.u);
+    let vector = |v: Vec2| vec![v.x, v.y];
+    let eps = ("eps", vec![0.3]);
+    match setup.kind {
+        "linear_drag" => vec![("c", vec![0.2 * k])],
+        "quadratic_drag" => vec![("c", vec![0.25 * k])],
+        "uniform_force" => vec![("F", vector(direction(u).scaled(0.08 * k)))],
+        "tilt" => vec![("a", vector(direction(u).scaled(0.08 * k)))],
+        "attractor" if effect == "attractor_spring" => {
+            vec![("k", vec![0.08 * k]), ("center", vector(center(u)))]
+        }
+        "attractor" => vec![("S", vec![0.15 * k]), ("center", vector(center(u))), eps],
+        "vortex" => {
+            vec![("c", vec![0.15 * k]), ("center", vector(center(u))), ("Omega", vec![0.6 * u[3].signum()])]
+        }
+        "coriolis" => vec![("Omega", vec![0.08 * k * u[3].signum()])],
+        "lateral" => vec![("b", vec![0.15 * k * u[3].signum()])],
+        "magnus" => vec![("S", vec![0.15 * k])],
+        "pair_attraction" | "pair_repulsion" => vec![("S", vec![0.12 * k]), eps],
+        "time_periodic" => vec![("a", vec![0.3 * k]), ("f", vec![0.8 + 0.4 * u[1]])],
+        "friction_patch" => {
+            vec![("center", vector(center(u).scaled(0.6))), ("radius", vec![0.8]), ("k", vec![1.0 + 2.0 * k])]
+        }
+        "speed_dependent_restitution" => vec![("v0", vec![1.0 / (0.7 * k)])],
+        "mass_change" => vec![("factor", vec![1.0 + k])],
+        _ => vec![],
+    }
+}
+
+fn components(value: &ParameterValue) -> Vec<f64> {
+    match value {
+        ParameterValue::Number(v) => vec![*v],
+        ParameterValue::Vector(v) => v.to_vec(),
+        ParameterValue::Word(_) => vec![],
+    }
+}
+
+/// A reported number, its 95 % interval, and the true value.
+struct NumberTrial {
+    name: String,
+    truth: f64,
+    low: f64,
+    high: f64,
+}
+
+impl NumberTrial {
+    fn is_inside(&self) -> bool {
+        (self.low..=self.high).contains(&self.truth)
+    }
+
+    /// Distance from the middle of the interval in standard deviations.
+    fn off(&self) -> f64 {
+        (self.truth - 0.5 * (self.low + self.high)) / ((self.high - self.low) / (2.0 * 1.96))
+    }
+}
+
+/// The numbers of the found effect, and the friction coefficients of the base, with their true values.
+fn number_trials(setup: &Setup, d: &Discovery) -> Vec<NumberTrial> {
+    let mut trials = vec![];
+    for effect in d.effects.iter().filter(|e| setup.is(&e.kind)) {
+        let of_owner = |p: &&ParameterEstimate| p.owner.is_none_or(|o| o.object == 0);
+        for (name, values) in truth(setup, &effect.effect) {
+            for p in effect.parameters.iter().filter(of_owner).filter(|p| p.name == name) {
+                let bounds = components(&p.low).into_iter().zip(components(&p.high));
+                trials.extend(values.iter().zip(bounds).map(|(&truth, (low, high))| NumberTrial {
+                    name: format!("{}.{name}", effect.effect),
+                    truth,
+                    low,
+                    high,
+                }));
+            }
+        }
+    }
+    let posterior = d.revisions.last().map(|r| &r.fit.posterior);
+    for e in posterior.iter().flat_map(|p| &p.estimates).filter(|e| e.identified) {
+        let known = setup
+            .mu
+            .iter()
+            .find(|(look, _)| e.name.starts_with("gliding_friction.sliding") && e.name.contains(*look));
+        trials.extend(known.map(|(_, &truth)| NumberTrial {
+            name: format!(
+                "friction coefficient {}",
+                if d.verdict == Verdict::OutsideLibrary { "of a wrong model" } else { "" }
+            ),
+            truth,
+            low: e.value - 1.96 * e.sd,
+            high: e.value + 1.96 * e.sd,
+        }));
+    }
+    trials
 }
 
 /// The verdict as one word.
@@ -378,6 +486,9 @@ struct CalibrationTrial {
     kind: &'static str,
     strength: &'static str,
     verdict: String,
+    /// Whether the verdict is that one effect, or more, were found.
+    found: bool,
+    numbers: Vec<NumberTrial>,
     /// s.
     time: f64,
 }
@@ -387,21 +498,47 @@ fn trial(
     law: Law,
     strength: (&'static str, f64),
     seed: u64,
-    masses_known: bool,
+    (masses_known, length): (bool, Length),
 ) -> CalibrationTrial {
-    let mut scenes = group(kind, law, strength.1, seed);
+    let (setup, mut scenes) = group(kind, law, strength.1, seed, length);
     if !masses_known {
         scenes.iter_mut().flat_map(|s| &mut s.objects).for_each(|o| o.mass = None);
     }
     let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
     let start = Instant::now();
-    let (verdict, reason) = match discover(&scenes, &models, &DiscoverOptions::default(), &never) {
-        Ok(d) => (answer(kind, &d), format!("{} {}", d.reason, d.formula.unwrap_or_default())),
+    let outcome = discover(&scenes, &models, &DiscoverOptions::default(), &never);
+    let time = start.elapsed().as_secs_f64();
+    let (verdict, reason) = match &outcome {
+        Ok(d) => (answer(kind, d), format!("{} {}", d.reason, d.formula.as_deref().unwrap_or_default())),
         Err(e) => (e.to_string(), String::new()),
     };
-    let time = start.elapsed().as_secs_f64();
-    eprintln!("{kind} {} {seed}: {verdict} ({time:.1} s) {reason}", strength.0);
-    CalibrationTrial { kind, strength: strength.0, verdict, time }
+    let found = outcome.as_ref().is_ok_and(|d| d.verdict == Verdict::EffectFound);
+    let right = verdict == kind || kind == "none";
+    let numbers: Vec<NumberTrial> =
+        outcome.iter().filter(|_| right).flat_map(|d| number_trials(&setup, d)).collect();
+    let ambiguous = outcome.iter().flat_map(|d| &d.ambiguous).map(|kinds| kinds.join("|"));
+    let ambiguous = ambiguous.collect::<Vec<_>>().join(" ");
+    eprintln!("{kind} {} {seed}: {verdict} ({time:.1} s) {ambiguous} {reason}", strength.0);
+    for n in numbers.iter().filter(|n| n.off().abs() > FAR) {
+        eprintln!("  {}: [{}, {}], truly {}", n.name, n.low, n.high, n.truth);
+    }
+    CalibrationTrial { kind, strength: strength.0, verdict, found, numbers, time }
+}
+
+/// Prints how many numbers lie in their intervals, and the root mean square of their distances in standard deviations.
+fn print_coverage(trials: &[CalibrationTrial]) {
+    let mut by_name: BTreeMap<&str, Vec<&NumberTrial>> = BTreeMap::new();
+    for number in trials.iter().flat_map(|t| &t.numbers) {
+        by_name.entry(&number.name).or_default().push(number);
+    }
+    println!("true numbers in their 95 % interval, root mean square distance in standard deviations:");
+    let line = |name: &str, numbers: &[&NumberTrial]| {
+        let inside = numbers.iter().filter(|n| n.is_inside()).count();
+        let rms = (numbers.iter().map(|n| n.off().powi(2)).sum::<f64>() / numbers.len().max(1) as f64).sqrt();
+        println!("  {name:36} {inside:4}/{:4} {rms:6.2}", numbers.len());
+    };
+    by_name.iter().for_each(|(name, numbers)| line(name, numbers));
+    line("all", &by_name.values().flatten().copied().collect::<Vec<_>>());
 }
 
 fn main() {
@@ -413,6 +550,10 @@ fn main() {
         after(list).is_none_or(|list| list.split(',').any(|wanted| name.contains(wanted)))
     };
     let masses_known = after("--masses").is_none_or(|masses| masses != "unknown");
+    let length = Length {
+        videos: number("--videos", VIDEOS as u64) as usize,
+        frames: number("--frames", FRAMES as u64) as usize,
+    };
     let none: Law = |_, _, _, _, _| Vec2::zero();
     // The seed depends on the position in this list: append new kinds at the end.
     let all = FORCES.into_iter().chain(OTHERS.map(|kind| (kind, none))).chain(OF_PLACE);
@@ -426,7 +567,7 @@ fn main() {
         }
     }
     let trials: Vec<CalibrationTrial> =
-        wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed, masses_known)).collect();
+        wanted.into_par_iter().map(|(k, l, s, seed)| trial(k, l, s, seed, (masses_known, length))).collect();
     let mut right: BTreeMap<(&str, &str), (u64, u64)> = BTreeMap::new();
     let mut confused: BTreeMap<(&str, &str, &str), u64> = BTreeMap::new();
     for t in &trials {
@@ -445,6 +586,9 @@ fn main() {
     for ((kind, strength, verdict), count) in &confused {
         println!("  {kind:28} {strength:7} {verdict:40} {count}");
     }
+    let wrong = trials.iter().filter(|t| t.found && t.verdict != t.kind).count();
+    println!("effect found, but another: {wrong} of {}", trials.len());
+    print_coverage(&trials);
     let slowest = trials.iter().map(|t| t.time).fold(0.0, f64::max);
     let mean = trials.iter().map(|t| t.time).sum::<f64>() / trials.len().max(1) as f64;
     println!("a group: {mean:.1} s, the slowest {slowest:.1} s (groups share the cores)");

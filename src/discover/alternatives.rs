@@ -2,7 +2,7 @@
 
 use super::contact::ContactCandidate;
 use super::contact_law::{estimates_of, pooled, with_contact};
-use super::proof;
+use super::proof::{self, alike_kinds};
 use super::revise::{Revision, TRIED_BUDGET_FRACTION, revise, trajectories};
 use super::screen::{CERTAIN, region};
 use super::search::{ALIKE, CLEAN, FreeMotion};
@@ -18,10 +18,18 @@ use std::collections::BTreeSet;
 /// Most other laws that trajectories are asked about.
 const OTHERS: usize = 2;
 
-/// Another law of contact that short films speak for as clearly, where trajectories are nearer to that; of unseen things that lose
-/// a scene, any other that they prove: what was struck may be a wall or an object. Where one object's own leaves something, what
-/// all have may be it.
-pub fn as_good<'c>(
+/// What full trajectories say of other laws of contact in place of the one that windows prove.
+#[derive(Default)]
+pub struct ContactRivals<'c> {
+    /// The one that is nearer, with its revision.
+    pub better: Option<(&'c ContactCandidate, Revision)>,
+    /// Kinds as near as the best (odds below 20 to 1), it included, those of fewest parameters first; empty if there is one.
+    pub alike: Vec<String>,
+}
+
+/// Compares laws of contact that windows support as clearly by their trajectories; of bodies that nobody saw, any other that they
+/// prove: what was hit may be a wall or an object. Where one object's own law leaves something, one that all have may explain it.
+pub fn contact_rivals<'c>(
     lens: &WeakFormRegression,
     law: &ContactCandidate,
     all: &'c [ContactCandidate],
@@ -29,26 +37,30 @@ pub fn as_good<'c>(
     revisions: &[Revision],
     options: &FitOptions,
     stop: Stop,
-) -> Result<Option<(&'c ContactCandidate, Revision)>, FitError> {
-    let [.., without, known] = revisions else { return Ok(None) };
+) -> Result<ContactRivals<'c>, FitError> {
+    let [.., without, known] = revisions else { return Ok(ContactRivals::default()) };
     let unseen = |c: &ContactCandidate| c.entry.uses(Hook::Bodies);
-    let struck = unseen(law) && proof::loses(&known.fit);
     let leaves = law.object.is_some() && !proof::explains_all(known);
-    let alike = |c: &ContactCandidate| law.score - c.score < ALIKE || (struck && unseen(c));
-    let near = |c: &&ContactCandidate| alike(c) || (leaves && c.object.is_none() && !unseen(c));
+    let as_clear = |c: &ContactCandidate| law.score - c.score < ALIKE || (unseen(law) && unseen(c));
+    let near = |c: &&ContactCandidate| as_clear(c) || (leaves && c.object.is_none() && !unseen(c));
     let others = all.iter().filter(|c| c.proven() && c.entry.kind != law.entry.kind && near(c));
     let region = region(lens.scenes);
     let tried = others.take(OTHERS).collect::<Vec<_>>().into_par_iter().map(|c| {
         let models = with_contact(&motion.models, c.entry, &c.values, c.object, &region);
         Ok((c, revise(lens, &models, Some(c.entry.spec.name), options, stop)?))
     });
-    let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+    let mut tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+    tried.retain(|(c, r)| proof::is_supported(without, r, c.added));
+    let of = |(c, r): (&ContactCandidate, &Revision)| (c.added, c.entry.kind, proof::deviance(&r.fit));
+    let all: Vec<_> = tried.iter().map(|(c, r)| (*c, r)).chain([(law, known)]).map(of).collect();
+    let alike = alike_kinds(&all, &known.fit);
     let distance = |r: &Revision| proof::deviance(&r.fit);
     let nearest = tried.into_iter().min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
-    Ok(nearest.filter(|(c, r)| {
-        let nearer = if alike(c) { distance(r) < distance(known) } else { proof::nearer(&known.fit, &r.fit) };
-        nearer && proof::is_supported(without, r, c.added)
-    }))
+    let better = nearest.filter(|(c, r)| match as_clear(c) {
+        true => distance(r) < distance(known),
+        false => proof::nearer(&known.fit, &r.fit),
+    });
+    Ok(ContactRivals { better, alike })
 }
 
 /// The same law of contact with what short films could not choose chosen otherwise, where trajectories are nearer to that.

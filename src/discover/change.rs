@@ -1,27 +1,20 @@
 //! A change that someone asks for: an effect put into the models of a set-up, or taken out, and what that is worth.
 
-use super::contact::screen_contacts;
-use super::contact_law::{estimates_of, with_contact};
+use super::contact_law::estimates_of;
 use super::discovery::{nearest, readings, too_little};
-use super::free::at_values;
 use super::intervals::{by_object, plausible};
 use super::jackknife::{LawParameters, of_videos};
 use super::outcome::{
     FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterValue, RankedEffect, may_be_none,
 };
 use super::proof::{deviance, lost};
+use super::proposal::{FORMULA, ModelChange, Proposal, canonical, named, propose};
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
-use super::screen::{
-    ScreenBase, beginnings, region, rescreen_from_prior, screen, with_effect, with_nuisance,
-};
-use super::search::leaves_something;
+use super::screen::with_nuisance;
 use super::user_formula::fit_written;
 use super::weak_form::{WeakFormRegression, fit_forces};
-use super::whole_trajectory::stuck;
-use super::window_fits::WindowFits;
-use super::windows::contacts;
-use crate::effects::formula::{Formula, FormulaError, FormulaParameter};
-use crate::effects::{EFFECTS, EffectEntry, alike, effect};
+use crate::effects::effect;
+use crate::effects::formula::{Formula, FormulaParameter};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit, StartPoint, estimate};
 use crate::num::{Stop, elementary, progress_of_jobs, progress_within};
 use crate::scene::Scene;
@@ -29,92 +22,10 @@ use crate::world::Model;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Kind of the laws that users write.
-pub const FORMULA: &str = "formula";
-/// Longest name of a user's law (bytes).
-const LONGEST_NAME: usize = 64;
 /// Evidence (nats) from which a change is better, or worse.
 const CERTAIN: f64 = 10.0;
 /// Errors on what was not fitted that differ by less than this share are the same.
 const ALIKE: f64 = 0.02;
-
-/// What is to be done to a model.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub enum ModelChange {
-    /// Puts an effect of the library in, by its name, or by its kind: then the form of it that does best.
-    Add(String),
-    /// Puts a user's law in, under the user's name.
-    Write(String, Formula),
-    /// Takes an effect out.
-    Remove(String),
-}
-
-/// Why a change cannot be made.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ChangeError {
-    #[error("there is no effect {name:?}; did you mean {}? ListEffects and `vrdp effects` list all", alike(.name).join(", "))]
-    Unknown { name: String },
-    #[error(
-        "{name} is already in the model; start from a revision without it (`--on`), remove it first, or give a new law another `--name`"
-    )]
-    There { name: String },
-    #[error("{name:?} is not in the model, whose effects are {present}")]
-    Absent { name: String, present: String },
-    #[error(
-        "{name:?} cannot name a law: use letters, digits and _, at most {LONGEST_NAME} bytes, and no name of an effect"
-    )]
-    Name { name: String },
-    #[error(transparent)]
-    Formula(#[from] FormulaError),
-}
-
-/// Effects of the library that a name or a kind stands for.
-fn named(name: &str) -> impl Iterator<Item = &'static EffectEntry> {
-    let exact = EFFECTS.iter().any(|e| e.spec.name == name);
-    EFFECTS.iter().filter(move |e| if exact { e.spec.name == name } else { e.kind == name })
-}
-
-impl ModelChange {
-    /// Whether it can be made to these models.
-    pub fn check(&self, models: &[Model]) -> Result<(), ChangeError> {
-        let present = |name: &str| models.iter().any(|m| m.effect(name).is_some());
-        match self {
-            ModelChange::Add(name) => {
-                if named(name).next().is_none() {
-                    return Err(ChangeError::Unknown { name: name.clone() });
-                }
-                match named(name).all(|e| present(e.spec.name)) {
-                    true => Err(ChangeError::There { name: name.clone() }),
-                    false => Ok(()),
-                }
-            }
-            ModelChange::Write(name, formula) => {
-                check_name(name)?;
-                if present(name) {
-                    return Err(ChangeError::There { name: name.clone() });
-                }
-                Ok(formula.read().map(|_| ())?)
-            }
-            ModelChange::Remove(name) if !present(name) => {
-                let names: BTreeSet<&str> =
-                    models.iter().flat_map(|m| &m.effects).map(|e| e.name.as_str()).collect();
-                let present = names.into_iter().collect::<Vec<_>>().join(", ");
-                Err(ChangeError::Absent { name: name.clone(), present })
-            }
-            ModelChange::Remove(_) => Ok(()),
-        }
-    }
-}
-
-/// Whether a user's law may have this name.
-pub fn check_name(name: &str) -> Result<(), ChangeError> {
-    let word = name.starts_with(|c: char| c.is_ascii_alphabetic())
-        && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    match word && name.len() <= LONGEST_NAME && named(name).next().is_none() {
-        true => Ok(()),
-        false => Err(ChangeError::Name { name: name.to_string() }),
-    }
-}
 
 /// Whether a change is worth making.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -224,6 +135,13 @@ pub fn change(
             after = Revision { effect: after.effect, ..again };
         }
     }
+    // Nor may the fit depend on the edits that led to the model.
+    if let Some(start) = canonical(&lens, &after.fit.models(), &|_| stop(1.0))? {
+        let other = revise(&lens, &start, name, options, &|_| stop(1.0))?;
+        if deviance(&other.fit) < deviance(&after.fit) {
+            after = other;
+        }
+    }
     // A search that escaped a bad minimum is no merit of the law that it was made with.
     let again = match &proposal.added {
         Some(name) => {
@@ -257,78 +175,6 @@ fn does_nothing(fit: &Fit, name: &str) -> bool {
     let amplitudes = effect(name).into_iter().flat_map(|e| &e.spec.params[..e.amplitudes]);
     let of: Vec<_> = amplitudes.flat_map(|p| estimates_of(fit, name, p.name)).collect();
     !of.is_empty() && of.iter().all(|e| may_be_none(e.value, e.sd))
-}
-
-/// Models with the change made, before they are fitted.
-pub struct Proposal {
-    pub models: Vec<Model>,
-    /// Name of the effect that is new.
-    pub added: Option<String>,
-}
-
-/// Puts the change where the lens that sees it finds it.
-pub fn propose(
-    lens: &WeakFormRegression,
-    models: &[Model],
-    change: &ModelChange,
-    stop: Stop,
-) -> Result<Proposal, FitError> {
-    let mut models = models.to_vec();
-    match change {
-        ModelChange::Remove(name) => {
-            models.iter_mut().for_each(|m| m.effects.retain(|e| e.name != *name));
-            Ok(Proposal { models, added: None })
-        }
-        ModelChange::Write(name, formula) => {
-            let (models, free, seen) = fit_written(lens, &models, name, formula);
-            Ok(Proposal { models: at_values(&models, &free, &seen.values), added: Some(name.clone()) })
-        }
-        ModelChange::Add(name) => {
-            let (free, seen) = fit_forces(lens, &models);
-            let base = ScreenBase::new(lens, &models, free, seen);
-            let mut best: Option<(f64, Proposal)> = None;
-            let absent = |e: &&EffectEntry| models.iter().all(|m| m.effect(e.spec.name).is_none());
-            for entry in named(name).filter(absent) {
-                let (gain, with) = with_library(lens, &base, entry, stop)?;
-                if best.as_ref().is_none_or(|b| gain > b.0) {
-                    best = Some((gain, Proposal { models: with, added: Some(entry.spec.name.into()) }));
-                }
-            }
-            Ok(best.map_or(Proposal { models, added: None }, |b| b.1))
-        }
-    }
-}
-
-/// The models with an effect of the library where the lens that sees it finds it, and the fall of that lens's cost.
-fn with_library(
-    lens: &WeakFormRegression,
-    base: &ScreenBase,
-    entry: &'static EffectEntry,
-    stop: Stop,
-) -> Result<(f64, Vec<Model>), FitError> {
-    let region = region(lens.scenes);
-    let fitted = &base.fitted;
-    let tried = beginnings(lens, fitted, entry, &region);
-    if let Some(mut found) = tried.and_then(|tried| screen(lens, base, fitted, entry, &tried, &region)) {
-        if leaves_something(found.chi_square, lens.degrees_of_freedom() as f64) {
-            rescreen_from_prior(lens, base, &base.believed(lens), &region, &mut found);
-        }
-        return Ok((found.gain, found.models));
-    }
-    let begun = &fitted.models;
-    let seed = || entry.seeds(&region).into_iter().next().unwrap_or_default();
-    if entry.all_or_nothing().is_some() {
-        return Ok((0.0, stuck(begun, entry, &region)));
-    }
-    if !entry.shows_at_contacts() {
-        return Ok((0.0, with_effect(begun, entry, &seed(), &region)));
-    }
-    let (found, _) =
-        screen_contacts(&WindowFits::of(&contacts(lens, begun), stop)?, &region, &[entry], stop)?;
-    // Contacts tell ratios of masses: where they name the one object that is heavier, its factor alone is asked for.
-    let best = found.into_iter().next().map(|c| (c.before - c.after, c.values, c.object));
-    let (gain, values, object) = best.unwrap_or_else(|| (0.0, seed(), None));
-    Ok((gain, with_contact(begun, entry, &values, object, &region)))
 }
 
 /// Users' laws as candidates beside those of the library; `unit` is what remains after the best of all.
@@ -456,7 +302,8 @@ pub fn found(
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
     let text = formula.map(|f| f.text.clone());
     let deviations = own.iter().map(|p| p.name.clone()).zip(sd).collect();
-    Ok(FoundEffect { kind: FORMULA.into(), effect: name.into(), parameters, text, deviations })
+    let (kind, effect) = (FORMULA.into(), name.into());
+    Ok(FoundEffect { kind, effect, parameters, text, deviations, uncertain: false })
 }
 
 /// A number of a law as the first of a fit's scenes has it.

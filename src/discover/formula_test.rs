@@ -1,8 +1,8 @@
 //! A law that the library lacks: a sparse sum of generic terms explains the motion, and no law of the library does as well.
 
-use super::change::{FORMULA, ModelChange, propose};
 use super::formula::{ResidualLaw, SIMPLE_TERMS, residual_law};
 use super::proof;
+use super::proposal::{FORMULA, ModelChange, propose};
 use super::revise::{Revision, pooled_noise, revise, without_effect};
 use super::screen::{ForceCandidate, region};
 use super::search::{CLEAN, FreeMotion, leaves_something};

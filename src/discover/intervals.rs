@@ -6,7 +6,7 @@ use super::free::free_parameters;
 use super::jackknife::SharedEstimate;
 use super::outcome::{
     DetectionLimit, FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterOwner, ParameterValue,
-    RankedEffect, Verdict, reported, widened,
+    RankedEffect, Verdict, reported,
 };
 use super::proof;
 use super::revise::Revision;
@@ -14,7 +14,7 @@ use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamId, ParamSpec};
-use crate::fit::{Estimate, Fit, SceneFit};
+use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
@@ -325,8 +325,9 @@ pub fn unfollowed(last: &Revision) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::change::{ModelChange, Origin, change};
+    use super::super::change::{Origin, change};
     use super::super::discovery::discover;
+    use super::super::proposal::ModelChange;
     use super::super::tests::{CUBE, DISC, film, models};
     use super::super::verdict::DiscoverOptions;
     use super::*;

@@ -18,6 +18,7 @@ mod jackknife;
 mod negligible;
 mod outcome;
 mod proof;
+mod proposal;
 mod restitution_decay;
 mod revise;
 mod screen;
@@ -38,8 +39,7 @@ mod window_fits;
 mod windows;
 
 pub use change::{
-    ChangeError, ChangeEvidence, ChangeResult, ChangeVerdict, FORMULA, ModelChange, Origin, PredictionErrors,
-    change, check_name, log_evidence, weigh,
+    ChangeEvidence, ChangeResult, ChangeVerdict, Origin, PredictionErrors, change, log_evidence, weigh,
 };
 pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, Separation, compare,
@@ -55,6 +55,7 @@ pub use outcome::{
     DetectionLimit, Discovery, Experiment, FoundEffect, ParameterEstimate, ParameterOwner, ParameterValue,
     RankedEffect, Verdict, reported,
 };
+pub use proposal::{ChangeError, FORMULA, ModelChange, check_name};
 pub use revise::{Revision, revise};
 pub use screen::{ForceCandidate, candidates, region, screen, with_effect, with_nuisance};
 pub use search::{FreeMotion, search, search_on};

@@ -1,14 +1,11 @@
 //! What a discovery says: verdict, effects with intervals, ranking, revisions; plain data.
 
 use super::revise::Revision;
-use crate::effects::{EffectEntry, Quantity};
+use crate::effects::{EffectEntry, Hook, Quantity};
 use crate::fit::Fit;
 pub use crate::num::NINETY_FIVE;
 use crate::num::{Vec2, elementary};
 use serde::{Deserialize, Serialize};
-
-/// How many times its own deviation a number may scatter between videos.
-const MOST_SCATTER: f64 = 4.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
@@ -67,20 +64,27 @@ pub struct FoundEffect {
     /// Name and standard deviation of each of the law's own parameters (in its unit); the intervals follow from these.
     #[serde(default)]
     pub deviations: Vec<(String, f64)>,
+    /// Whether the 95 % intervals of all its amplitudes hold zero: it may well be absent.
+    #[serde(default)]
+    pub uncertain: bool,
 }
 
 impl FoundEffect {
     /// A law of the library.
     pub fn of(entry: &EffectEntry, parameters: Vec<ParameterEstimate>) -> FoundEffect {
         let (kind, effect) = (entry.kind.into(), entry.spec.name.into());
-        FoundEffect { kind, effect, parameters, text: None, deviations: vec![] }
+        FoundEffect { kind, effect, parameters, text: None, deviations: vec![], uncertain: false }
     }
 
     /// A law of the library with a value and a standard deviation for each of its parameters.
     pub fn with_numbers(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> FoundEffect {
         let names = entry.spec.params.iter().map(|p| p.name.to_string());
         let deviations = names.zip(sd.iter().copied()).collect();
-        FoundEffect { deviations, ..FoundEffect::of(entry, reported(entry, values, sd)) }
+        // Whether a body is there is no amplitude, nor is what acts fully or not at all.
+        let has_amplitude = !entry.uses(Hook::Bodies) && entry.all_or_nothing().is_none();
+        let mut amplitudes = values.iter().zip(sd).take(entry.amplitudes);
+        let uncertain = has_amplitude && amplitudes.all(|(&value, &sd)| may_be_none(value, sd));
+        FoundEffect { deviations, uncertain, ..FoundEffect::of(entry, reported(entry, values, sd)) }
     }
 
     /// Gives the fit of the effect's revision the same standard deviations: its own are those of the noise alone, and do not hold
@@ -207,12 +211,6 @@ pub struct Experiment {
     pub sigmas: f64,
 }
 
-/// A deviation that also holds how far the videos (or short films) disagree, each left out in turn. Where one of them alone
-/// tells the number, leaving it out tells nothing, so that there is a most.
-pub fn widened(sd: f64, scatter: f64) -> f64 {
-    scatter.min(MOST_SCATTER * sd).max(sd)
-}
-
 /// Parameters as reports name them, with intervals from independent deviations, within their bounds.
 pub fn reported(entry: &EffectEntry, values: &[f64], sd: &[f64]) -> Vec<ParameterEstimate> {
     let at = (entry.report)(values);
@@ -290,8 +288,7 @@ mod tests {
     use crate::effects::effect;
 
     #[test]
-    fn intervals_keep_to_the_bounds_and_to_what_one_video_can_tell() {
-        assert_eq!([widened(1.0, 0.5), widened(1.0, 3.0), widened(1.0, 90.0)], [1.0, 3.0, MOST_SCATTER]);
+    fn intervals_keep_to_the_bounds() {
         let wall = effect("hidden_wall").expect("it is in the library");
         let values: Vec<f64> = wall.spec.params.iter().map(|p| p.default).collect();
         let told = reported(wall, &values, &vec![5.0; values.len()]);

@@ -3,7 +3,7 @@
 use super::cost::Cost;
 use super::intervals::FOLLOWED;
 use super::revise::Revision;
-use super::search::CLEAN;
+use super::search::{ALIKE, CLEAN};
 use crate::fit::{Fit, SceneFit};
 use crate::num::elementary;
 use crate::world::ActiveEffect;
@@ -116,6 +116,26 @@ pub fn loses_most(fit: &Fit) -> bool {
 pub fn deviance(fit: &Fit) -> f64 {
     let of = |s: &SceneFit| s.degrees_of_freedom as f64 * elementary::ln(s.reduced_chi_square);
     fit.scenes.iter().map(of).sum::<f64>() + Cost::of(fit, None).prior_penalty(|_| true)
+}
+
+/// The kinds of laws, given with their number of parameters and the deviance of their trajectories, that the best does not beat by
+/// odds of 20 to 1, those of fewest parameters first; empty if there is one. `fit` is one of theirs.
+pub fn alike_kinds(laws: &[(usize, &str, f64)], fit: &Fit) -> Vec<String> {
+    let degrees: f64 = fit.scenes.iter().map(|s| s.degrees_of_freedom as f64).sum();
+    let priced = |&(added, _, deviance): &(usize, &str, f64)| {
+        deviance + added as f64 * elementary::ln(degrees.max(2.0))
+    };
+    let least = laws.iter().map(priced).fold(f64::INFINITY, f64::min);
+    let mut near: Vec<(usize, &str)> =
+        laws.iter().filter(|law| priced(law) - least < ALIKE).map(|law| (law.0, law.1)).collect();
+    near.sort_unstable();
+    let mut kinds: Vec<String> = vec![];
+    for (_, kind) in near {
+        if !kinds.iter().any(|known| known == kind) {
+            kinds.push(kind.into());
+        }
+    }
+    if kinds.len() > 1 { kinds } else { vec![] }
 }
 
 /// Whether a fit is much nearer than another.

@@ -20,8 +20,10 @@ const RICHER: f64 = 10.0;
 const REALISED: f64 = 0.05 * 0.05;
 /// A simpler law that explains this share is asked for first.
 const NEARLY: f64 = 0.9;
-/// Laws within this of each other cannot be told apart.
-pub const ALIKE: f64 = 6.0;
+/// Videos do not distinguish laws whose odds are below 20 to 1: 2 ln 20, in units of chi-square.
+pub const ALIKE: f64 = 5.991_464_547;
+/// Fall of chi-square that chance brings a parameter that is not needed, at most (Akaike, IEEE Trans. Automat. Control 19 (1974) 716).
+const AKAIKE: f64 = 2.0;
 /// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
 const ELSEWHERE: f64 = 10.0;
 /// An amplitude differs from zero by this many deviations of what objects say of it.
@@ -52,8 +54,8 @@ pub struct FreeMotion {
     pub found: Vec<ForceCandidate>,
     /// All candidates of the round that decided, best first, with their scores.
     pub ranked: Vec<(f64, ForceCandidate)>,
-    /// Kinds that explain the motion as well as one that was found.
-    pub alike: Vec<Vec<&'static str>>,
+    /// Kinds that trajectories explain as well as the one found, it included, where they were asked.
+    pub alike: Vec<String>,
     /// Of the models without any effect added.
     pub base: LensFit,
     pub degrees_of_freedom: f64,
@@ -83,6 +85,37 @@ impl FreeMotion {
         self.added().saturating_sub(numbers) as f64 * elementary::ln(self.degrees_of_freedom)
     }
 
+    /// Kinds that explain the motion as well as what was found, with it, those of fewest parameters first: odds below 20 to 1, and
+    /// where the amplitude found is `uncertain` also simpler laws that explain nearly as much. Two laws found are one kind,
+    /// joined by `+`. Empty where nothing is as good, or where free motion alone does not prove what was found.
+    pub fn rivals(&self, lens: &WeakFormRegression, uncertain: bool) -> Vec<String> {
+        let Some(first) = self.found.first() else { return vec![] };
+        let is_law = |(_, c): &&(f64, ForceCandidate)| c.entry.spec.name == first.entry.spec.name;
+        let proven = self.ranked.iter().find(is_law).is_some_and(|(score, c)| proven(lens, *score, c));
+        if !proven && self.found.len() == 1 {
+            return vec![];
+        }
+        let (unit, price) =
+            (self.unit().min(self.reduced_chi_square().max(1.0)), elementary::ln(self.degrees_of_freedom));
+        let (added, fall) = (self.added(), (self.base.cost - self.seen.cost) / unit);
+        let rival = |c: &ForceCandidate| {
+            let (more, own) = (c.gain / unit - fall, c.added as f64 - added as f64);
+            // A richer law that explains no more than chance or than what engines make of a law has a number too many.
+            let superfluous = own > 0.0 && more < AKAIKE * own + REALISED * fall;
+            let simpler = uncertain && own < 0.0 && c.gain >= NEARLY * fall * unit;
+            simpler || (own * price - more < ALIKE && !superfluous && holds_elsewhere(lens, c))
+        };
+        let kinds: Vec<&str> = self.found.iter().map(|c| c.entry.kind).collect();
+        let mut near = vec![(added, kinds.join("+"))];
+        for (_, c) in self.ranked.iter().filter(|(_, c)| rival(c)) {
+            if !near.iter().any(|(_, kind)| kind == c.entry.kind) {
+                near.push((c.added, c.entry.kind.into()));
+            }
+        }
+        near.sort_by_key(|(added, _)| *added);
+        if near.len() > 1 { near.into_iter().map(|(_, kind)| kind).collect() } else { vec![] }
+    }
+
     /// Cost with the price of all added parameters.
     pub fn priced(&self) -> f64 {
         self.seen.cost + self.added() as f64 * elementary::ln(self.degrees_of_freedom)
@@ -103,7 +136,7 @@ pub fn search_on(
     stop: Stop,
 ) -> Result<FreeMotion, Stopped> {
     let Some(first) = begun.found.first().cloned() else { return Ok(begun) };
-    let (ranked, alike) = (begun.ranked, begun.alike);
+    let ranked = begun.ranked;
     let most = most.max(1);
     let mut greedy = one_after_another(lens, models, most, &[first], stop)?;
     if greedy.found.len() >= 2 || (greedy.found.len() == 1 && most > 1 && !explained(&greedy)) {
@@ -139,7 +172,6 @@ pub fn search_on(
         }
     }
     // The round that chose the first effect is the one that ranks the library.
-    greedy.alike = if greedy.found.len() == 1 { alike } else { vec![] };
     greedy.ranked = ranked;
     Ok(greedy)
 }
@@ -177,9 +209,6 @@ pub fn fewer(
     let kept = motion.found.len().saturating_sub(refused);
     let mut less = one_after_another(lens, models, kept, &motion.found[..kept], stop)?;
     less.ranked.clone_from(&motion.ranked);
-    if kept == motion.found.len() {
-        less.alike.clone_from(&motion.alike);
-    }
     Ok(less)
 }
 
@@ -222,11 +251,14 @@ fn explained(free: &FreeMotion) -> bool {
     free.reduced_chi_square() < super::MISFIT
 }
 
-/// Whether a candidate is worth its price and certain, shows on more than one object, and what was left out gains too
-/// (with one part there is nothing to leave out).
+/// Whether a candidate is worth its price and certain, shows on more than one object, and what was left out gains too.
 fn proven(lens: &WeakFormRegression, score: f64, c: &ForceCandidate) -> bool {
-    let alone = lens.folds.len() < 2;
-    score > PROOF && c.certain() && (alone || (c.held_out > 0.0 && c.gain_without_best_track > ELSEWHERE))
+    score > PROOF && c.certain() && holds_elsewhere(lens, c)
+}
+
+/// Whether what was left out gains too, if there is more than one part.
+fn holds_elsewhere(lens: &WeakFormRegression, c: &ForceCandidate) -> bool {
+    lens.folds.len() < 2 || (c.held_out > 0.0 && c.gain_without_best_track > ELSEWHERE)
 }
 
 /// Whether a chi-square is beyond what noise leaves.
@@ -331,21 +363,7 @@ fn laws_of(
                 if number == 0 || state.ranked.is_empty() {
                     state.ranked = ranked.clone();
                 }
-                let Some((score, winner)) = chosen else { break };
-                // A richer law that says little more is no other reading, but the same with a number too many.
-                let richer = |c: &ForceCandidate| c.added > winner.added && winner.gain >= NEARLY * c.gain;
-                let alike =
-                    |s: f64, c: &ForceCandidate| score - s < ALIKE && !richer(c) && proven(lens, s, c);
-                let near = ranked.iter().filter(|(s, c)| alike(*s, c));
-                let mut kinds: Vec<&str> = vec![];
-                for (_, c) in near {
-                    if !kinds.contains(&c.entry.kind) {
-                        kinds.push(c.entry.kind);
-                    }
-                }
-                if kinds.len() > 1 {
-                    state.alike.push(kinds);
-                }
+                let Some((_, winner)) = chosen else { break };
                 winner
             }
         };
@@ -373,7 +391,7 @@ mod tests {
 
     const BALL: Shape = Shape::Ball { radius: 0.2 };
 
-    /// What is found, two laws at most, where a law acts that the library does not have.
+    /// What is found, two laws at most, with its rivals, where a law acts that the library does not have.
     fn found_under(law: &str, launches: &[Vec<Launch>]) -> FreeMotion {
         let scenes = film_under(launches, |model| {
             let formula = Formula::new(law, vec![]).expect("it is one");
@@ -384,7 +402,8 @@ mod tests {
         let models: Vec<Model> = scenes.iter().map(|s| Preset::for_world(s.world).model(s)).collect();
         let models = with_nuisance(&models);
         let first = search(&lens, &models, &never).expect("never stops");
-        search_on(&lens, &models, first, 2, &never).expect("never stops")
+        let motion = search_on(&lens, &models, first, 2, &never).expect("never stops");
+        FreeMotion { alike: motion.rivals(&lens, false), ..motion }
     }
 
     /// A fan blows a little less at the far end: that is its wind still, and no source somewhere or patch beside.
@@ -408,7 +427,11 @@ mod tests {
         let motion = found_under("ax = 0.25", &[vec![(puck, 0.3, [-1.0, -0.31], [-0.12, -1.77])]]);
         let found: Vec<_> = motion.found.iter().map(|c| c.entry.spec.name).collect();
         assert!(matches!(found[..], ["tilt" | "uniform_force"]), "{found:?}");
-        assert_eq!(motion.alike.len(), 1, "{:?}", motion.alike);
+        let rivals = motion.alike;
+        assert!(
+            rivals.contains(&"tilt".to_string()) && rivals.contains(&"uniform_force".to_string()),
+            "{rivals:?}"
+        );
     }
 
     /// A whirl about a centre far away is both at once, but for one number more.

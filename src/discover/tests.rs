@@ -1,6 +1,6 @@
 //! Discovery on simulated videos whose missing law is known, listed or not.
 
-use super::change::propose;
+use super::proposal::propose;
 use super::*;
 use crate::body::GRAVITY;
 use crate::effects::effect;
@@ -370,7 +370,7 @@ fn trajectories_tell_whose_mass_is_wrong_where_all_meet_in_heaps() {
         let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
         let found =
             super::whole_trajectory::asked(&lens, &base, &models, &options, &never).expect("nobody stops it");
-        let (law, recovers) = found.expect("its mass is wrong");
+        let (law, recovers, _) = found.expect("its mass is wrong");
         assert_eq!(law.object, Some(0));
         assert!((law.values[0] - 0.9).abs() < 4.0 * law.sd[0].max(0.01), "{:?} {:?}", law.values, law.sd);
         assert!(recovers.reduced_chi_square < 1.2 && base.reduced_chi_square > 4.0);

@@ -44,7 +44,8 @@ pub fn heard(
         follow.iter().take_while(|law| law.0 - least < ALIKE).map(|law| law.1).collect();
     kinds.dedup();
     let best = follow.into_iter().next().map(|(_, _, motion, revision)| {
-        let alike = if kinds.len() > 1 { vec![kinds] } else { vec![] };
+        let alike =
+            if kinds.len() > 1 { kinds.iter().map(|kind| kind.to_string()).collect() } else { vec![] };
         (FreeMotion { alike, ..motion }, revision)
     });
     Ok(best)

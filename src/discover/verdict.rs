@@ -1,9 +1,9 @@
 //! What of the lenses' findings trajectories bear out, and the verdict.
 
-use super::alternatives::{as_good, keeps, otherwise};
-use super::change::{self, FORMULA, rank_formulas};
+use super::alternatives::{contact_rivals, keeps, otherwise};
+use super::change::{self, rank_formulas};
 use super::contact::ContactCandidate;
-use super::contact_law::{estimates_of, is_scale, pooled, with_contact};
+use super::contact_law::{estimates_of, pooled, with_contact};
 use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
@@ -12,7 +12,8 @@ use super::intervals::{
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
 use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
-use super::proof::{self, at_noise, explains_all};
+use super::proof::{self, alike_kinds, at_noise, explains_all};
+use super::proposal::FORMULA;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
 use super::screen::region;
 use super::search::{CLEAN, FreeMotion, fewer, instead};
@@ -124,13 +125,15 @@ pub fn conclude(
         revisions.push(revision);
     }
     let room = room && options.max_effects > motion.found.len();
-    if let Some(c) = proven
-        && let Some((other, nearer)) =
-            as_good(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?
-    {
-        revisions.pop();
-        revisions.push(nearer);
-        proven = Some(other);
+    let mut of_contact = vec![];
+    if let Some(c) = proven {
+        let rivals = contact_rivals(lens, c, &of_contacts, &motion, &revisions, &options.fit, stop)?;
+        of_contact = rivals.alike;
+        if let Some((other, nearer)) = rivals.better {
+            revisions.pop();
+            revisions.push(nearer);
+            proven = Some(other);
+        }
     }
     // What sticks is followed by nothing else: where that explains what is lost, no other law is tried whole.
     let at_large = &revisions[motion.found.len()];
@@ -153,8 +156,11 @@ pub fn conclude(
             Ok(recovers.map(|revision| (c, revision)))
         });
         let tried: Vec<_> = tried.collect::<Result<_, FitError>>()?;
+        let tried: Vec<_> = tried.into_iter().flatten().collect();
+        let of = |(c, r): &(&ContactCandidate, Revision)| (c.added, c.entry.kind, proof::deviance(&r.fit));
+        of_contact = alike_kinds(&tried.iter().map(of).collect::<Vec<_>>(), &at_large.fit);
         let nearer = |a: &Revision, b: &Revision| proof::deviance(&a.fit).total_cmp(&proof::deviance(&b.fit));
-        if let Some((c, recovers)) = tried.into_iter().flatten().min_by(|a, b| nearer(&a.1, &b.1)) {
+        if let Some((c, recovers)) = tried.into_iter().min_by(|a, b| nearer(&a.1, &b.1)) {
             revisions.push(recovers);
             proven = Some(c);
         }
@@ -175,13 +181,25 @@ pub fn conclude(
         }
         _ => None,
     };
-    let whole = whole.map(|(law, recovers)| {
+    let whole = whole.map(|(law, recovers, alike)| {
         revisions.push(recovers);
+        of_contact = alike;
         law
     });
     proven = proven.or(whole.as_ref());
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<FoundEffect> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
+    let mut rivals = motion.alike.clone();
+    if rivals.is_empty() {
+        rivals = motion.rivals(lens, effects.iter().any(|e| e.uncertain));
+    }
+    // A law of force that may be absent, and has no rival, is not proven.
+    if rivals.is_empty() && proven.is_none() && effects.last().is_some_and(|e| e.uncertain) {
+        effects.pop();
+        revisions.pop();
+        motion = fewer(lens, &base, &motion, 1, stop)?;
+    }
+    let last = &revisions[motion.found.len()];
     // One video may be lost to chaos alone; what is missing is missing in most, and where no more than a few objects meet.
     let off = last.fit.scenes.iter().filter(|s| s.reduced_chi_square > LOST).count();
     let lost = proven.is_none()
@@ -216,22 +234,22 @@ pub fn conclude(
         let amplitude = videos.as_ref().and_then(|v| *v.first()?);
         let doubtful = whole.is_some() || !c.strong();
         let (values, sd) = contact_numbers(c, noise_sigma, videos.as_deref());
-        let as_believed = values.first().zip(sd.first()).is_some_and(|(&v, &sd)| may_be_none(v, sd));
-        if (doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter)))
-            || (is_scale(c.entry) && as_believed)
-        {
-            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or the scale that was
-            // believed is as likely.
+        let found = found_contact(c, &values, &sd);
+        if (doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter))) || found.uncertain {
+            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or its absence is as
+            // likely.
             proven = None;
             revisions.pop();
         } else {
-            effects.push(found_contact(c, &values, &sd));
+            effects.push(found);
         }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let mut ranked = ranked(&motion, vec![], &of_contacts, &names, noise_sigma);
+    // Rivals of a law of contact that was not kept are none.
+    of_contact.retain(|_| proven.is_some());
     let ambiguous: Vec<Vec<String>> =
-        motion.alike.iter().map(|kinds| kinds.iter().map(|k| k.to_string()).collect()).collect();
+        [rivals.clone(), of_contact].into_iter().filter(|kinds| !kinds.is_empty()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
     // Engines do more at contacts than any law, and a video may be lost to chaos alone.
     let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
@@ -305,7 +323,7 @@ pub fn conclude(
         effects.iter().for_each(|effect| effect.widen(&mut last.fit));
     }
     let experiment = match verdict {
-        Verdict::Ambiguous => tell_apart(lens, &motion),
+        Verdict::Ambiguous => tell_apart(lens, &motion, &rivals),
         _ => None,
     };
     let left = match followed || unseen {

@@ -7,7 +7,7 @@ use super::intervals::FOLLOWED;
 use super::jackknife::{LawParameters, numbers_of};
 use super::negligible::{frame, is_slight, longest_contact};
 use super::outcome::{Discovery, FoundEffect, RankedEffect, Verdict};
-use super::proof;
+use super::proof::{self, alike_kinds};
 use super::restitution_decay::decays;
 use super::revise::{
     Revision, TRIED_BUDGET_FRACTION, chi_squares, pooled_noise, revise, revise_from, sum, trajectories,
@@ -94,14 +94,14 @@ struct LawTrial {
 
 /// The law that trajectories need though no short film tells of it: restitution that falls with speed, where pairs that
 /// rebound differently explain each film as well; friction between objects, contacts that take time, a scale, the mass of one, or
-/// a thing that nobody saw, where others were near whenever it showed.
+/// a thing that nobody saw, where others were near whenever it showed. Also gives the kinds that are as near.
 pub fn asked(
     lens: &WeakFormRegression,
     base: &Revision,
     models: &[Model],
     options: &FitOptions,
     stop: Stop,
-) -> Result<Option<(ContactCandidate, Revision)>, FitError> {
+) -> Result<Option<(ContactCandidate, Revision, Vec<String>)>, FitError> {
     let region = region(lens.scenes);
     let with = |t: &LawTrial| with_contact(models, t.entry, &t.start, t.object, &region);
     let most = options.max_iterations.min(TRIED_ITERATIONS);
@@ -147,6 +147,8 @@ pub fn asked(
     };
     let mends = |(t, fit): &&(LawTrial, Fit)| proof::nearer(&base.fit, fit) && fades(t, fit);
     let Some((best, fit)) = nearest.filter(mends) else { return Ok(None) };
+    let priced = |(t, fit): &(LawTrial, Fit)| (t.start.len(), t.entry.kind, proof::deviance(fit));
+    let alike = alike_kinds(&near.iter().map(priced).collect::<Vec<_>>(), fit);
     let start = numbers(fit, best).into_iter().map(|n| n.0).collect();
     let (with_law, name) = (with(&LawTrial { start, ..best.clone() }), Some(best.entry.spec.name));
     let found = revise_from(lens, &with_law, &begun(fit), name, options, stop)?;
@@ -192,7 +194,7 @@ pub fn asked(
         remains: found.reduced_chi_square,
         gained,
     };
-    Ok(Some((law, found)))
+    Ok(Some((law, found, alike)))
 }
 
 /// Where a fit follows the scenes: what is tried next begins there.
@@ -478,7 +480,7 @@ mod tests {
             assert!(base.fit.scenes.iter().all(|s| s.reduced_chi_square < MISSED));
             asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
         };
-        let (law, _) = asked(0.13).expect("contacts fade");
+        let (law, ..) = asked(0.13).expect("contacts fade");
         assert!((law.values[0] - 0.13).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
         assert!(asked(0.0).is_none());
     }
@@ -498,7 +500,7 @@ mod tests {
             let base = revise(&lens, &models, None, &options, &never).expect("they can be fitted");
             asked(&lens, &base, &models, &options, &never).expect("nobody stops it")
         };
-        let (law, _) = asked(0.12).expect("contacts take .2 s");
+        let (law, ..) = asked(0.12).expect("contacts take .2 s");
         assert_eq!(law.entry.spec.name, "soft_contact");
         assert!((law.values[0] - 0.12).abs() < 4.0 * law.sd[0], "{:?} {:?}", law.values, law.sd);
         assert!(asked(0.0).is_none());

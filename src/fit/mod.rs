@@ -31,7 +31,7 @@ pub use initial_states::initial_model;
 pub use joint::fit_jointly;
 pub use noise::{Noise, estimate as estimate_noise};
 pub use options::{FitOptions, Method, StartPoint};
-pub use posterior::{DRAWS, Estimate, ObjectEstimate, PairRestitution, Posterior, SharedEstimate};
+pub use posterior::{DRAWS, Estimate, ObjectEstimate, PairRestitution, Posterior, SharedEstimate, widened};
 pub use result::{Fit, SceneFit};
 pub use search::Termination;
 pub use single::{estimate_each, estimate_one};

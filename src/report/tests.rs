@@ -72,6 +72,7 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
         parameters,
         text: None,
         deviations: vec![],
+        uncertain: false,
     };
     let ranked = RankedEffect {
         kind: HOSTILE.into(),

@@ -1,12 +1,12 @@
 //! Laplace's approximation of the posterior: means, standard deviations, what the data identify.
 
-use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter};
+use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SearchParameter, influence};
 use super::pairs::{PairRestitution, pair_restitutions};
 use super::parameter_estimate::{Estimate, IDENTIFIED};
 use crate::effects::ParamId;
 use crate::num::elementary;
 use crate::world::Model;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Uninformative if the posterior standard deviation is at least this share of the prior's.
@@ -14,6 +14,15 @@ const UNINFORMATIVE: f64 = 0.95;
 
 /// Most parameters whose correlations are kept: as many as a few dozen objects have.
 const MOST_CORRELATED: usize = 256;
+
+/// How many times the standard deviation by the noise the disagreement of videos may be.
+const MAX_SCATTER: f64 = 4.0;
+
+/// A standard deviation that also holds how far the videos (or windows) disagree, each left out in turn. Where one of them alone
+/// informs the number, leaving it out says nothing, so that there is a limit.
+pub fn widened(sd: f64, scatter: f64) -> f64 {
+    scatter.min(MAX_SCATTER * sd).max(sd)
+}
 
 /// Normal distribution around the best parameters in search space: masses as logarithms.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -93,6 +102,8 @@ pub(super) struct Laplace {
     pub shares: Vec<f64>,
     /// L with L L^T = the parameters' covariance.
     pub factor: DMatrix<f64>,
+    /// Standard deviation of each parameter by how far the scenes disagree on it; 0 where one scene alone informs it.
+    pub scatter: Vec<f64>,
 }
 
 impl Laplace {
@@ -104,15 +115,41 @@ impl Laplace {
         let share =
             |(scene, linear): (&SceneProblem, &LinearizedScene)| 1.0 / scene.redundancy(linear, &factor);
         let shares: Vec<f64> = problem.scenes.iter().zip(&scenes).map(share).collect();
+        let scatter = scatter(problem, &scenes, &factor);
         let factor = problem.normal_equations(point, &scenes, &shares).covariance_factor();
-        Laplace { scenes, shares, factor }
+        Laplace { scenes, shares, factor, scatter }
     }
+}
+
+/// Standard deviation of each parameter by how far the scenes disagree: each is left out in turn, to first order. With the gradient
+/// g_s of scene s at the optimum and the covariance S = L L^T of all scenes (`factor` L), leaving it out moves the parameters by
+/// n/(n-1) S g_s; the jackknife's variance is n/(n-1) sum_s (S g_s)_k^2 over the n scenes that have parameter k.
+/// Source: Efron, J. R. Statist. Soc. B 54 (1992) 83.
+fn scatter(problem: &FitProblem, scenes: &[LinearizedScene], factor: &DMatrix<f64>) -> Vec<f64> {
+    let (mut squares, mut count) = (vec![0.0; factor.nrows()], vec![0.0; factor.nrows()]);
+    for (scene, linear) in problem.scenes.iter().zip(scenes) {
+        let influences: Vec<f64> = linear.residuals.iter().map(|r| influence(*r)).collect();
+        let mut gradient = DVector::zeros(factor.nrows());
+        linear.add_transposed_product(&influences, &mut gradient);
+        let moved = factor * factor.tr_mul(&gradient);
+        for &(_, k) in &scene.slots {
+            squares[k] += moved[k] * moved[k];
+            count[k] += 1.0;
+        }
+    }
+    let deviation = |(sum, n): (&f64, &f64)| if *n > 1.0 { (sum * n / (n - 1.0)).sqrt() } else { 0.0 };
+    squares.iter().zip(&count).map(deviation).collect()
 }
 
 impl Posterior {
     /// The posterior at the best point of a problem, without draws.
     pub(in super::super) fn at(problem: &FitProblem, point: &[f64], horizon: Horizon) -> Posterior {
-        let Laplace { factor, .. } = Laplace::at(problem, point, horizon);
+        let Laplace { mut factor, scatter, .. } = Laplace::at(problem, point, horizon);
+        let noise: Vec<f64> = (0..factor.nrows()).map(|k| factor.row(k).norm()).collect();
+        for (k, &noise) in noise.iter().enumerate().filter(|(_, noise)| **noise > 0.0) {
+            // Correlations stay.
+            factor.row_mut(k).scale_mut(widened(noise, scatter[k]) / noise);
+        }
         let estimate = |(k, p): (usize, &SearchParameter)| {
             let sd = factor.row(k).norm();
             let value = p.in_model(point[k]);
@@ -122,7 +159,7 @@ impl Posterior {
                 value,
                 sd: if p.log { value * sd } else { sd },
                 unit: p.unit.to_string(),
-                identified: sd < IDENTIFIED * p.sd,
+                identified: noise[k] < IDENTIFIED * p.sd,
             }
         };
         let coordinate =
@@ -190,5 +227,15 @@ impl Posterior {
             values[slot] = if self.coordinates[k].log { elementary::exp(value) } else { value };
         }
         model.with_values(&values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scatter_widens_a_deviation_up_to_a_limit() {
+        assert_eq!([widened(1.0, 0.5), widened(1.0, 3.0), widened(1.0, 90.0)], [1.0, 3.0, MAX_SCATTER]);
     }
 }

@@ -5,6 +5,9 @@
 //! C with priors of standard deviation s_k. R_s >= 1 is the redundancy of the scene's measurements: correlated
 //! residuals of a model that is not quite right count for less. Masses are normal in their logarithm.
 //!
+//! The standard deviation of a shared parameter is the larger one of that by the noise and of that by how far the scenes
+//! disagree on it (the jackknife over scenes, to first order), at most four times the former.
+//!
 //! - A parameter is *identified* if its standard deviation sd is below 0.5 s_k: the data and not the prior determine it.
 //! - It is *informative* if sd < 0.95 s_k; otherwise the data say nothing of it, and it repeats the prior.
 //!
@@ -21,7 +24,7 @@ mod parameter_estimate;
 mod sampling;
 
 pub use estimates::{ObjectEstimate, SharedEstimate};
-pub use laplace::Posterior;
+pub use laplace::{Posterior, widened};
 pub use pairs::PairRestitution;
 pub use parameter_estimate::Estimate;
 pub use sampling::DRAWS;

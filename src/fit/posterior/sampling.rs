@@ -102,7 +102,7 @@ impl Sampler<'_, '_> {
 
     /// The Gauss-Newton step from residuals to those of the target, with the derivatives at the best point.
     fn correction(&self, residuals: &[Vec<f64>], target: &[Vec<f64>]) -> DVector<f64> {
-        let Laplace { scenes, shares, factor } = self.laplace;
+        let Laplace { scenes, shares, factor, .. } = self.laplace;
         let mut gradient = DVector::zeros(factor.nrows());
         for (((scene, found), wanted), share) in scenes.iter().zip(residuals).zip(target).zip(shares) {
             let off: Vec<f64> = found.iter().zip(wanted).map(|(f, w)| share * (f - w)).collect();

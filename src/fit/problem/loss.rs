@@ -14,6 +14,6 @@ pub(super) fn weight(r: f64) -> f64 {
 }
 
 /// The derivative rho'(r): the residual, clipped at the threshold.
-pub(super) fn influence(r: f64) -> f64 {
+pub(in super::super) fn influence(r: f64) -> f64 {
     r.clamp(-THRESHOLD, THRESHOLD)
 }

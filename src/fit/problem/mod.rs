@@ -30,6 +30,6 @@ mod search_parameter;
 pub(super) use adequacy::{GOOD, is_adequate, misfit, reduced_chi_squares, worst_chi_square};
 pub(super) use fit_problem::{FitProblem, MAX_CHORD_FALL, NEGLIGIBLE_FALL};
 pub(super) use jacobian::LinearizedScene;
-pub(super) use loss::huber;
+pub(super) use loss::{huber, influence};
 pub(super) use scene_problem::{Horizon, SceneProblem, SimulatedScene};
 pub(super) use search_parameter::SearchParameter;
