@@ -60,7 +60,10 @@ pub async fn run(target: &Target, args: OperationsArgs) -> Result<(), Failure> {
         }
     };
     let value = || json!({ "operations": operations.iter().map(to_json).collect::<Vec<_>>() });
-    output::result(args.json.as_deref(), &text(&operations), value)?;
+    let errors: String =
+        operations.iter().filter_map(error).map(|message| format!("  {message}\n")).collect();
+    let errors = if waited { "" } else { &errors };
+    output::result(args.json.as_deref(), &(text(&operations) + errors), value)?;
     connection.close().await?;
     match operations.first().and_then(error) {
         Some(message) if waited => Err(Failure::other(message)),
@@ -108,8 +111,7 @@ fn text(operations: &[Operation]) -> String {
         vec![id, word(o.kind().as_str_name(), "OPERATION_KIND_"), state, o.videos.len().to_string()]
     };
     let rows: Vec<Vec<String>> = operations.iter().map(row).collect();
-    let errors = operations.iter().filter_map(error).map(|message| format!("  {message}\n"));
-    output::table(&["operation", "does", "state", "videos"], &rows) + &errors.collect::<String>()
+    output::table(&["operation", "does", "state", "videos"], &rows)
 }
 
 fn to_json(o: &Operation) -> Value {
@@ -128,4 +130,27 @@ fn to_json(o: &Operation) -> Value {
         "progress": o.progress.as_ref().map(|at| at.fraction),
         "error": error(o),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::v1::{Error, OperationKind};
+
+    #[test]
+    fn a_row_says_what_an_operation_does_and_how_it_stands() {
+        let progress = Some(Progress { fraction: 0.42, ..Default::default() });
+        let mut running = Operation { name: "operations/e7".into(), progress, ..Default::default() };
+        running.set_state(OperationState::Running);
+        running.set_kind(OperationKind::DiscoverEffects);
+        let failure = Error { code: 9, message: "too few samples".into(), violations: vec![] };
+        let mut failed = Operation { name: "operations/e8".into(), done: true, ..running.clone() };
+        failed.set_state(OperationState::Failed);
+        failed.result = Some(OperationResult::Error(failure));
+        let shown = text(&[running, failed.clone()]);
+        assert!(shown.contains("e7  discover_effects  running, 42 %") && shown.contains("failed"), "{shown}");
+        let json = to_json(&failed);
+        assert_eq!([&json["state"], &json["error"]], ["failed", "too few samples"]);
+        assert_eq!(text(&[]), "there are no operations\n");
+    }
 }
