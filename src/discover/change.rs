@@ -9,7 +9,9 @@ use super::outcome::{
 };
 use super::proof::{deviance, lost};
 use super::proposal::{FORMULA, ModelChange, Proposal, canonical, named, propose};
-use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from, without_effect};
+use super::revise::{
+    Revision, fits_of_revision, pooled_noise, revise, revise_from, trajectories, without_effect,
+};
 use super::screen::with_nuisance;
 use super::user_formula::fit_written;
 use super::weak_form::{WeakFormRegression, fit_forces};
@@ -136,7 +138,10 @@ pub fn change(
         }
     }
     // Nor may the fit depend on the edits that led to the model.
-    if let Some(start) = canonical(&lens, &after.fit.models(), &|_| stop(1.0))? {
+    if let Some(start) = canonical(&lens, &after.fit.models(), &|_| stop(1.0))?
+        && let (tried, _) = trajectories(&lens, &start, name, options, &|_| stop(1.0))?
+        && deviance(&tried) < deviance(&after.fit)
+    {
         let other = revise(&lens, &start, name, options, &|_| stop(1.0))?;
         if deviance(&other.fit) < deviance(&after.fit) {
             after = other;
