@@ -302,4 +302,18 @@ mod tests {
         let ParameterValue::Number(low) = factor.low else { panic!("{factor:?}") };
         assert!(low > 0.0 && low < 0.1, "{factor:?}");
     }
+
+    /// A spring whose centre runs away is a wind; a wall has no amplitude.
+    #[test]
+    fn a_law_is_uncertain_where_its_amplitude_may_be_zero() {
+        let of = |name: &str, sd: f64| {
+            let entry = effect(name).expect("it is in the library");
+            let values: Vec<f64> = entry.spec.params.iter().map(|_| 0.3).collect();
+            FoundEffect::with_numbers(entry, &values, &vec![sd; values.len()]).uncertain
+        };
+        assert_eq!(
+            [of("attractor_spring", 0.16), of("attractor_spring", 0.15), of("hidden_wall", 0.16)],
+            [true, false, false]
+        );
+    }
 }

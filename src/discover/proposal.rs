@@ -216,3 +216,41 @@ pub fn canonical(
 fn place(name: &str) -> usize {
     EFFECTS.iter().position(|e| e.spec.name == name).unwrap_or(EFFECTS.len())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{CUBE, DISC, film, models};
+    use super::*;
+    use crate::num::never;
+
+    #[test]
+    fn the_start_of_a_model_does_not_depend_on_the_order_of_its_laws() {
+        let launch = |v: f64| vec![(DISC, 0.6, [-1.5, 0.0], [v, 0.2]), (CUBE, 0.8, [1.0, 1.5], [-0.5, 0.3])];
+        let scenes = film(&[launch(1.0), launch(1.6)], Some(("linear_drag", &[("c", 0.3)])));
+        let lens = WeakFormRegression::new(&scenes);
+        let start = |laws: [&str; 2]| -> Vec<(String, Vec<f64>)> {
+            let mut with = with_nuisance(&models(&scenes));
+            for law in laws {
+                let change = ModelChange::Add(law.into());
+                with = propose(&lens, &with, &change, &never).expect("nobody stops it").models;
+                // A fit between the edits leaves other values.
+                with.iter_mut().flat_map(|m| &mut m.effects).flat_map(|e| &mut e.parameters).for_each(|p| {
+                    p.values.iter_mut().filter(|_| p.prior.sd > 0.0).for_each(|v| *v *= 1.01);
+                });
+            }
+            let start = canonical(&lens, &with, &never).expect("nobody stops it").expect("it is of a preset");
+            let all = start.iter().flat_map(|m| &m.effects);
+            let mut all: Vec<_> = all
+                .flat_map(|e| {
+                    e.parameters.iter().map(|p| (format!("{}.{}", e.name, p.name), p.values.clone()))
+                })
+                .collect();
+            all.sort_by(|a, b| a.0.cmp(&b.0));
+            all
+        };
+        let (one, other) = (start(["linear_drag", "tilt"]), start(["tilt", "linear_drag"]));
+        assert_eq!(one, other);
+        let drag = one.iter().find(|(name, _)| name == "linear_drag.c").expect("it was added");
+        assert!((drag.1[0] - 0.3).abs() < 0.05, "{drag:?}");
+    }
+}

@@ -186,6 +186,29 @@ fn videos_of_one_set_up_share_its_physics() {
     assert_eq!((shared, both.scenes.len()), (1, 2));
 }
 
+/// The noise is the same, and explains each video by itself.
+#[test]
+fn videos_that_disagree_widen_the_deviation_of_what_they_share() {
+    let sd = |friction: [f64; 3]| {
+        let scene = |(k, mu): (usize, &f64)| {
+            let (mut scene, mut model) = three_bodies(&k.to_string(), k as u64, [1.0; 3]);
+            let shared =
+                model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.name == "sliding");
+            shared.for_each(|p| p.values.fill(*mu));
+            measure(&mut scene, &model, k as u64);
+            scene
+        };
+        let scenes: Vec<Scene> = friction.iter().enumerate().map(scene).collect();
+        let fit = fitted(&scenes);
+        let of = |e: &&Estimate| e.name.starts_with("gliding_friction.sliding");
+        let found = fit.posterior.estimates.iter().find(of).expect("it is fitted").clone();
+        (found.sd, fit.scenes.iter().map(|s| s.reduced_chi_square).fold(0.0, f64::max))
+    };
+    let (alike, unlike) = (sd([0.03; 3]), sd([0.0295, 0.03, 0.0305]));
+    assert!(unlike.1 < 1.2, "{unlike:?}");
+    assert!(unlike.0 > 1.5 * alike.0, "{alike:?} {unlike:?}");
+}
+
 #[test]
 fn the_same_fit_gives_the_same_bits_and_draws() {
     let (scene, _) = three_bodies("a", 5, [1.0, 1.0, 1.0]);

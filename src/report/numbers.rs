@@ -76,7 +76,7 @@ pub fn parameters(report: &ReportData) -> Markup {
             h2 id="parameters" { "Parameters of the last model" }
             p { "±: standard deviation, which also holds how far the videos disagree about an added effect. The interval holds 95 %. \
                  The videos do not determine a value marked “not identified”: it comes mostly from the prior. \
-                 Two objects rebound with about the product of their restitution factors." }
+                 Two objects a and b rebound with e = coefficient r_a r_b d_ab, at most 1: r are their factors, d the deviation of their pair." }
             @for (k, scene) in report.scenes.iter().enumerate() {
                 details class="numbers" data-video=(scene.name) open[k == 0] {
                     summary { (scene.name) }
@@ -88,6 +88,11 @@ pub fn parameters(report: &ReportData) -> Markup {
                                 (estimate(&last.fit, k, &format!("object {} mass", o.id), &o.mass)) }
                             tr { th { (object) } td { "restitution factor" }
                                 (estimate(&last.fit, k, &format!("object {} restitution factor", o.id), &o.restitution)) }
+                        }
+                        @for pair in last.fit.posterior.pairs.iter().filter(|pair| pair.scene == k) {
+                            @let [a, b] = pair.objects;
+                            tr { th { (a) " and " (b) } td { "restitution e" }
+                                (estimate(&last.fit, k, &format!("pair {a}-{b} restitution"), &pair.estimate)) }
                         } }
                     } }
                     div class="scroll" { table {

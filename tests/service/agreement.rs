@@ -48,6 +48,11 @@ fn of_message(model: &v1::Model) -> Numbers {
         let factor = estimate(o.restitution.as_ref().unwrap());
         all.insert(format!("object {} restitution factor", o.object_id), factor);
     }
+    for pair in &model.pairs {
+        let ids: Vec<String> = pair.object_ids.iter().map(u32::to_string).collect();
+        let restitution = estimate(pair.restitution.as_ref().unwrap());
+        all.insert(format!("pair {} restitution", ids.join("-")), restitution);
+    }
     all
 }
 
@@ -95,7 +100,7 @@ fn assert_trace(service: &Running, file: &Path, expected: &Numbers) {
     for (name, number) in expected.iter().filter(|(_, n)| n[1] > 0.0) {
         let own = match name.strip_prefix("object ").and_then(|rest| rest.strip_suffix(" mass")) {
             Some(id) => format!("objects[{id}].mass"),
-            None if name.ends_with("restitution factor") => continue,
+            None if name.ends_with("restitution factor") || name.starts_with("pair ") => continue,
             None => name.clone(),
         };
         assert_eq!(traced.get(&own), Some(number), "{own} of {}", file.display());

@@ -175,6 +175,11 @@ impl<'m> ShownModel<'m> {
                     estimate,
                 }));
             }
+            for pair in &model.pairs {
+                let ids: Vec<String> = pair.object_ids.iter().map(u32::to_string).collect();
+                let name = format!("pair {} restitution{of_video}", ids.join("-"));
+                all.extend(pair.restitution.clone().map(|estimate| ModelNumber { name, estimate }));
+            }
         }
         all
     }
