@@ -2,6 +2,7 @@
 
 use super::super::result::{Fit, SceneFit};
 use super::laplace::Posterior;
+use super::pairs::PairRestitution;
 use super::parameter_estimate::Estimate;
 use crate::effects::{EffectEntry, ParamId, ParamRole, ParamSpec, parameter_with};
 use crate::num::NINETY_FIVE;
@@ -50,7 +51,12 @@ impl Fit {
         }
         own.extend(shared);
         let scenes = fits.iter().flat_map(|f| f.scenes.iter().cloned()).collect();
-        let posterior = Posterior { estimates: own, ..Posterior::default() };
+        let of = |(k, fit): (usize, &&Fit)| {
+            let pairs = fit.posterior.pairs.iter().cloned();
+            pairs.map(|pair| PairRestitution { scene: k, ..pair }).collect::<Vec<_>>()
+        };
+        let pairs = fits.iter().enumerate().flat_map(of).collect();
+        let posterior = Posterior { estimates: own, pairs, ..Posterior::default() };
         Some(Fit { scenes, posterior, losses: vec![], ..(*first).clone() })
     }
 
