@@ -8,7 +8,7 @@ use super::outcome::{
     FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterValue, RankedEffect, may_be_none,
 };
 use super::proof::{deviance, lost};
-use super::proposal::{FORMULA, ModelChange, Proposal, canonical, named, propose};
+use super::proposal::{FORMULA, ModelChange, Proposal, canonical, laws, named, propose};
 use super::revise::{
     Revision, fits_of_revision, pooled_noise, revise, revise_from, trajectories, without_effect,
 };
@@ -171,7 +171,13 @@ pub fn change(
     }
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
-    added.iter().for_each(|added| added.widen(&mut after.fit));
+    // What the videos disagree about belongs to every law, whatever was changed last.
+    let others = laws(scenes, &after.fit.models()).unwrap_or_default().into_iter();
+    let others = others.filter(|law| added.as_ref().is_none_or(|added| added.effect != *law));
+    let others: Vec<FoundEffect> = others
+        .map(|law| found(&lens, &after, &law, options, &|_| stop(1.0)))
+        .collect::<Result<_, FitError>>()?;
+    added.iter().chain(&others).for_each(|law| law.widen(&mut after.fit));
     Ok(ChangeResult { before, after, added, weight, too_little })
 }
 

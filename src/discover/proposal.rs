@@ -16,6 +16,7 @@ use crate::effects::formula::{Formula, FormulaError};
 use crate::effects::{EFFECTS, EffectEntry, alike};
 use crate::fit::FitError;
 use crate::num::Stop;
+use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Preset};
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -182,22 +183,17 @@ pub fn canonical(
     models: &[Model],
     stop: Stop,
 ) -> Result<Option<Vec<Model>>, FitError> {
-    let presets = lens.scenes.iter().zip(models).map(|(s, m)| Some(Preset::named(&m.preset)?.model(s)));
-    let Some(presets) = presets.collect::<Option<Vec<Model>>>() else { return Ok(None) };
-    let presets = with_nuisance(&presets);
-    let is_added = |e: &ActiveEffect| e.on && presets.iter().all(|preset| preset.effect(&e.name).is_none());
+    let Some(added) = laws(lens.scenes, models) else { return Ok(None) };
     let mut begun = models.to_vec();
-    let mut added: BTreeSet<(usize, String)> = BTreeSet::new();
     for (model, scene) in begun.iter_mut().zip(lens.scenes) {
-        added.extend(model.effects.iter().filter(|e| is_added(e)).map(|e| (place(&e.name), e.name.clone())));
-        model.effects.retain(|e| !is_added(e));
+        model.effects.retain(|e| !added.contains(&e.name));
         let free = model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.prior.sd > 0.0);
         free.for_each(|p| p.values.clone_from(&p.means));
         for (body, object) in model.bodies.iter_mut().zip(&scene.objects) {
             body.mass = object.mass.unwrap_or(1.0);
         }
     }
-    for (_, name) in added {
+    for name in added {
         let formula = models.iter().find_map(|m| m.effect(&name)?.formula.clone());
         let law = match formula {
             Some(formula) => ModelChange::Write(name, formula),
@@ -210,6 +206,17 @@ pub fn canonical(
         begun.copy_priors_from(asked);
     }
     Ok(Some(begun))
+}
+
+/// Names of the laws that models have beside those of their presets, in the order of the library, formulas last; `None` where a
+/// model is of no preset.
+pub fn laws(scenes: &[Scene], models: &[Model]) -> Option<Vec<String>> {
+    let presets = scenes.iter().zip(models).map(|(s, m)| Some(Preset::named(&m.preset)?.model(s)));
+    let presets = with_nuisance(&presets.collect::<Option<Vec<Model>>>()?);
+    let is_added = |e: &&ActiveEffect| e.on && presets.iter().all(|preset| preset.effect(&e.name).is_none());
+    let added = models.iter().flat_map(|m| &m.effects).filter(is_added);
+    let added: BTreeSet<(usize, &str)> = added.map(|e| (place(&e.name), e.name.as_str())).collect();
+    Some(added.into_iter().map(|(_, name)| name.to_string()).collect())
 }
 
 /// Place in the library.
