@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::time::Instant;
 use vrdp::discover::{DiscoverOptions, Discovery, ParameterEstimate, ParameterValue, Verdict, discover};
-use vrdp::num::{Vec2, never, vec2};
+use vrdp::num::{NINETY_FIVE, Vec2, never, vec2};
 use vrdp::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use vrdp::world::{Model, Preset};
 
@@ -427,7 +427,7 @@ impl NumberTrial {
 
     /// Distance from the middle of the interval in standard deviations.
     fn off(&self) -> f64 {
-        (self.truth - 0.5 * (self.low + self.high)) / ((self.high - self.low) / (2.0 * 1.96))
+        (self.truth - 0.5 * (self.low + self.high)) / ((self.high - self.low) / (2.0 * NINETY_FIVE))
     }
 }
 
@@ -460,8 +460,8 @@ fn number_trials(setup: &Setup, d: &Discovery) -> Vec<NumberTrial> {
                 if d.verdict == Verdict::OutsideLibrary { "of a wrong model" } else { "" }
             ),
             truth,
-            low: e.value - 1.96 * e.sd,
-            high: e.value + 1.96 * e.sd,
+            low: e.value - NINETY_FIVE * e.sd,
+            high: e.value + NINETY_FIVE * e.sd,
         }));
     }
     trials

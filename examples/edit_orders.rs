@@ -9,7 +9,7 @@
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
-use vrdp::discover::{DiscoverOptions, ModelChange, Origin, PredictionErrors, Revision, change};
+use vrdp::discover::{DiscoverOptions, ModelChange, Origin, Revision, change};
 use vrdp::fit::SceneFit;
 use vrdp::num::never;
 use vrdp::scene::{Scene, parse};
@@ -77,10 +77,7 @@ fn edited(scenes: &[Scene], edits: [&ModelChange; 3]) -> Result<Revision, Box<dy
     for edit in edits {
         let fits: Vec<&SceneFit> = last.iter().flat_map(|r| &r.fit.scenes).collect();
         let origin = match &last {
-            Some(r) => {
-                let (held_out_rmse, left_out_rmse) = (r.held_out_rmse, r.left_out_rmse);
-                Origin::Revision(&fits, PredictionErrors { held_out_rmse, left_out_rmse })
-            }
+            Some(r) => Origin::Revision(&fits, r.unseen()),
             None => Origin::Start(&base),
         };
         last = Some(change(scenes, &origin, edit, &DiscoverOptions::default().fit, &never)?.after);

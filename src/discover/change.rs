@@ -171,14 +171,25 @@ pub fn change(
     }
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
-    // What the videos disagree about belongs to every law, whatever was changed last.
-    let others = laws(scenes, &after.fit.models()).unwrap_or_default().into_iter();
-    let others = others.filter(|law| added.as_ref().is_none_or(|added| added.effect != *law));
-    let others: Vec<FoundEffect> = others
-        .map(|law| found(&lens, &after, &law, options, &|_| stop(1.0)))
-        .collect::<Result<_, FitError>>()?;
-    added.iter().chain(&others).for_each(|law| law.widen(&mut after.fit));
+    widen_laws(&lens, &mut after, added.as_ref(), options, &|_| stop(1.0))?;
     Ok(ChangeResult { before, after, added, weight, too_little })
+}
+
+/// Gives each law of a revision the deviations that hold what the videos disagree about, whatever was changed last; those of the
+/// law that was `added` are known.
+fn widen_laws(
+    lens: &WeakFormRegression,
+    after: &mut Revision,
+    added: Option<&FoundEffect>,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<(), FitError> {
+    let others = laws(lens.scenes, &after.fit.models()).unwrap_or_default().into_iter();
+    let others = others.filter(|law| added.is_none_or(|added| added.effect != *law));
+    let others: Vec<FoundEffect> =
+        others.map(|law| found(lens, after, &law, options, stop)).collect::<Result<_, FitError>>()?;
+    added.into_iter().chain(&others).for_each(|law| law.widen(&mut after.fit));
+    Ok(())
 }
 
 /// Whether the 95 % interval of each amplitude of a library's law, as the fit has it, holds none.

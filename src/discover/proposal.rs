@@ -184,8 +184,8 @@ pub fn canonical(
     stop: Stop,
 ) -> Result<Option<Vec<Model>>, FitError> {
     let Some(added) = laws(lens.scenes, models) else { return Ok(None) };
-    let mut begun = models.to_vec();
-    for (model, scene) in begun.iter_mut().zip(lens.scenes) {
+    let mut start = models.to_vec();
+    for (model, scene) in start.iter_mut().zip(lens.scenes) {
         model.effects.retain(|e| !added.contains(&e.name));
         let free = model.effects.iter_mut().flat_map(|e| &mut e.parameters).filter(|p| p.prior.sd > 0.0);
         free.for_each(|p| p.values.clone_from(&p.means));
@@ -199,13 +199,13 @@ pub fn canonical(
             Some(formula) => ModelChange::Write(name, formula),
             None => ModelChange::Add(name),
         };
-        begun = propose(lens, &begun, &law, stop)?.models;
+        start = propose(lens, &start, &law, stop)?.models;
     }
-    for (begun, asked) in begun.iter_mut().zip(models) {
-        begun.effects.sort_by_key(|e| asked.effects.iter().position(|known| known.name == e.name));
-        begun.copy_priors_from(asked);
+    for (own, asked) in start.iter_mut().zip(models) {
+        own.effects.sort_by_key(|e| asked.effects.iter().position(|known| known.name == e.name));
+        own.copy_priors_from(asked);
     }
-    Ok(Some(begun))
+    Ok(Some(start))
 }
 
 /// Names of the laws that models have beside those of their presets, in the order of the library, formulas last; `None` where a

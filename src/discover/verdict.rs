@@ -247,7 +247,9 @@ pub fn conclude(
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
     let mut ranked = ranked(&motion, vec![], &of_contacts, &names, noise_sigma);
     // Rivals of a law of contact that was not kept are none.
-    of_contact.retain(|_| proven.is_some());
+    if proven.is_none() {
+        of_contact.clear();
+    }
     let ambiguous: Vec<Vec<String>> =
         [rivals.clone(), of_contact].into_iter().filter(|kinds| !kinds.is_empty()).collect();
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.

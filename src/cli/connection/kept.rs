@@ -110,6 +110,11 @@ impl Connection {
         videos.iter().map(of).collect()
     }
 
+    /// The kept model of one video.
+    async fn kept_model(&self, video: &str, flag: &str, name: &str) -> Result<Model, Failure> {
+        Ok(self.kept_models(&[video.to_string()], flag, name).await?.swap_remove(0))
+    }
+
     /// The choice of a model for one video.
     pub async fn choice(
         &self,
@@ -118,9 +123,8 @@ impl Connection {
     ) -> Result<Option<ModelChoice>, Failure> {
         match given {
             Some(ModelArgument::Kept { flag, name }) => {
-                let mut models = self.kept_models(&[video.to_string()], flag, name).await?;
-                let choice = Some(model_choice::Choice::Model(models.swap_remove(0).name));
-                Ok(Some(ModelChoice { choice }))
+                let choice = model_choice::Choice::Model(self.kept_model(video, flag, name).await?.name);
+                Ok(Some(ModelChoice { choice: Some(choice) }))
             }
             Some(ModelArgument::Start(choice)) => Ok(Some(choice.clone())),
             None => Ok(None),
@@ -135,9 +139,8 @@ impl Connection {
     ) -> Result<Option<ModelChoice>, Failure> {
         match given {
             Some(ModelArgument::Kept { flag, name }) => {
-                let mut models = self.kept_models(&[video.to_string()], flag, name).await?;
-                let choice = Some(model_choice::Choice::ModelJson(models.swap_remove(0).model_json));
-                Ok(Some(ModelChoice { choice }))
+                let json = self.kept_model(video, flag, name).await?.model_json;
+                Ok(Some(ModelChoice { choice: Some(model_choice::Choice::ModelJson(json)) }))
             }
             _ => self.choice(video, given).await,
         }
