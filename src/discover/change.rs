@@ -192,10 +192,12 @@ fn widen_laws(
     Ok(())
 }
 
-/// Whether the 95 % interval of each amplitude of a library's law, as the fit has it, holds none.
+/// Whether the 95 % interval of each amplitude of a law, as the fit has it, holds none; of a formula, of each of its numbers.
 fn does_nothing(fit: &Fit, name: &str) -> bool {
-    let amplitudes = effect(name).into_iter().flat_map(|e| &e.spec.params[..e.amplitudes]);
-    let of: Vec<_> = amplitudes.flat_map(|p| estimates_of(fit, name, p.name)).collect();
+    let formula = fit.scenes.iter().find_map(|s| s.model.effect(name)?.formula.as_ref());
+    let written = formula.into_iter().flat_map(|f| &f.parameters).map(|p| p.name.as_str());
+    let amplitudes = effect(name).into_iter().flat_map(|e| &e.spec.params[..e.amplitudes]).map(|p| p.name);
+    let of: Vec<_> = amplitudes.chain(written).flat_map(|p| estimates_of(fit, name, p)).collect();
     !of.is_empty() && of.iter().all(|e| may_be_none(e.value, e.sd))
 }
 
@@ -234,8 +236,10 @@ pub fn weigh(before: &[&SceneFit], unseen: PredictionErrors, after: &Revision) -
     let log_evidence = log_evidence(before, &after.fit.scenes.iter().collect::<Vec<_>>());
     let now = after.unseen();
     let grew = |old: f64, new: f64| new > old * (1.0 + ALIKE);
-    let fails =
-        grew(unseen.held_out_rmse, now.held_out_rmse) || grew(unseen.left_out_rmse, now.left_out_rmse);
+    // Of one video there is no other that could be left out.
+    let several = after.fit.scenes.len() > 1;
+    let fails = grew(unseen.held_out_rmse, now.held_out_rmse)
+        || (several && grew(unseen.left_out_rmse, now.left_out_rmse));
     let worth = match () {
         () if log_evidence > CERTAIN && !fails => ChangeVerdict::Better,
         () if log_evidence < -CERTAIN => ChangeVerdict::Worse,
@@ -323,9 +327,10 @@ pub fn found(
     };
     let parameters = own.iter().zip(&values).zip(&sd).map(one).collect();
     let text = formula.map(|f| f.text.clone());
+    let uncertain = !own.is_empty() && values.iter().zip(&sd).all(|(value, sd)| may_be_none(*value, *sd));
     let deviations = own.iter().map(|p| p.name.clone()).zip(sd).collect();
     let (kind, effect) = (FORMULA.into(), name.into());
-    Ok(FoundEffect { kind, effect, parameters, text, deviations, uncertain: false })
+    Ok(FoundEffect { kind, effect, parameters, text, deviations, uncertain })
 }
 
 /// A number of a law as the first of a fit's scenes has it.

@@ -16,16 +16,18 @@ const SHORTEST: usize = 8;
 const SHORTEST_SMOOTH: usize = 5;
 /// Frames in which a tracker may lose an object without cutting its motion in two: how it went on is known well enough.
 const BRIDGED: usize = 6;
-/// Bodies nearer than this may have touched within a frame (m).
-const NEAR: f64 = 0.03;
+/// Bodies nearer than this share of their radii together may have touched: so well sizes are known.
+const NEAR: f64 = 0.075;
 /// Frames around a contact that are left out: the exact time of the impact is not known.
 const MARGIN: usize = 1;
 /// Time that a ball needs to roll again after a hit (s), at the slip of a fast hit on smooth ground.
 const SETTLING: f64 = 0.4;
-/// Speed below which friction has no certain direction (m/s): three deviations of a velocity at the end of a stretch.
-const SLOW: f64 = 0.08;
-/// Speed below which a body is taken to begin at rest (m/s).
-const AT_REST: f64 = 0.04;
+/// Friction has no certain direction where a velocity is within so many of its deviations of none.
+const SLOW: f64 = 3.0;
+/// A body is taken to begin at rest where its velocity is within so many deviations of none.
+const AT_REST: f64 = 1.5;
+/// A deceleration counts by what is beyond so many of its deviations.
+const CERTAIN: f64 = 2.0;
 /// A velocity jump shows by this many deviations, and still by this many where the acceleration may change too.
 const JUMP: f64 = 6.0;
 const SURE_JUMP: f64 = 4.0;
@@ -51,6 +53,8 @@ pub struct SmoothTrack {
     pub smooth: Vec<Range<usize>>,
     /// Sudden changes of velocity that no other object explains.
     pub jumps: Vec<ChangePoint>,
+    /// Standard deviation of the velocity by frame (m/s), where `motion` is smoothed.
+    velocity_sd: Vec<f64>,
     /// Frames in which another object was near enough to touch, and the index of its track.
     pub near: Vec<(usize, usize)>,
 }
@@ -78,7 +82,7 @@ pub fn started(scene: &Scene, paths: &[SmoothTrack], model: &Model) -> Option<Mo
         let motion = path.motion.get(first.frame).copied().flatten().filter(|_| smooth)?;
         let state = &mut body.start.state;
         body.start.time = scene.time_of(first.frame);
-        let moves = motion.velocity.norm() > AT_REST;
+        let moves = motion.velocity.norm() > AT_REST * path.velocity_sd.get(first.frame).unwrap_or(&0.0);
         (state.position, state.yaw) = (motion.position, motion.yaw);
         state.velocity = if moves { motion.velocity } else { vec2(0.0, 0.0) };
         state.spin = if moves { motion.spin } else { 0.0 };
@@ -133,7 +137,7 @@ fn path(
     for (j, other) in whole.iter().enumerate().filter(|(j, _)| *j != i) {
         for f in 0..frames {
             let (Some(a), Some(b)) = (whole[i][f], other[f]) else { continue };
-            let reach = radius(i) + radius(j) + NEAR + 2.0 * noise.position;
+            let reach = (1.0 + NEAR) * (radius(i) + radius(j)) + 2.0 * noise.position;
             let step = if f > 0 { whole[i][f - 1].map_or(0.0, |p| (a - p).norm()) } else { 0.0 };
             if (a - b).norm() < reach + step {
                 near.push((f, j));
@@ -166,14 +170,16 @@ fn path(
     let mut motion: Vec<Option<Kinematics<f64>>> = own.iter().map(|p| p.map(still)).collect();
     let smoothed: Vec<Range<usize>> =
         runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST_SMOOTH).collect();
-    for segment in &smoothed {
-        smooth(scene, own, yaws.as_deref(), segment.clone(), &mut motion);
+    let (mut velocity_sd, mut moves) = (vec![0.0; frames], vec![false; frames]);
+    for frame in smoothed.iter().flat_map(|segment| {
+        smooth(scene, noise.position, own, yaws.as_deref(), segment.clone())
+    }) {
+        let f = frame.frame;
+        (motion[f], velocity_sd[f], moves[f]) = (Some(frame.motion), frame.velocity_sd, frame.moves);
     }
-    for f in 0..frames {
-        usable[f] = usable[f] && motion[f].is_some_and(|k| k.velocity.norm() > SLOW);
-    }
+    usable.iter_mut().zip(moves).for_each(|(usable, moves)| *usable &= moves);
     let stretches = runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST).collect();
-    SmoothTrack { motion, stretches, smooth: smoothed, jumps, near }
+    SmoothTrack { motion, stretches, smooth: smoothed, jumps, velocity_sd, near }
 }
 
 fn still(position: Vec2) -> Kinematics<f64> {
@@ -216,37 +222,45 @@ fn unwrapped_yaws(scene: &Scene, i: usize) -> Vec<Option<f64>> {
     yaws
 }
 
-/// Local parabolas over the segment: position, velocity, yaw and spin of each frame in it.
+/// One frame of a smoothed segment.
+struct SmoothFrame {
+    frame: usize,
+    motion: Kinematics<f64>,
+    /// m/s.
+    velocity_sd: f64,
+    /// Whether it certainly moves, and does not stop within the span that it is smoothed over: a parabola does not tell when.
+    moves: bool,
+}
+
+/// Local parabolas over the segment, through positions of deviation `sigma` (m), and through yaws.
 fn smooth(
     scene: &Scene,
+    sigma: f64,
     own: &[Option<Vec2>],
     yaws: Option<&[Option<f64>]>,
     segment: Range<usize>,
-    motion: &mut [Option<Kinematics<f64>>],
-) {
+) -> Vec<SmoothFrame> {
     let len = segment.len();
-    for f in segment.clone() {
+    let one = |f: usize| {
         let first = (f.saturating_sub(SPAN / 2)).max(segment.start).min(segment.end - len.min(SPAN));
         let window = first..(first + SPAN).min(segment.end);
         let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
             let points: Vec<(f64, f64)> =
                 window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
-            polynomial(&points, 2)
+            parabola(&points)
         };
-        let (Some((x, vx)), Some((y, vy))) =
-            (fitted(&|g| own[g].map(|p| p.x)), fitted(&|g| own[g].map(|p| p.y)))
-        else {
-            continue;
-        };
-        let (yaw, spin) = yaws.and_then(|yaws| fitted(&|g| yaws[g])).unwrap_or((0.0, 0.0));
-        motion[f] = Some(Kinematics {
-            position: vec2(x, y),
-            yaw,
-            velocity: vec2(vx, vy),
-            spin,
-            roll: vec2(0.0, 0.0),
-        });
-    }
+        let (x, y) = (fitted(&|g| own[g].map(|p| p.x))?, fitted(&|g| own[g].map(|p| p.y))?);
+        let yaw = yaws.and_then(|yaws| fitted(&|g| yaws[g])).map_or((0.0, 0.0), |p| (p.value, p.slope));
+        let velocity = vec2(x.slope, y.slope);
+        let half = 0.5 * (scene.times[window.end - 1] - scene.times[window.start]);
+        let braking = -vec2(x.second, y.second).dot(velocity.unit()) - CERTAIN * sigma * x.second_sd;
+        let velocity_sd = sigma * x.slope_sd;
+        let moves = velocity.norm() > f64::max(SLOW * velocity_sd, braking * half);
+        let position = vec2(x.value, y.value);
+        let motion = Kinematics { position, yaw: yaw.0, velocity, spin: yaw.1, roll: vec2(0.0, 0.0) };
+        Some(SmoothFrame { frame: f, motion, velocity_sd, moves })
+    };
+    segment.clone().filter_map(one).collect()
 }
 
 /// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
@@ -279,17 +293,28 @@ pub fn change_near(
     Some((change, change.norm() / sigmas.max(f64::MIN_POSITIVE)))
 }
 
-/// Value and slope at zero of the polynomial of this degree (or lower, where points are few) through the points.
-fn polynomial(points: &[(f64, f64)], degree: usize) -> Option<(f64, f64)> {
-    if points.len() < 2 {
+/// A parabola at zero: value, slope and second derivative, and the deviations of these two where a value has deviation 1.
+struct Parabola {
+    value: f64,
+    slope: f64,
+    second: f64,
+    slope_sd: f64,
+    second_sd: f64,
+}
+
+/// The parabola through the points; the line where there are two only.
+fn parabola(points: &[(f64, f64)]) -> Option<Parabola> {
+    let columns = points.len().min(3);
+    if columns < 2 {
         return None;
     }
-    let columns = degree.min(points.len() - 1) + 1;
     let design = DMatrix::from_fn(points.len(), columns, |r, c| elementary::powi(points[r].0, c as i32));
     let values = DVector::from_iterator(points.len(), points.iter().map(|p| p.1));
-    let normal = design.transpose() * &design;
-    let solved = normal.cholesky()?.solve(&(design.transpose() * values));
-    Some((solved[0], solved[1]))
+    let inverse = (design.transpose() * &design).cholesky()?.inverse();
+    let solved = &inverse * (design.transpose() * values);
+    let sd = |k: usize| inverse[(k, k)].sqrt();
+    let (second, second_sd) = if columns > 2 { (2.0 * solved[2], 2.0 * sd(2)) } else { (0.0, 0.0) };
+    Some(Parabola { value: solved[0], slope: solved[1], second, slope_sd: sd(1), second_sd })
 }
 
 /// Frames after which the velocity jumps: the largest of each neighbourhood. Beside a jump the same wings see one the other

@@ -394,7 +394,9 @@ fn is_supported<'c>(
     let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.trimmed_chi_square > super::MISFIT;
     if let [.., before, after] = &revisions[..]
         && !blind
-        && let Some(nearer) = begun_where_followed(lens, &motion.models, before, after, options, stop)?
+        && let own = motion.found.last().map_or(0, |c| c.added)
+        && let begun = stands(before, after, proof::is_supported(before, after, own))
+        && let Some(nearer) = begun_again(lens, &motion.models, begun, after, options, stop)?
         && let Some(last) = revisions.last_mut()
     {
         *last = nearer;
@@ -459,22 +461,29 @@ fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shar
     all.then(|| c.entry.spec.params.iter().zip(c.values.iter().zip(&c.sd)).map(one).collect())
 }
 
-/// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
-/// against the law. `None` where that is not nearer.
-fn begun_where_followed(
+/// Where the search for the models of `after` is to begin again, if it has lost its way: a law more is never farther than none, as it
+/// may be absent. Scenes that are farther with it begin where they stood `before`; all of them do where the law is refused and none,
+/// or each, is farther.
+fn stands<'r>(before: &'r Revision, after: &'r Revision, supported: bool) -> Option<Vec<Option<&'r Model>>> {
+    let farther = proof::farther(&before.fit, &after.fit);
+    let mixed = farther.contains(&true) && farther.contains(&false);
+    if supported && !mixed {
+        return None;
+    }
+    let scenes = before.fit.scenes.iter().zip(&after.fit.scenes).zip(&farther);
+    Some(scenes.map(|((b, a), &farther)| Some(if farther || !mixed { &b.model } else { &a.model })).collect())
+}
+
+/// The revision `after` anew from there: a search that lost its way says nothing against the law. `None` where that is not nearer.
+fn begun_again(
     lens: &WeakFormRegression,
     models: &[Model],
-    before: &Revision,
+    begun: Option<Vec<Option<&Model>>>,
     after: &Revision,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    let farther = proof::farther(&before.fit, &after.fit);
-    if !farther.contains(&true) || !farther.contains(&false) {
-        return Ok(None);
-    }
-    let stands = |k: usize| if farther[k] { &before.fit.scenes[k].model } else { &after.fit.scenes[k].model };
-    let begun: Vec<Option<&Model>> = (0..farther.len()).map(|k| Some(stands(k))).collect();
+    let Some(begun) = begun else { return Ok(None) };
     let again = revise_from(lens, models, &begun, after.effect.as_deref(), options, stop)?;
     Ok((proof::deviance(&again.fit) < proof::deviance(&after.fit)).then_some(again))
 }
