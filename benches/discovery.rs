@@ -333,6 +333,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         noise_sigma: Some(SIGMA),
         tracks: vec![],
         outliers: vec![],
+        findings: vec![],
         objects: vec![],
     };
     let movers = add_objects(setup, &mut world, &mut scene, random);

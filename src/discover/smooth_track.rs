@@ -171,9 +171,10 @@ fn path(
     let smoothed: Vec<Range<usize>> =
         runs(&usable).into_iter().filter(|r| seen(own, r) >= SHORTEST_SMOOTH).collect();
     let (mut velocity_sd, mut moves) = (vec![0.0; frames], vec![false; frames]);
-    for frame in smoothed.iter().flat_map(|segment| {
-        smooth(scene, noise.position, own, yaws.as_deref(), segment.clone())
-    }) {
+    for frame in smoothed
+        .iter()
+        .flat_map(|segment| smooth(scene, noise.position, own, yaws.as_deref(), segment.clone()))
+    {
         let f = frame.frame;
         (motion[f], velocity_sd[f], moves[f]) = (Some(frame.motion), frame.velocity_sd, frame.moves);
     }

@@ -73,6 +73,7 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             noise_sigma: None,
             tracks: vec![Track::default(); launches.len()],
             outliers: vec![],
+            findings: vec![],
             objects: launches.iter().enumerate().map(object).collect(),
         };
         let mut model = Preset::for_world(scene.world).model(&scene);

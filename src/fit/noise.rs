@@ -5,9 +5,13 @@
 //! covariance C_b + (1 - q)^2 C_a + q^2 C_c. The estimate of the standard deviation is the upper median of the whitened |d|,
 //! divided by that of a standard normal number (0.6745): the few impacts hardly change a median. Samples that state covariances
 //! keep their ratios; their common scale is estimated.
+//!
+//! Positions in steps q (whole pixels) would make |d| a multiple of q / 2: each is shifted by a number of its own between -q/2 and q/2,
+//! whose variance q^2 / 12 is taken off again. What remains is at least that of the rounding itself, q^2 / 12. Where errors of
+//! neighbouring frames depend on each other, the estimate is of fast errors; a fit meets the slow ones, and it is multiplied by their ratio.
 
-use crate::num::{NORMAL_MEDIAN_ABSOLUTE, quantile};
-use crate::scene::{Covariance, Sample, Scene, Track};
+use crate::num::{NORMAL_MEDIAN_ABSOLUTE, Vec2, quantile, vec2};
+use crate::scene::{Covariance, FindingKind, Sample, Scene, Track};
 
 /// Fewest second differences that make an estimate.
 const ENOUGH: usize = 12;
@@ -93,7 +97,11 @@ pub fn estimate(scene: &Scene) -> Noise {
     let (mut positions, mut yaws) = whitened_differences(scene, stated);
     let any_stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
     let assumed = scene.noise_sigma.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
-    let position = standard_deviation(&mut positions).unwrap_or(assumed).max(SMALLEST);
+    let rounding = scene.finding(FindingKind::Steps).unwrap_or(0.0) / 12.0_f64.sqrt();
+    let shifted = standard_deviation(&mut positions).unwrap_or(assumed);
+    let fast = (shifted * shifted - rounding * rounding).max(rounding * rounding).sqrt();
+    let dependence = scene.finding(FindingKind::DependentNoise).unwrap_or(1.0);
+    let position = (dependence * fast).max(SMALLEST);
     let any_yaw = scene
         .objects
         .iter()
@@ -110,9 +118,11 @@ fn whitened_differences(scene: &Scene, stated: f64) -> (Vec<f64>, Vec<f64>) {
     let relative = |s: &Sample| {
         s.covariance.map_or(Covariance { xx: 1.0, xy: 0.0, yy: 1.0 }, |c| c.scaled(1.0 / stated))
     };
+    let step = scene.finding(FindingKind::Steps).unwrap_or(0.0);
     for (object, track) in scene.objects.iter().zip(&scene.tracks) {
+        let at = |s: &Sample| s.position + within_step(object.id, s.frame).scaled(step);
         second_differences(scene, track, |[a, b, c], share| {
-            let off = b.position - a.position.scaled(1.0 - share) - c.position.scaled(share);
+            let off = at(b) - at(a).scaled(1.0 - share) - at(c).scaled(share);
             let (wa, wc) = ((1.0 - share) * (1.0 - share), share * share);
             let (ca, cb, cc) = (relative(a), relative(b), relative(c));
             let sum = |f: fn(&Covariance) -> f64| f(&cb) + wa * f(&ca) + wc * f(&cc);
@@ -129,6 +139,19 @@ fn whitened_differences(scene: &Scene, stated: f64) -> (Vec<f64>, Vec<f64>) {
         }
     }
     (positions, yaws)
+}
+
+/// A number for each coordinate between -1/2 and 1/2, spread evenly over objects and frames (Steele, Lea and Flood, OOPSLA 2014:
+/// SplitMix64).
+fn within_step(object: u32, frame: usize) -> Vec2 {
+    let mix = |axis: u64| {
+        let seed = (u64::from(object) << 32 | frame as u64).wrapping_mul(2).wrapping_add(axis + 1);
+        let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    vec2(mix(0), mix(1))
 }
 
 /// Calls `f(samples, q)` for three samples in near frames; q is the middle one's place in time between the others (1: at the last).

@@ -35,6 +35,7 @@ pub(super) fn three_bodies(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, M
         noise_sigma: None,
         tracks: vec![Track::default(); 3],
         outliers: vec![],
+        findings: vec![],
         objects: objects(),
     };
     let mut model = Preset::for_world(scene.world).model(&scene);
@@ -290,6 +291,7 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
         noise_sigma: None,
         tracks: vec![Track::default(); 2],
         outliers: vec![],
+        findings: vec![],
         objects: vec![ball(0), ball(4)],
     };
     let mut truth = Preset::for_world(scene.world).model(&scene);

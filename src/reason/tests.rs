@@ -465,6 +465,7 @@ fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene
         objects: vec![Object { id: 4, color: "red".into(), material: "x".into(), shape, mass: Some(1.0) }],
         tracks: vec![Track { samples: (0..60).map(sample).collect() }],
         outliers: vec![],
+        findings: vec![],
     }
 }
 

@@ -46,6 +46,7 @@ fn scene() -> Scene {
         objects: shapes.into_iter().enumerate().map(object).collect(),
         tracks: (0..4).map(track).collect(),
         outliers: vec![],
+        findings: vec![],
     }
 }
 

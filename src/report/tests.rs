@@ -39,6 +39,7 @@ fn scene() -> Scene {
         objects: vec![object(0, Shape::Disc { radius: 0.2 }), object(1, Shape::Square { half_side: 0.2 })],
         tracks: vec![track(1.0, 0.0), track(0.0, 2.0)],
         outliers: vec![],
+        findings: vec![],
     }
 }
 

@@ -5,6 +5,7 @@
 //! | `observation`, `object`, `covariance` | the data: `Scene`, `Track`, `Sample`; `Object`, `Shape`; the uncertainty of a position |
 //! | `validate`, `violations`, `limits` | every check of a scene, all violations at once; what is allowed |
 //! | `spelling` | the known name that a misspelt one means |
+//! | `measurement` | how the tracks were measured: steps, repeats, lost frames, identities, dependent errors |
 //! | `digest` | the key of a scene by its content |
 //! | `camera` | projection, the inverse onto the ground plane, calibration from point pairs |
 //! | `tracks` | detections to tracks: masks, silhouettes, linking; outliers of a tracker |
@@ -15,6 +16,7 @@ mod covariance;
 mod digest;
 mod files;
 mod limits;
+mod measurement;
 mod object;
 mod observation;
 mod spelling;
@@ -35,6 +37,7 @@ pub use files::{
     read_annotation, read_csv,
 };
 pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
+pub use measurement::{FindingKind, TrackFinding};
 pub use object::{Object, Shape};
 pub use observation::{Outlier, Sample, Scene, Table, Track, WorldKind};
 pub use spelling::misspelt;

@@ -3,6 +3,7 @@
 use crate::num::{Vec2, wrap_angle};
 use crate::scene::camera::Camera;
 use crate::scene::covariance::Covariance;
+use crate::scene::measurement::{FindingKind, TrackFinding};
 use crate::scene::object::Object;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,9 @@ pub struct Scene {
     /// Samples that are not positions of their object. They are kept, but nothing uses them.
     #[serde(rename = "strays", default, skip_serializing_if = "Vec::is_empty")]
     pub outliers: Vec<Outlier>,
+    /// What the tracks show of how they were measured; what is no measurement has been left out or put right.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub findings: Vec<TrackFinding>,
 }
 
 /// The kind of place; it selects the default preset.
@@ -150,6 +154,11 @@ impl Scene {
             }
             _ => self.times.partition_point(|t| *t <= time + 1e-9).saturating_sub(1),
         }
+    }
+
+    /// The value of the first finding of a kind.
+    pub fn finding(&self, kind: FindingKind) -> Option<f64> {
+        self.findings.iter().find(|f| f.kind == kind).map(|f| f.value)
     }
 
     /// All samples of an object by frame, outliers included.

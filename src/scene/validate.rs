@@ -4,6 +4,7 @@ use crate::scene::camera::projection::CameraError;
 use crate::scene::limits::{
     FPS_RANGE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, NOISE_RANGE, SIZE_RANGE,
 };
+use crate::scene::measurement::examine;
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Table, Track};
 use crate::scene::tracks::outliers::reject_outliers;
@@ -17,19 +18,33 @@ const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 const MIN_DISTANCE_SHARE: f64 = 0.5;
 
 impl Scene {
-    /// The scene with its outliers moved from `tracks` to `outliers`; or everything that is wrong with it.
+    /// The scene with its outliers moved from `tracks` to `outliers`, and with what its tracks show of how they were measured; or
+    /// everything that is wrong with it.
     pub fn validate(mut self) -> Result<Scene, SceneError> {
+        let mut violations = SceneViolations::default();
+        self.check_values(&mut violations);
         let (tracks, outliers) = reject_outliers(&self);
-        self.check(&tracks)?;
-        (self.tracks, self.outliers) = (tracks, outliers);
+        if violations.is_empty() {
+            (self.tracks, self.outliers) = (tracks, outliers);
+            examine(&mut self);
+            self.check_places(&self.tracks, &mut violations);
+        } else {
+            self.check_places(&tracks, &mut violations);
+        }
+        violations.finish()?;
         Ok(self)
     }
 
-    /// Reports everything that is wrong, each with its dotted path. Overlaps and cushions are judged by `tracks`, the tracks
-    /// without outliers.
-    fn check(&self, tracks: &[Track]) -> Result<(), SceneError> {
-        let mut violations = SceneViolations::default();
-        let r = &mut violations;
+    /// Overlaps and cushions, judged by tracks without outliers.
+    fn check_places(&self, tracks: &[Track], r: &mut SceneViolations) {
+        if self.objects.len() <= MAX_OBJECTS {
+            self.check_overlaps(tracks, r);
+        }
+        self.check_cushions(tracks, r);
+    }
+
+    /// Every single value, each with its dotted path.
+    fn check_values(&self, r: &mut SceneViolations) {
         check_name(r, "name", &self.name);
         if let Some(setup) = &self.setup {
             check_name(r, "setup", setup);
@@ -65,11 +80,6 @@ impl Scene {
         for (i, track) in self.tracks.iter().enumerate() {
             check_track(r, i, track, self.times.len());
         }
-        if self.objects.len() <= MAX_OBJECTS {
-            self.check_overlaps(tracks, r);
-        }
-        self.check_cushions(tracks, r);
-        violations.finish()
     }
 
     fn check_times(&self, r: &mut SceneViolations) {
@@ -309,6 +319,7 @@ mod tests {
             objects: (0..3).map(object).collect(),
             tracks: (0..3).map(|i| track(i as f64)).collect(),
             outliers: vec![],
+            findings: vec![],
         }
     }
 

@@ -6,7 +6,8 @@ use crate::api::v1;
 use crate::engine::EngineError;
 use crate::num::vec2;
 use crate::scene::{
-    MAX_FRAMES, Object, Outlier, Pixel, Sample, Scene, Shape, Table, Track, Violation, WorldKind,
+    FindingKind, MAX_FRAMES, Object, Outlier, Pixel, Sample, Scene, Shape, Table, Track, TrackFinding,
+    Violation, WorldKind,
 };
 
 /// Frame rate where none is given (1/s).
@@ -47,6 +48,7 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
         objects,
         tracks,
         outliers: vec![],
+        findings: video.findings.into_iter().filter_map(finding).collect(),
     };
     // Positions from image points mean nothing if the camera is wrong: their violations would mislead.
     if !pixels.is_empty() && !r.0.is_empty() {
@@ -188,6 +190,24 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         linking: None,
         create_time: None,
         outliers: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
+        findings: scene.findings.iter().map(finding_message).collect(),
+    }
+}
+
+/// What was found before of a video that is sent on; `None`: of a kind that this version does not know.
+fn finding(given: v1::TrackFinding) -> Option<TrackFinding> {
+    let kind = FindingKind::named(&given.kind).filter(|_| given.value.is_finite())?;
+    let frames = given.frames.into_iter().map(|f| f as usize).collect();
+    Some(TrackFinding { kind, objects: given.objects, frames, value: given.value })
+}
+
+fn finding_message(found: &TrackFinding) -> v1::TrackFinding {
+    v1::TrackFinding {
+        kind: found.kind.name().into(),
+        objects: found.objects.clone(),
+        frames: found.frames.iter().map(|&f| f as u32).collect(),
+        value: found.value,
+        text: found.to_string(),
     }
 }
 

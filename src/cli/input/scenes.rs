@@ -125,7 +125,7 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
     let rows = is_csv(&file) || !(braces || has(&file, "json"));
     let read = if rows { read_csv(&name, &text) } else { read_annotation(&name, &text) };
     let (scene, assumed) = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
-    output::assumptions::add(&scene.name, assumed);
+    output::assumptions::add(&scene.name, assumed, scene.findings.iter().map(ToString::to_string).collect());
     outlier_message(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
     Ok(scene)
 }
@@ -136,8 +136,10 @@ pub fn outlier_message(scene: &Scene) -> Option<String> {
         let id = scene.objects.get(outlier.object).map_or(0, |o| o.id);
         format!("object {id} in frame {} ({:.3} m off)", outlier.sample.frame, outlier.distance)
     };
-    let named: Vec<String> = scene.outliers.iter().take(OUTLIERS_NAMED).map(one).collect();
-    let more = scene.outliers.len() - named.len();
+    // What repeats the position before is no distance off; findings tell of it.
+    let off: Vec<&Outlier> = scene.outliers.iter().filter(|o| o.distance > 0.0).collect();
+    let named: Vec<String> = off.iter().take(OUTLIERS_NAMED).map(|o| one(o)).collect();
+    let more = off.len() - named.len();
     let more = if more > 0 { format!(" and {more} more") } else { String::new() };
     let named = named.join(", ");
     (!named.is_empty()).then(|| format!("tracking outliers are ignored: {named}{more}"))

@@ -1,45 +1,49 @@
-//! What the scenes of a command do not state: every result says what was assumed instead.
+//! What the scenes of a command do not state, and what their tracks show: every result says both.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The scenes of this process, and each assumption with the scenes that it is made for.
+/// The scenes of this process, and each line with the scenes that it is about.
 #[derive(Default)]
-struct Assumed {
+struct SceneLines {
     scenes: Vec<String>,
-    lines: BTreeMap<(usize, String), Vec<String>>,
+    assumed: BTreeMap<(usize, String), Vec<String>>,
+    found: BTreeMap<(usize, String), Vec<String>>,
 }
 
-static ASSUMED: Mutex<Option<Assumed>> = Mutex::new(None);
+static LINES: Mutex<Option<SceneLines>> = Mutex::new(None);
 
 /// No code panics while it holds this lock.
-fn assumed() -> MutexGuard<'static, Option<Assumed>> {
-    ASSUMED.lock().unwrap_or_else(PoisonError::into_inner)
+fn scene_lines() -> MutexGuard<'static, Option<SceneLines>> {
+    LINES.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Takes a scene that was read, with its assumptions.
-pub fn add(scene: &str, lines: Vec<String>) {
-    let mut assumed = assumed();
-    let all = assumed.get_or_insert_with(Assumed::default);
+/// Takes a scene that was read, with what was assumed of it and what its tracks show.
+pub fn add(scene: &str, assumed: Vec<String>, found: Vec<String>) {
+    let mut lines = scene_lines();
+    let all = lines.get_or_insert_with(SceneLines::default);
     all.scenes.push(scene.to_string());
-    for (place, line) in lines.into_iter().enumerate() {
-        all.lines.entry((place, line)).or_default().push(scene.to_string());
+    for (of, new) in [(&mut all.assumed, assumed), (&mut all.found, found)] {
+        for (place, line) in new.into_iter().enumerate() {
+            of.entry((place, line)).or_default().push(scene.to_string());
+        }
     }
 }
 
-/// The assumptions; each names its scenes unless it holds for all.
-pub fn lines() -> Vec<String> {
-    assumed().as_ref().map_or_else(Vec::new, Assumed::shown)
+/// What was assumed, and what tracks show; each line names its scenes unless it holds for all.
+pub fn lines() -> [Vec<String>; 2] {
+    let lines = scene_lines();
+    lines.as_ref().map_or_else(Default::default, |all| [&all.assumed, &all.found].map(|of| all.shown(of)))
 }
 
-impl Assumed {
-    fn shown(&self) -> Vec<String> {
+impl SceneLines {
+    fn shown(&self, of: &BTreeMap<(usize, String), Vec<String>>) -> Vec<String> {
         let shown =
             |((_, line), scenes): (&(usize, String), &Vec<String>)| match scenes.len() == self.scenes.len() {
                 true => line.clone(),
                 false => format!("{}: {line}", scenes.join(", ")),
             };
-        self.lines.iter().map(shown).collect()
+        of.iter().map(shown).collect()
     }
 }
 
@@ -50,9 +54,9 @@ mod tests {
     #[test]
     fn an_assumption_names_its_scenes_unless_it_holds_for_all() {
         let both = vec!["a".to_string(), "b".to_string()];
-        let mut all = Assumed { scenes: both.clone(), ..Assumed::default() };
-        all.lines.insert((0, "25 frames per second".into()), both);
-        all.lines.insert((1, "masses near 1 kg".into()), vec!["b".into()]);
-        assert_eq!(all.shown(), ["25 frames per second", "b: masses near 1 kg"]);
+        let mut all = SceneLines { scenes: both.clone(), ..SceneLines::default() };
+        all.assumed.insert((0, "25 frames per second".into()), both);
+        all.assumed.insert((1, "masses near 1 kg".into()), vec!["b".into()]);
+        assert_eq!(all.shown(&all.assumed), ["25 frames per second", "b: masses near 1 kg"]);
     }
 }

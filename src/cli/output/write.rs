@@ -32,27 +32,34 @@ pub fn writable(flag: &str, path: &Path) -> Result<(), Failure> {
 }
 
 /// Prints the text, and writes the JSON beside it if a file is named; `-` puts the JSON in the text's place.
-/// Both state what was assumed of the scenes.
+/// Both state what was assumed of the scenes, and what their tracks show of how they were measured.
 pub fn result(json_file: Option<&str>, text: &str, value: impl FnOnce() -> Value) -> Result<(), Failure> {
-    result_assuming(&assumptions::lines(), json_file, text, value)
+    result_with(&assumptions::lines(), json_file, text, value)
 }
 
-fn result_assuming(
-    assumed: &[String],
+/// Key in the JSON and heading in the text.
+const HEADINGS: [(&str, &str); 2] =
+    [("assumed", "assumed, as the files do not state it:"), ("tracks_show", "how the tracks look:")];
+
+fn result_with(
+    lines: &[Vec<String>; 2],
     json_file: Option<&str>,
     text: &str,
     value: impl FnOnce() -> Value,
 ) -> Result<(), Failure> {
+    let said = || HEADINGS.iter().zip(lines).filter(|(_, lines)| !lines.is_empty());
     if let Some(file) = json_file {
         let mut value = value();
-        if let Some(object) = value.as_object_mut().filter(|_| !assumed.is_empty()) {
-            object.insert("assumed".into(), json!(assumed));
+        if let Some(object) = value.as_object_mut() {
+            said().for_each(|((key, _), lines)| _ = object.insert(key.to_string(), json!(lines)));
         }
         self::json(file, &value)?;
     }
-    let heading = if assumed.is_empty() { "" } else { "assumed, as the files do not state it:\n" };
-    let lines: String = assumed.iter().map(|line| format!("  {line}\n")).collect();
-    if json_file == Some("-") { Ok(()) } else { print(&format!("{heading}{lines}{text}")) }
+    let block = |((_, heading), lines): (&(&str, &str), &Vec<String>)| {
+        format!("{heading}\n{}", lines.iter().map(|line| format!("  {line}\n")).collect::<String>())
+    };
+    let before: String = said().map(block).collect();
+    if json_file == Some("-") { Ok(()) } else { print(&format!("{before}{text}")) }
 }
 
 /// Writes JSON to `target`; `-` is standard output.
@@ -92,7 +99,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.json");
         let written = |assumed: &[String]| {
-            result_assuming(assumed, file.to_str(), "", || json!({ "mass": 1.5 })).unwrap();
+            result_with(&[assumed.to_vec(), vec![]], file.to_str(), "", || json!({ "mass": 1.5 })).unwrap();
             std::fs::read_to_string(&file).unwrap()
         };
         assert_eq!(written(&[]), "{\"mass\":1.5}\n");

@@ -129,6 +129,7 @@ impl AnnotationReader {
             objects,
             tracks,
             outliers: vec![],
+            findings: vec![],
         }
     }
 

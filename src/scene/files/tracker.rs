@@ -171,6 +171,7 @@ pub fn parse_tracker(
         objects: (0..columns.len() as u32).map(object).collect(),
         tracks: points.iter().map(|points| Track { samples: points.iter().map(sample).collect() }).collect(),
         outliers: vec![],
+        findings: vec![],
     };
     let names = columns.iter().enumerate().map(|(k, columns)| table.name(k, columns)).collect();
     Ok((scene.validate()?, names))

@@ -56,6 +56,7 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<Scene, S
         objects,
         tracks,
         outliers: vec![],
+        findings: vec![],
     })
 }
 

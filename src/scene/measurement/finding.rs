@@ -1,0 +1,142 @@
+//! What the tracks show of how they were measured, as data and in words.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Objects and frames that a sentence names.
+const NAMED: usize = 6;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FindingKind {
+    /// Positions are multiples of a step: `value` (m).
+    Steps,
+    /// Frames that show the one before again; their samples are left out. `value`: their share of all.
+    RepeatedFrames,
+    /// Objects whose tracker gave the position before again; these samples are left out. `value`: their share.
+    RepeatedPositions,
+    /// Frames after which the camera lost some, though numbers and times go on; `value`: how many in all. Later times are shifted.
+    LostFrames,
+    /// Frames from which two objects have each other's identity; the tracks are put right.
+    SwappedIdentities,
+    /// Frames from which a track is not of its object; the samples are left out. `value`: how many.
+    Leaps,
+    /// Errors of neighbouring frames depend on each other; `value`: deviation of slow errors over that of fast ones.
+    DependentNoise,
+    /// All objects move together by chance; `value`: root mean square of that (m).
+    MovingCamera,
+}
+
+/// One thing that the tracks show.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TrackFinding {
+    pub kind: FindingKind,
+    /// Ids; empty: all.
+    pub objects: Vec<u32>,
+    pub frames: Vec<usize>,
+    /// In the unit of its kind.
+    pub value: f64,
+}
+
+impl FindingKind {
+    const NAMES: [(&str, FindingKind); 8] = [
+        ("steps", FindingKind::Steps),
+        ("repeated_frames", FindingKind::RepeatedFrames),
+        ("repeated_positions", FindingKind::RepeatedPositions),
+        ("lost_frames", FindingKind::LostFrames),
+        ("swapped_identities", FindingKind::SwappedIdentities),
+        ("leaps", FindingKind::Leaps),
+        ("dependent_noise", FindingKind::DependentNoise),
+        ("moving_camera", FindingKind::MovingCamera),
+    ];
+
+    pub fn named(name: &str) -> Option<FindingKind> {
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|(_, kind)| *kind)
+    }
+
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+impl fmt::Display for TrackFinding {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let (objects, frames) = (listed("object", &self.objects), listed("frame", &self.frames));
+        match self.kind {
+            FindingKind::Steps => write!(
+                f,
+                "positions come in steps of {}: the noise is at least {}",
+                length(self.value),
+                length(self.value / 12.0_f64.sqrt())
+            ),
+            FindingKind::RepeatedFrames => write!(
+                f,
+                "frames stand still: {:.0} % of them show the one before again ({frames}); they are left out",
+                100.0 * self.value
+            ),
+            FindingKind::RepeatedPositions => write!(
+                f,
+                "{objects}: {:.0} % of the positions are the one before again ({frames}); they are left out",
+                100.0 * self.value
+            ),
+            FindingKind::LostFrames => write!(
+                f,
+                "frames are missing (dropped) though the numbers go on: all objects leap ahead at once after {frames}; {:.0} frames \
+                 are added to the times after that",
+                self.value
+            ),
+            FindingKind::SwappedIdentities => {
+                write!(f, "{objects} have each other's identity from {frames} on; the tracks are put right")
+            }
+            FindingKind::Leaps => write!(
+                f,
+                "{objects} leaps away at {frames}: {:.0} positions are not its own (the tracker followed something else) and are \
+                 left out",
+                self.value
+            ),
+            FindingKind::DependentNoise => write!(
+                f,
+                "errors of neighbouring frames are not independent: slow ones are {:.1} times as large as fast ones, as of positions \
+                 that were smoothed, filtered or interpolated; give raw positions. The noise is taken as large as the slow errors",
+                self.value
+            ),
+            FindingKind::MovingCamera => write!(
+                f,
+                "all objects move together by {} (root mean square), as of a camera that moves; this is taken out",
+                length(self.value)
+            ),
+        }
+    }
+}
+
+fn length(metres: f64) -> String {
+    format!("{:.2} mm", 1e3 * metres)
+}
+
+/// "object 3", "frames 31, 65 and 9 more".
+fn listed<T: fmt::Display>(noun: &str, all: &[T]) -> String {
+    let named: Vec<String> = all.iter().take(NAMED).map(T::to_string).collect();
+    let plural = if all.len() == 1 { "" } else { "s" };
+    let more = if all.len() > NAMED { format!(" and {} more", all.len() - NAMED) } else { String::new() };
+    match all.is_empty() {
+        true => format!("all {noun}s"),
+        false => format!("{noun}{plural} {}{more}", named.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_kind_has_a_name_and_a_sentence() {
+        for (name, kind) in FindingKind::NAMES {
+            assert_eq!((FindingKind::named(name), kind.name()), (Some(kind), name));
+            let written = serde_json::to_string(&kind).unwrap();
+            assert_eq!(written, format!("\"{name}\""));
+        }
+        let lost =
+            TrackFinding { kind: FindingKind::LostFrames, objects: vec![], frames: vec![31], value: 2.0 };
+        assert!(lost.to_string().contains("leap ahead at once after frame 31; 2 frames"), "{lost}");
+    }
+}

@@ -1,0 +1,84 @@
+//! How the tracks were measured, examined before any physics: what is no measurement is left out or put right, and all that was
+//! found is told.
+//!
+//! | part | finds |
+//! |---|---|
+//! | `finding` | the findings as data, and their sentences |
+//! | `steps` | positions in steps, such as whole pixels |
+//! | `repeats` | frames, and positions, that stand still |
+//! | `lost_frames` | frames that are missing though numbers go on |
+//! | `identities` | tracks that leap to something else, and exchanged identities |
+//! | `dependence` | errors of neighbouring frames that depend on each other |
+
+mod dependence;
+mod finding;
+mod identities;
+mod lost_frames;
+mod repeats;
+mod steps;
+#[cfg(test)]
+mod tests;
+
+pub use dependence::dependence;
+pub use finding::{FindingKind, TrackFinding};
+pub use steps::step;
+
+use crate::num::quantile;
+use crate::scene::observation::{Sample, Scene};
+use identities::put_identities_right;
+use lost_frames::take_in_lost_frames;
+use repeats::leave_out_repeats;
+
+/// A step shows where it is larger than this share of the noise.
+const COARSE: f64 = 1.0;
+
+/// Examines a scene whose values are all in their bounds. What was found before, and leaves no trace, stays found.
+pub(in crate::scene) fn examine(scene: &mut Scene) {
+    let step = step(scene);
+    let mut found = leave_out_repeats(scene, step);
+    found.extend(take_in_lost_frames(scene, step));
+    found.extend(put_identities_right(scene, step));
+    let finding = |kind, value| TrackFinding { kind, objects: vec![], frames: vec![], value };
+    let noise = scene.tracks.iter().map(|t| position_sd(&t.samples, 0.0)).fold(f64::INFINITY, f64::min);
+    if step > COARSE * noise && is_rounded(scene, step) {
+        found.push(finding(FindingKind::Steps, step));
+    }
+    let ratio = dependence(scene);
+    if ratio > 1.0 {
+        found.push(finding(FindingKind::DependentNoise, ratio));
+    }
+    let known = std::mem::take(&mut scene.findings);
+    let lost = |old: &TrackFinding| found.iter().all(|new| new != old);
+    let earlier: Vec<TrackFinding> = known.into_iter().filter(lost).collect();
+    scene.findings = [earlier, found].concat();
+}
+
+/// Whether positions lie beside a line through their neighbours as rounding to the step makes them, and uniform motion by
+/// whole steps does not.
+fn is_rounded(scene: &Scene, step: f64) -> bool {
+    let beside = |w: &[Sample]| {
+        let even = w[0].frame + w[2].frame == 2 * w[1].frame;
+        even.then(|| (w[0].position + w[2].position - w[1].position.scaled(2.0)).norm() > 0.5 * step)
+    };
+    let all: Vec<bool> = scene.tracks.iter().flat_map(|t| t.samples.windows(3)).filter_map(beside).collect();
+    all.iter().filter(|b| **b).count() as f64 > ROUNDED * all.len() as f64
+}
+
+/// Share of the samples that rounding puts beside the line, at least: what rests or moves by whole steps is on it.
+const ROUNDED: f64 = 0.05;
+
+/// Standard deviation of a coordinate of a track (m), from the median of its second differences; at least that of rounding to the
+/// step. The squared length of two independent normal numbers has the median 2 ln 2.
+fn position_sd(samples: &[Sample], step: f64) -> f64 {
+    let second = |w: &[Sample]| {
+        let share = (w[1].frame - w[0].frame) as f64 / (w[2].frame - w[0].frame) as f64;
+        let line = w[0].position.scaled(1.0 - share) + w[2].position.scaled(share);
+        (w[1].position - line).norm() / (1.0 + share * share + (1.0 - share) * (1.0 - share)).sqrt()
+    };
+    let mut all: Vec<f64> = samples.windows(3).map(second).collect();
+    let median = quantile(&mut all, 0.5).unwrap_or(0.0) / (2.0 * std::f64::consts::LN_2).sqrt();
+    median.max(step / 12.0_f64.sqrt()).max(SMALLEST)
+}
+
+/// Least deviation of a position (m): less is round-off.
+const SMALLEST: f64 = 1e-9;

@@ -1,0 +1,188 @@
+//! Each fault of a measurement is found where it is, and good tracks show nothing.
+
+use super::*;
+use crate::num::{Vec2, vec2};
+use crate::scene::{Object, Shape, Track, WorldKind};
+use proptest::prelude::*;
+
+const FPS: f64 = 50.0;
+const NOISE: f64 = 3e-4;
+
+/// A number of about unit deviation that differs by place; sums of two uniform ones are near enough to normal here.
+fn random(seed: u64) -> f64 {
+    let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5bd1_e995;
+    let mut next = || {
+        z ^= z << 13;
+        z ^= z >> 7;
+        z ^= z << 17;
+        (z >> 11) as f64 / (1u64 << 53) as f64
+    };
+    let _ = next();
+    (0..12).map(|_| next()).sum::<f64>() - 6.0
+}
+
+/// Discs that move by `ways`, measured with noise.
+fn video(frames: usize, ways: &[&dyn Fn(f64) -> Vec2]) -> Scene {
+    let sample = |k: usize, frame: usize| {
+        let seed = (1000 * k + frame) as u64;
+        let noise = vec2(random(2 * seed), random(2 * seed + 1)).scaled(NOISE);
+        Sample { frame, position: ways[k](frame as f64 / FPS) + noise, yaw: None, covariance: None }
+    };
+    let object = |id: usize| Object {
+        id: id as u32,
+        color: String::new(),
+        material: String::new(),
+        shape: Shape::Disc { radius: 0.03 },
+        mass: None,
+    };
+    Scene {
+        name: "a".into(),
+        setup: None,
+        world: WorldKind::AirTable,
+        fps: FPS,
+        times: (0..frames).map(|f| f as f64 / FPS).collect(),
+        camera: None,
+        table: None,
+        noise_sigma: None,
+        objects: (0..ways.len()).map(object).collect(),
+        tracks: (0..ways.len())
+            .map(|k| Track { samples: (0..frames).map(|f| sample(k, f)).collect() })
+            .collect(),
+        outliers: vec![],
+        findings: vec![],
+    }
+}
+
+fn two() -> Scene {
+    video(120, &[&|t| vec2(-0.5 + 0.4 * t, 0.1), &|t| vec2(0.6, -0.4 + 0.2 * t - 0.01 * t * t)])
+}
+
+fn kinds(scene: Scene) -> Vec<FindingKind> {
+    scene.validate().expect("it is one").findings.iter().map(|f| f.kind).collect()
+}
+
+#[test]
+fn good_tracks_show_nothing() {
+    assert_eq!(kinds(two()), []);
+    // Nor do a collision, something struck from rest, and rest without any noise.
+    let struck = |t: f64| if t < 1.0 { vec2(0.0, 0.0) } else { vec2(1.5 * (t - 1.0), 0.3 * (t - 1.0)) };
+    assert_eq!(kinds(video(120, &[&struck, &|t| vec2(0.4 * t, 0.5)])), []);
+    let mut still = video(120, &[&struck]);
+    still.tracks[0].samples.iter_mut().for_each(|s| s.position = struck(s.frame as f64 / FPS));
+    assert_eq!(kinds(still), []);
+}
+
+#[test]
+fn whole_pixels_are_steps_and_rounded_decimals_are_none() {
+    let rounded = |q: f64| {
+        let mut scene = two();
+        let round = |x: f64| (x / q).round() * q;
+        for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
+            s.position = vec2(round(s.position.x), round(s.position.y));
+        }
+        scene.validate().unwrap().findings
+    };
+    let [steps] = &rounded(2e-3)[..] else { panic!("{:?}", rounded(2e-3)) };
+    assert!(steps.kind == FindingKind::Steps && (steps.value - 2e-3).abs() < 1e-6, "{steps:?}");
+    assert_eq!(rounded(1e-5), []);
+}
+
+#[test]
+fn repeated_frames_are_left_out_of_all_tracks() {
+    let repeated = |every: usize, from: usize| {
+        let mut scene = two();
+        for track in &mut scene.tracks {
+            for k in (from..track.samples.len()).step_by(every) {
+                track.samples[k].position = track.samples[k - 1].position;
+            }
+        }
+        scene.validate().unwrap()
+    };
+    for every in [2, 3, 5] {
+        let scene = repeated(every, 1);
+        let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+        assert_eq!(found.kind, FindingKind::RepeatedFrames);
+        assert!((found.value - 1.0 / every as f64).abs() < 0.03, "{found}");
+        assert!(scene.tracks.iter().all(|t| t.samples.iter().all(|s| s.frame % every != 1 || s.frame > 115)));
+    }
+    // A tracker that holds a position while others go on.
+    let mut scene = two();
+    for k in (10..100).step_by(9) {
+        scene.tracks[0].samples[k].position = scene.tracks[0].samples[k - 1].position;
+    }
+    assert_eq!(kinds(scene), [FindingKind::RepeatedPositions]);
+}
+
+proptest! {
+    #[test]
+    fn lost_frames_shift_the_times_after_them(at in 12..100usize, lost in 1..12usize) {
+        let late = |t: f64| if t < (at as f64 + 0.5) / FPS { t } else { t + lost as f64 / FPS };
+        let scene = video(120, &[&|t| vec2(-0.5 + 0.4 * late(t), 0.1), &|t| vec2(0.6, -0.4 + 0.2 * late(t))]);
+        let scene = scene.validate().unwrap();
+        prop_assert_eq!(scene.findings.len(), 1);
+        let found = &scene.findings[0];
+        prop_assert_eq!((found.kind, &found.frames[..], found.value), (FindingKind::LostFrames, &[at][..], lost as f64));
+        prop_assert!((scene.times[119] - (119.0 + lost as f64) / FPS).abs() < 1e-9);
+        // Once taken in, nothing is lost any more; what was found stays known.
+        let again = scene.clone().validate().unwrap();
+        prop_assert_eq!(again, scene);
+    }
+
+    #[test]
+    fn a_track_that_goes_on_on_another_object_is_cut(at in 20..118usize) {
+        let mut scene = two();
+        let other = scene.tracks[1].clone();
+        for (own, other) in scene.tracks[0].samples.iter_mut().zip(&other.samples).skip(at) {
+            own.position = other.position + vec2(NOISE, 0.0);
+        }
+        let scene = scene.validate().unwrap();
+        let mut kinds: Vec<FindingKind> = scene.findings.iter().map(|f| f.kind).collect();
+        kinds.dedup();
+        prop_assert_eq!(kinds, [FindingKind::Leaps]);
+        // Where it is inside the other one it is not itself.
+        prop_assert_eq!(scene.tracks[0].samples.len(), at);
+    }
+
+    #[test]
+    fn exchanged_identities_are_put_right(at in 20..100usize) {
+        let right = two();
+        let mut scene = two();
+        for k in at..120 {
+            let [a, b] = [scene.tracks[0].samples[k].position, scene.tracks[1].samples[k].position];
+            scene.tracks[0].samples[k].position = b;
+            scene.tracks[1].samples[k].position = a;
+        }
+        let scene = scene.validate().unwrap();
+        prop_assert_eq!(&scene.findings[0].frames[..], &[at][..]);
+        prop_assert_eq!(scene.findings[0].kind, FindingKind::SwappedIdentities);
+        prop_assert_eq!(scene.tracks, right.tracks);
+    }
+}
+
+#[test]
+fn values_that_stand_for_not_seen_are_left_out() {
+    for marker in [vec2(-1.0, -1.0), vec2(0.0, 0.0), vec2(9.99, 9.99)] {
+        let mut scene = two();
+        for k in (30..50).chain(115..120) {
+            scene.tracks[1].samples[k].position = marker;
+        }
+        let scene = scene.validate().unwrap();
+        assert_eq!(scene.tracks[1].samples.len(), 95, "{marker:?} {:?}", scene.findings);
+    }
+}
+
+#[test]
+fn smoothed_tracks_have_dependent_errors() {
+    for half in [1usize, 3] {
+        let mut scene = video(240, &[&|t| vec2(-0.5 + 0.4 * t, 0.1), &|t| vec2(0.6, -0.4 + 0.2 * t)]);
+        for track in &mut scene.tracks {
+            let raw = track.samples.clone();
+            for (k, s) in track.samples.iter_mut().enumerate() {
+                let near = &raw[k.saturating_sub(half)..(k + half + 1).min(raw.len())];
+                let sum = near.iter().fold(Vec2::zero(), |sum, s| sum + s.position);
+                s.position = sum.scaled(1.0 / near.len() as f64);
+            }
+        }
+        assert_eq!(kinds(scene), [FindingKind::DependentNoise], "over {} frames", 2 * half + 1);
+    }
+}
