@@ -9,6 +9,7 @@ use super::outcome::{
 };
 use super::proof::{deviance, lost};
 use super::proposal::{FORMULA, ModelChange, Proposal, canonical, laws, named, propose};
+use super::resample::resampled;
 use super::revise::{
     Revision, fits_of_revision, pooled_noise, revise, revise_from, trajectories, without_effect,
 };
@@ -80,6 +81,27 @@ pub enum Origin<'a> {
 
 /// Makes a change that [`ModelChange::check`] allows. Deterministic, whatever the number of threads.
 pub fn change(
+    scenes: &[Scene],
+    origin: &Origin,
+    change: &ModelChange,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<ChangeResult, FitError> {
+    let coarse = resampled(scenes);
+    let start;
+    let origin = match origin {
+        Origin::Start(models) => {
+            start = coarse.models(scenes, models);
+            &Origin::Start(&start)
+        }
+        revision @ Origin::Revision(..) => revision,
+    };
+    let mut made = change_in(&coarse.scenes, origin, change, options, stop)?;
+    made.before.iter_mut().chain([&mut made.after]).for_each(|revision| coarse.restore(scenes, revision));
+    Ok(made)
+}
+
+fn change_in(
     scenes: &[Scene],
     origin: &Origin,
     change: &ModelChange,

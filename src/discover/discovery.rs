@@ -8,6 +8,7 @@ use super::formula_test;
 use super::intervals::ranked;
 use super::outcome::{Discovery, RankedEffect, Verdict};
 use super::proof;
+use super::resample::resampled;
 use super::revise::{Revision, TRIED_BUDGET_FRACTION, pooled_noise, trajectories};
 use super::screen::{candidates, region, with_nuisance};
 use super::search::{FreeMotion, fewer, search, search_on};
@@ -21,7 +22,7 @@ use crate::effects::formula::Formula;
 use crate::effects::{Hook, effect, effect_with};
 use crate::fit::{Fit, FitError, FitOptions};
 use crate::num::{Stop, elementary, progress_within};
-use crate::scene::Scene;
+use crate::scene::{FindingKind, Scene};
 use crate::world::{Model, Preset};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -30,6 +31,9 @@ use serde::{Deserialize, Serialize};
 const FEWEST: usize = 60;
 /// Two readings of the base closer than this in the lens are told apart by their contacts (chi-square).
 const SAME: f64 = 20.0;
+/// Smoothing rounds off contacts, which then look like another law.
+const SMOOTHED: &str = "errors of neighbouring frames are not independent: the positions were smoothed, filtered or \
+                        interpolated, which rounds off contacts and looks like another law; give raw positions";
 /// Parts of the whole, as progress tells them: about what they take.
 const SPINNING: [f64; 2] = [0.0, 0.05];
 const SEARCH: [f64; 2] = [0.05, 0.4];
@@ -47,9 +51,21 @@ pub fn discover(
     stop: Stop,
 ) -> Result<Discovery, FitError> {
     crate::fit::check(scenes, models)?;
+    let coarse = resampled(scenes);
+    let mut found = discover_in(&coarse.scenes, &coarse.models(scenes, models), options, stop)?;
+    found.revisions.iter_mut().for_each(|revision| coarse.restore(scenes, revision));
+    Ok(found)
+}
+
+fn discover_in(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &DiscoverOptions,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
     let lens = WeakFormRegression::new(scenes);
-    if too_little(&lens).is_some() {
-        return Ok(not_identifiable(&lens));
+    if let Some(reason) = too_little(&lens) {
+        return Ok(not_identifiable(&lens, reason));
     }
     let options = &DiscoverOptions { fit: FitOptions { single_precision: true, ..options.fit }, ..*options };
     if options.max_effects > 0
@@ -88,7 +104,7 @@ pub fn discover(
             let found = reread(&lens, &mut known, found, options, last)?;
             unseen(&lens, &mut known, found, options, last)
         }
-        None => Ok(not_identifiable(&lens)),
+        None => Ok(not_identifiable(&lens, film_instead(&lens))),
     }
 }
 
@@ -280,11 +296,13 @@ pub fn diagnose(
 ) -> Result<Diagnosis, FitError> {
     let comparison = compare(scenes, fit, &options.fit, stop)?;
     let models = fit.models();
-    let lens = WeakFormRegression::new(scenes);
+    let coarse = resampled(scenes);
+    let lens = WeakFormRegression::new(&coarse.scenes);
     let begun = with_nuisance(&models);
     let motion = search(&lens, &begun, stop)?;
     let films = WindowFits::of(&contacts(&lens, &motion.models), stop)?;
-    let (of_contacts, _) = screen_contacts(&films, &region(scenes), &candidates(&models, scenes), stop)?;
+    let (of_contacts, _) =
+        screen_contacts(&films, &region(lens.scenes), &candidates(&models, lens.scenes), stop)?;
     let formulas = match formulas {
         [] => vec![],
         _ => rank_formulas(&lens, &begun, formulas, motion.unit()),
@@ -294,17 +312,25 @@ pub fn diagnose(
     if too_little.is_some() {
         ranked.clear();
     }
+    let as_given = |(scene, jump): (usize, ChangePoint)| {
+        (scene, ChangePoint { frame: coarse.frame(scene, jump.frame), ..jump })
+    };
+    let jumps = films.films.jumps.into_iter().map(as_given);
     Ok(Diagnosis {
         comparison,
         free_motion: motion.base.chi_square / motion.degrees_of_freedom,
         ranked,
-        jumps: films.films.jumps,
+        jumps: jumps.collect(),
         too_little,
     })
 }
 
-/// Why too little moves to tell any law, and what to film instead; `None` where enough does.
+/// Why too little moves, or too little of it was measured, to tell any law, and what to do instead; `None` where there is enough.
 pub fn too_little(lens: &WeakFormRegression) -> Option<String> {
+    let smoothed = lens.scenes.iter().filter_map(|s| s.finding(FindingKind::DependentNoise)).count();
+    if 2 * smoothed > lens.scenes.len() {
+        return Some(SMOOTHED.into());
+    }
     (lens.degrees_of_freedom() < FEWEST).then(|| film_instead(lens))
 }
 
@@ -369,7 +395,7 @@ pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
     all
 }
 
-fn not_identifiable(lens: &WeakFormRegression) -> Discovery {
+fn not_identifiable(lens: &WeakFormRegression, reason: String) -> Discovery {
     Discovery {
         verdict: Verdict::NotIdentifiable,
         effects: vec![],
@@ -380,6 +406,6 @@ fn not_identifiable(lens: &WeakFormRegression) -> Discovery {
         smallest: vec![],
         noise_sigma: pooled_noise(lens),
         revisions: vec![],
-        reason: film_instead(lens),
+        reason,
     }
 }

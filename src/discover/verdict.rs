@@ -4,6 +4,7 @@ use super::alternatives::{contact_rivals, keeps, otherwise};
 use super::change::{self, rank_formulas};
 use super::contact::ContactCandidate;
 use super::contact_law::{estimates_of, pooled, with_contact};
+use super::departures::departure;
 use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
@@ -342,6 +343,9 @@ pub fn conclude(
             "; windows around contacts support {}, but it does not improve the full-trajectory fit: record more contacts",
             c.entry.kind
         );
+    }
+    if let Some(last) = revisions.last() {
+        aside += &departure(lens, last, &options.fit, stop)?.unwrap_or_default();
     }
     Ok(Discovery {
         reason: reason + &strength + &aside,

@@ -6,7 +6,7 @@ use crate::num::{Vec2, elementary, vec2, wrap_angle};
 use crate::scene::{Sample, Scene, Track};
 use crate::world::{ActiveEffect, Model};
 
-/// Most and fewest samples of a track that the line goes through.
+/// Most and fewest samples of a track that the line goes through; more where they do not tell whether it moves.
 const MOST_SAMPLES: usize = 10;
 const FEWEST_SAMPLES: usize = 4;
 /// Mean square residual, in noise variances, beyond which a line does not describe its samples.
@@ -63,20 +63,33 @@ pub(super) fn set_initial_states(scene: &Scene, model: &mut Model, noise: &Noise
     }
 }
 
-/// The first samples of a track, as many as a line describes.
+/// The first samples of a track, as many as a line describes; twice as many, and so on, while these do not tell whether it moves.
 fn straight<'a>(scene: &Scene, track: &'a Track, sigma: f64) -> &'a [Sample] {
     let mut samples = &track.samples[..track.samples.len().min(MOST_SAMPLES)];
-    while samples.len() > FEWEST_SAMPLES {
-        let (position, velocity, _) = line(scene, samples, sigma, |s| Some(s.position));
-        let start = scene.time_of(samples[0].frame);
-        let off = |s: &Sample| position + velocity.scaled(scene.time_of(s.frame) - start) - s.position;
-        let squares: f64 = samples.iter().map(|s| off(s).norm_squared()).sum();
-        if squares <= BENT * sigma * sigma * (2 * samples.len() - 4) as f64 {
-            break;
-        }
+    while samples.len() > FEWEST_SAMPLES && !is_straight(scene, samples, sigma) {
         samples = &samples[..samples.len() - 1];
     }
+    let moves = |samples: &[Sample]| {
+        let (_, velocity, sd) = line(scene, samples, sigma, |s| Some(s.position));
+        velocity.norm() > REST_DEVIATIONS * sd
+    };
+    while samples.len() >= MOST_SAMPLES && samples.len() < track.samples.len() && !moves(samples) {
+        let more = &track.samples[..track.samples.len().min(2 * samples.len())];
+        if !is_straight(scene, more, sigma) {
+            break;
+        }
+        samples = more;
+    }
     samples
+}
+
+/// Whether noise explains what a line leaves of the samples.
+fn is_straight(scene: &Scene, samples: &[Sample], sigma: f64) -> bool {
+    let (position, velocity, _) = line(scene, samples, sigma, |s| Some(s.position));
+    let start = scene.time_of(samples[0].frame);
+    let off = |s: &Sample| position + velocity.scaled(scene.time_of(s.frame) - start) - s.position;
+    let squares: f64 = samples.iter().map(|s| off(s).norm_squared()).sum();
+    squares <= BENT * sigma * sigma * (2 * samples.len() - 4) as f64
 }
 
 /// The samples with continuous yaws; most trackers give them modulo a whole turn.

@@ -67,23 +67,30 @@ fn same(a: &Sample, b: &Sample) -> bool {
     a.position == b.position
 }
 
-/// Frames of a track that repeat the sample before.
+/// Frames of a track that repeat the sample before. Nothing follows the last run: it repeats where others do.
 fn repeats(scene: &Scene, samples: &[Sample], step: f64) -> BTreeSet<usize> {
-    let mut found = BTreeSet::new();
+    let (mut found, mut last) = (BTreeSet::new(), vec![]);
     let (mut at, mut chance) = (0, 0.0);
     while at < samples.len() {
         let run = samples[at..].iter().take_while(|s| same(s, &samples[at])).count();
         if let Some(change) = usual_change(samples, at, run) {
             chance += run as f64 * (step / (2.5 * change)) * (step / (2.5 * change));
-            if run > 1 && run <= LONGEST && change > CLEAR * step && goes_on(scene, samples, at, run, change)
-            {
-                found.extend(samples[at + 1..at + run].iter().map(|s| s.frame));
+            let again = || samples[at + 1..at + run].iter().map(|s| s.frame);
+            let clear = run > 1 && run <= LONGEST && change > CLEAR * step;
+            if clear && at + run == samples.len() {
+                last = again().collect();
+            } else if clear && goes_on(scene, samples, at, run, change) {
+                found.extend(again());
             }
         }
         at += run;
     }
     let by_chance = chance + 5.0 * chance.sqrt();
-    if found.len() as f64 > by_chance + FEWEST as f64 { found } else { BTreeSet::new() }
+    if found.len() as f64 > by_chance + FEWEST as f64 {
+        found.extend(last);
+        return found;
+    }
+    BTreeSet::new()
 }
 
 /// Median size of the changes of a coordinate near a run, of samples that differ (m).

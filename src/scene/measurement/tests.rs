@@ -103,7 +103,7 @@ fn repeated_frames_are_left_out_of_all_tracks() {
         let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
         assert_eq!(found.kind, FindingKind::RepeatedFrames);
         assert!((found.value - 1.0 / every as f64).abs() < 0.03, "{found}");
-        assert!(scene.tracks.iter().all(|t| t.samples.iter().all(|s| s.frame % every != 1 || s.frame > 115)));
+        assert!(scene.tracks.iter().all(|t| t.samples.iter().all(|s| s.frame % every != 1)));
     }
     // A tracker that holds a position while others go on.
     let mut scene = two();

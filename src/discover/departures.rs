@@ -1,0 +1,114 @@
+//! The one video of several whose shared numbers are not those of the others: its clock, its scale, its surface or a mass differs.
+//!
+//! Each video k is fitted alone: a number has the value v_k with deviation s_k there. Against it stands the mean of the others by
+//! precision, m, whose deviation s_m is enlarged by how far they scatter among themselves (Birge, Phys. Rev. 40 (1932) 207):
+//! z = |v_k - m| / sqrt(s_k^2 + s_m^2). Where all scatter alike no z is large, and none is named.
+
+use super::proof;
+use super::revise::Revision;
+use super::weak_form::WeakFormRegression;
+use crate::effects::{ParamId, effect};
+use crate::fit::{FitError, FitOptions, StartPoint, estimate_each};
+use crate::num::Stop;
+use std::collections::BTreeMap;
+
+/// Videos of which one can be told from the others.
+const FEWEST: usize = 3;
+/// Deviations from the others: odds beyond 10^6 to 1 for some hundred numbers.
+const FAR: f64 = 6.0;
+/// Engines and surfaces realise a number to about 5 %; what differs by less than twice that does not differ.
+const REALISED: f64 = 0.1;
+
+/// The video that differs most from the others, in words; `None` where none does.
+pub fn departure(
+    lens: &WeakFormRegression,
+    revision: &Revision,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<String>, FitError> {
+    if lens.scenes.len() < FEWEST {
+        return Ok(None);
+    }
+    let near = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
+    let alone = estimate_each(lens.scenes, &revision.fit.models(), &near, stop)?;
+    let mut numbers: BTreeMap<&str, Vec<Number>> = BTreeMap::new();
+    for (video, fit) in alone.iter().enumerate().filter(|(_, fit)| !proof::loses(fit)) {
+        let told = fit.posterior.estimates.iter().filter(|e| e.scene.is_none() && e.identified);
+        for e in told.filter(|e| acts_between_contacts(&e.name)) {
+            numbers.entry(&e.name).or_default().push(Number { video, value: e.value, sd: e.sd });
+        }
+    }
+    let worst = numbers.iter().filter_map(|(name, all)| Some((name, farthest(all)?)));
+    let worst = worst.max_by(|a, b| a.1.z.total_cmp(&b.1.z));
+    Ok(worst.map(|(name, d)| {
+        let unit = alone[d.video].posterior.estimates.iter().find(|e| e.name == **name).map(|e| &e.unit);
+        let unit = unit.filter(|u| *u != "1").map_or(String::new(), |u| format!(" {u}"));
+        format!(
+            "; {} differs from the other videos: {name} is {:.4}{unit} there and {:.4}{unit} in the others; check its clock (frames \
+             per second), scale, masses and surface, or leave it out",
+            lens.scenes[d.video].name, d.own, d.others
+        )
+    }))
+}
+
+/// A number as one video has it.
+struct Number {
+    video: usize,
+    value: f64,
+    sd: f64,
+}
+
+/// One that is far from the others.
+struct Departure {
+    video: usize,
+    own: f64,
+    others: f64,
+    z: f64,
+}
+
+/// Contacts through which chaos runs tell their own numbers with deviations that are too small.
+fn acts_between_contacts(name: &str) -> bool {
+    ParamId::parse(name).and_then(|id| effect(id.effect)).is_some_and(|entry| !entry.shows_at_contacts())
+}
+
+/// The number that is farthest from the others, if it is far.
+fn farthest(all: &[Number]) -> Option<Departure> {
+    if all.len() < FEWEST {
+        return None;
+    }
+    let one = |k: usize| -> Option<Departure> {
+        let others: Vec<&Number> = all.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, n)| n).collect();
+        let weight = |n: &Number| 1.0 / (n.sd * n.sd).max(f64::MIN_POSITIVE);
+        let total: f64 = others.iter().map(|n| weight(n)).sum();
+        let mean = others.iter().map(|n| weight(n) * n.value).sum::<f64>() / total;
+        let scatter: f64 = others.iter().map(|n| weight(n) * (n.value - mean) * (n.value - mean)).sum();
+        let birge = (scatter / (others.len() - 1) as f64).max(1.0);
+        let off = (all[k].value - mean).abs();
+        let z = off / (all[k].sd * all[k].sd + birge / total).sqrt();
+        (z > FAR && off > REALISED * mean.abs()).then_some(Departure {
+            video: all[k].video,
+            own: all[k].value,
+            others: mean,
+            z,
+        })
+    };
+    (0..all.len()).filter_map(one).max_by(|a, b| a.z.total_cmp(&b.z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_that_differs_is_named_and_a_scatter_is_not() {
+        let of = |values: &[f64]| {
+            let number = |(video, value): (usize, &f64)| Number { video, value: *value, sd: 1e-4 };
+            farthest(&values.iter().enumerate().map(number).collect::<Vec<_>>()).map(|d| d.video)
+        };
+        assert_eq!(of(&[0.03, 0.0075, 0.0301]), Some(1));
+        assert_eq!(of(&[0.03, 0.0301, 0.0302, 0.0299]), None);
+        assert_eq!(of(&[0.01, 0.02, 0.03, 0.04]), None, "all differ");
+        assert_eq!(of(&[0.03, 0.0312, 0.0301]), None, "by no more than surfaces do");
+        assert_eq!(of(&[0.03, 0.0075]), None, "of two neither is the odd one");
+    }
+}
