@@ -214,6 +214,10 @@ fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup
                 div class="video" {
                     @if several { h3 { (scene.name) } }
                     (legend(scene))
+                    @if !scene.findings.is_empty() {
+                        p { "How the tracks look:" }
+                        ul { @for finding in &scene.findings { li { (finding) } } }
+                    }
                     @let sides: Vec<PlayerSide> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(PlayerSide {
                         title: capital(word(views, n)), run: stage.runs.get(k)?,
                         class: class(views.stages.len(), n), measured: true,

@@ -29,6 +29,8 @@ const CUT: f64 = 3.0;
 const WINDOW: usize = 24;
 const SLOW: std::ops::Range<usize> = 5..8;
 const FAST: std::ops::Range<usize> = 12..24;
+/// Slow errors that are larger by less than this change no result.
+const SLIGHT: f64 = 1.25;
 /// Lower quartile of chi-square with six degrees of freedom: three slow degrees in two coordinates.
 const QUARTILE: f64 = 3.454_6;
 /// A gap or a time that differs by more than this share of a frame makes a window uneven.
@@ -56,7 +58,8 @@ pub fn dependence(scene: &Scene) -> f64 {
     }
     match (quantile(&mut slow, 0.25), quantile(&mut fast, 0.5)) {
         (Some(quartile), Some(median)) if median > 0.0 => {
-            ((quartile / QUARTILE).sqrt() * NORMAL_MEDIAN_ABSOLUTE / median).max(1.0)
+            let ratio = (quartile / QUARTILE).sqrt() * NORMAL_MEDIAN_ABSOLUTE / median;
+            if ratio > SLIGHT { ratio } else { 1.0 }
         }
         _ => 1.0,
     }

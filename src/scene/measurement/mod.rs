@@ -7,14 +7,18 @@
 //! | `steps` | positions in steps, such as whole pixels |
 //! | `repeats` | frames, and positions, that stand still |
 //! | `lost_frames` | frames that are missing though numbers go on |
+//! | `camera_motion` | bumps and shakes of the camera, which all objects have in common |
+//! | `sides` | the samples of all objects beside a pair of frames, for the two before |
 //! | `identities` | tracks that leap to something else, and exchanged identities |
 //! | `dependence` | errors of neighbouring frames that depend on each other |
 
+mod camera_motion;
 mod dependence;
 mod finding;
 mod identities;
 mod lost_frames;
 mod repeats;
+mod sides;
 mod steps;
 #[cfg(test)]
 mod tests;
@@ -25,6 +29,7 @@ pub use steps::step;
 
 use crate::num::quantile;
 use crate::scene::observation::{Sample, Scene};
+use camera_motion::{take_out_bumps, take_out_shake};
 use identities::put_identities_right;
 use lost_frames::take_in_lost_frames;
 use repeats::leave_out_repeats;
@@ -37,7 +42,10 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     let step = step(scene);
     let mut found = leave_out_repeats(scene, step);
     found.extend(take_in_lost_frames(scene, step));
+    found.extend(take_out_bumps(scene, step));
     found.extend(put_identities_right(scene, step));
+    // Where one track is on another object, both have all in common.
+    found.extend(take_out_shake(scene, step));
     let finding = |kind, value| TrackFinding { kind, objects: vec![], frames: vec![], value };
     let noise = scene.tracks.iter().map(|t| position_sd(&t.samples, 0.0)).fold(f64::INFINITY, f64::min);
     if step > COARSE * noise && is_rounded(scene, step) {

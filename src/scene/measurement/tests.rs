@@ -186,3 +186,33 @@ fn smoothed_tracks_have_dependent_errors() {
         assert_eq!(kinds(scene), [FindingKind::DependentNoise], "over {} frames", 2 * half + 1);
     }
 }
+
+#[test]
+fn what_all_objects_share_is_the_camera() {
+    let third = |t: f64| vec2(-0.2, 0.5 - 0.1 * t);
+    let scene = || video(120, &[&|t| vec2(-0.5 + 0.4 * t, 0.1), &|_| vec2(0.6, -0.4), &third]);
+    let moved = |shift: &dyn Fn(usize) -> Vec2| {
+        let mut scene = scene();
+        for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
+            s.position = s.position + shift(s.frame);
+        }
+        scene.validate().unwrap()
+    };
+    let off = |found: &Scene| {
+        let (right, mut all) = (scene(), vec![]);
+        for (track, own) in found.tracks.iter().zip(&right.tracks) {
+            all.extend(track.samples.iter().zip(&own.samples).map(|(a, b)| (a.position - b.position).norm()));
+        }
+        quantile(&mut all, 0.5).unwrap()
+    };
+    // A bump of 5 mm after frame 60 is taken back.
+    let bump = moved(&|f| if f > 60 { vec2(0.004, -0.003) } else { Vec2::zero() });
+    let [found] = &bump.findings[..] else { panic!("{:?}", bump.findings) };
+    assert_eq!((found.kind, &found.frames[..]), (FindingKind::MovingCamera, &[60][..]));
+    assert!((found.value - 5e-3).abs() < 5e-4 && off(&bump) < 4e-4, "{found} {}", off(&bump));
+    // A shake as large as 0.6 mm leaves less than half of it.
+    let shake = moved(&|f| vec2(random(90_000 + f as u64), random(95_000 + f as u64)).scaled(6e-4));
+    let [found] = &shake.findings[..] else { panic!("{:?}", shake.findings) };
+    assert_eq!((found.kind, found.frames.len()), (FindingKind::MovingCamera, 0));
+    assert!(off(&shake) < 4e-4, "{}", off(&shake));
+}
