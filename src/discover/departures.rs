@@ -7,7 +7,7 @@
 use super::proof;
 use super::revise::Revision;
 use super::weak_form::WeakFormRegression;
-use crate::effects::{ParamId, effect};
+use crate::effects::{ParamId, Role, effect};
 use crate::fit::{FitError, FitOptions, StartPoint, estimate_each};
 use crate::num::Stop;
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ pub fn departure(
     let mut numbers: BTreeMap<&str, Vec<Number>> = BTreeMap::new();
     for (video, fit) in alone.iter().enumerate().filter(|(_, fit)| !proof::loses(fit)) {
         let told = fit.posterior.estimates.iter().filter(|e| e.scene.is_none() && e.identified);
-        for e in told.filter(|e| acts_between_contacts(&e.name)) {
+        for e in told.filter(|e| is_size(&e.name)) {
             numbers.entry(&e.name).or_default().push(Number { video, value: e.value, sd: e.sd });
         }
     }
@@ -66,9 +66,14 @@ struct Departure {
     z: f64,
 }
 
-/// Contacts through which chaos runs tell their own numbers with deviations that are too small.
-fn acts_between_contacts(name: &str) -> bool {
-    ParamId::parse(name).and_then(|id| effect(id.effect)).is_some_and(|entry| !entry.shows_at_contacts())
+/// Whether it is the size of a law that acts between contacts: what chaos runs through tells its own numbers with deviations that are
+/// too small, and a share of a number that may have either sign says nothing.
+fn is_size(name: &str) -> bool {
+    let Some((id, entry)) = ParamId::parse(name).and_then(|id| Some((id, effect(id.effect)?))) else {
+        return false;
+    };
+    let positive = entry.spec.params.iter().any(|p| p.name == id.parameter && p.min >= 0.0);
+    positive && !entry.shows_at_contacts() && entry.profile.role != Role::Nuisance
 }
 
 /// The number that is farthest from the others, if it is far.

@@ -58,8 +58,7 @@ pub fn take_out_shake(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
         }
     }
     let share = products / f64::max(squares, f64::MIN_POSITIVE);
-    // Distances of neighbouring frames depend on each other: about half of them count.
-    if count < 1.0 || share < f64::max(LEAST, CERTAIN * (2.0 / count).sqrt()) {
+    if count < 1.0 || share < f64::max(LEAST, CERTAIN * (repetition(&off) / count).sqrt()) {
         return None;
     }
     let (mut total, mut frames) = (0.0, 0.0);
@@ -78,6 +77,20 @@ pub fn take_out_shake(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     }
     let value = (total / f64::max(frames, 1.0)).sqrt();
     Some(TrackFinding { kind: FindingKind::MovingCamera, objects: vec![], frames: vec![], value })
+}
+
+/// How many times more distances than independent numbers a correlation needs: 1 + 2 sum_j rho_j^2 over lags j (Bartlett, J. Roy. Stat. Soc.
+/// Suppl. 8 (1946) 27). A marker that turns off its centre wobbles through many frames, as another may by chance.
+fn repetition(off: &[Vec<Option<Vec2>>]) -> f64 {
+    let products = |lag: usize| -> f64 {
+        let of = |o: &Vec<Option<Vec2>>| -> f64 {
+            o.iter().zip(&o[lag.min(o.len())..]).filter_map(|(a, b)| Some((*a)?.dot((*b)?))).sum()
+        };
+        off.iter().map(of).sum()
+    };
+    let square = products(0).max(f64::MIN_POSITIVE);
+    let correlations = (1..=4 * NEAR).map(|lag| products(lag) / square);
+    1.0 + 2.0 * correlations.map(|r| r * r).sum::<f64>()
 }
 
 /// Distances of a track's samples from parabolas through their neighbours (m), cut off; `None` where a neighbour was not seen.

@@ -11,7 +11,7 @@ const FEWEST: usize = 3;
 /// Fall of chi-square that shows an event: odds of 10^6 to 1 among all pairs of a film of 10,000 frames and some ten sizes.
 pub const PROOF: f64 = 52.0;
 /// A leap that is worth a look (deviations of the difference of three positions).
-const LEAP: f64 = 5.0;
+const LEAP: f64 = 2.5;
 
 /// Whether chance, and a noise that is a fifth too small, leave this chi-square.
 pub fn is_noise(chi_square: f64, degrees: f64) -> bool {
