@@ -32,7 +32,7 @@ pub use covariance::Covariance;
 pub use digest::canonical_digest;
 pub use files::{
     Proposals, SceneFile, TableDefaults, decoded, holds_positions, observed_json, parse, parse_csv,
-    parse_pairs, parse_proposals, read_scene,
+    parse_pairs, parse_proposals, read_scene, written_csv,
 };
 pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
 pub use object::{Object, Shape};

@@ -14,7 +14,7 @@ mod tests;
 mod tracker_project;
 
 pub use annotation::parse;
-pub use csv::{TableDefaults, parse_csv};
+pub use csv::{TableDefaults, parse_csv, written_csv};
 pub use observed_json::observed_json;
 pub use point_pairs::parse_pairs;
 pub use proposals::{Proposals, parse_proposals};

@@ -163,6 +163,19 @@ fn a_rounded_rate_is_no_contradiction() {
     assert!(refused.starts_with("fps: is 30, but the times"), "{refused}");
 }
 
+#[test]
+fn a_written_table_reads_back_equal() {
+    for text in [
+        include_str!("../../../tests/data/csv/video_1.csv"),
+        "# table: 0 2 0 1\n# setup: lab 1\n# world: air_table\nid,frame,x,y,yaw,mass,color\n3,0,0.1,0.5,0.1,1.5,red\n3,1,,,,,\n3,2,0.3,0.5,,,\n5,2,1.3,0.5,,,\n",
+    ] {
+        let scene = read(text).unwrap().scene;
+        let written = written_csv(&scene).unwrap();
+        assert_eq!(read(&written).unwrap().scene, scene, "{written}");
+        assert_eq!(written_csv(&read(&written).unwrap().scene).unwrap(), written);
+    }
+}
+
 proptest! {
     #[test]
     fn no_bytes_panic(

@@ -40,24 +40,44 @@ pub struct ImportArgs {
     /// Camera of detections: the JSON of `calibrate`, or one with `camera_matrix` and `image_size` [default: CLEVRER's]
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
+    /// Standard deviation of the edges of detections (px) [default: 1].
+    #[arg(long, value_name = "PIXELS", value_parser = positive)]
+    noise: Option<f64>,
+    #[command(flatten)]
+    stated: StatedArgs,
+    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
+    #[arg(long, value_name = "FILE")]
+    json: Option<String>,
+}
+
+/// What holds where a file does not state it.
+#[derive(clap::Args)]
+pub struct StatedArgs {
     /// Radius or half side of objects where the file does not state it (m) [default: 0.2].
     #[arg(long, value_name = "METRES", value_parser = positive)]
     size: Option<f64>,
     /// Frame rate where the file does not state it (1/s) [default: 25].
     #[arg(long, value_parser = positive)]
     fps: Option<f64>,
-    /// Standard deviation of the edges of detections (px) [default: 1].
-    #[arg(long, value_name = "PIXELS", value_parser = positive)]
-    noise: Option<f64>,
     /// Unit of lengths where the table does not state it [default: m].
     #[arg(long, value_enum)]
     unit: Option<Unit>,
     /// Size of a pixel where the table does not state it (m).
     #[arg(long, value_name = "METRES", value_parser = positive)]
     scale: Option<f64>,
-    /// Writes the result as JSON too; `-`: to standard output, instead of the text.
-    #[arg(long, value_name = "FILE")]
-    json: Option<String>,
+}
+
+impl StatedArgs {
+    pub fn defaults(&self) -> TableDefaults {
+        let unit = self.unit.map(|unit| match unit {
+            Unit::M => "m",
+            Unit::Cm => "cm",
+            Unit::Mm => "mm",
+            Unit::Px => "px",
+        });
+        let unit = unit.map(String::from);
+        TableDefaults { fps: self.fps, unit, scale: self.scale, size: self.size }
+    }
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -108,7 +128,7 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
 }
 
 /// Name of the scene that a file becomes.
-fn name(path: &Path) -> String {
+pub fn name(path: &Path) -> String {
     let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
         true => path.parent().and_then(Path::file_name),
         false => path.file_stem(),
@@ -201,7 +221,7 @@ impl ImportArgs {
             ("proposals", detections(self, name, &decoded(bytes).map_err(bad)?)?)
         } else {
             let SceneFile { scene, kind, assumed } =
-                read_scene(name, bytes, &self.defaults()).map_err(bad)?;
+                read_scene(name, bytes, &self.stated.defaults()).map_err(bad)?;
             output::assumptions::add(&scene.name, assumed);
             (kind, of_scene(&scene))
         };
@@ -212,28 +232,16 @@ impl ImportArgs {
         Ok(ImportedFile { kind, request })
     }
 
-    /// What holds where a table does not state it.
-    fn defaults(&self) -> TableDefaults {
-        let unit = self.unit.map(|unit| match unit {
-            Unit::M => "m",
-            Unit::Cm => "cm",
-            Unit::Mm => "mm",
-            Unit::Px => "px",
-        });
-        let unit = unit.map(String::from);
-        TableDefaults { fps: self.fps, unit, scale: self.scale, size: self.size }
-    }
-
     /// A given flag that has no effect on this format.
     fn unused_flag(&self, kind: &str) -> Option<&'static str> {
         let (detected, stated) = (kind == "proposals", kind == "annotation");
         let given = [
             ("--camera", self.camera.is_some() && !detected),
-            ("--fps", self.fps.is_some() && stated),
+            ("--fps", self.stated.fps.is_some() && stated),
             ("--noise", self.noise.is_some() && !detected),
-            ("--size", self.size.is_some() && stated),
-            ("--unit", self.unit.is_some() && (stated || detected)),
-            ("--scale", self.scale.is_some() && (stated || detected)),
+            ("--size", self.stated.size.is_some() && stated),
+            ("--unit", self.stated.unit.is_some() && (stated || detected)),
+            ("--scale", self.stated.scale.is_some() && (stated || detected)),
         ];
         given.into_iter().find(|(_, unused)| *unused).map(|(flag, _)| flag)
     }
@@ -272,7 +280,7 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
     };
     let video = Video {
         display_name: name.into(),
-        fps: args.fps.unwrap_or(DEFAULT_FPS),
+        fps: args.stated.fps.unwrap_or(DEFAULT_FPS),
         camera: Some(camera),
         image_noise_px: args.noise.unwrap_or(DEFAULT_NOISE),
         ..Default::default()
@@ -280,7 +288,7 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
     Ok(CreateVideoRequest {
         video: Some(video),
         detections: proposals.detections.iter().map(one).collect(),
-        object_size: args.size.unwrap_or(DEFAULT_SIZE),
+        object_size: args.stated.size.unwrap_or(DEFAULT_SIZE),
         frame_count: proposals.frames as u32,
         ..Default::default()
     })

@@ -12,6 +12,7 @@ mod rows;
 #[cfg(test)]
 mod tests;
 mod vocabulary;
+mod write;
 
 use crate::scene::files::assumptions::{StatedValues, assumptions};
 use crate::scene::observation::Scene;
@@ -21,6 +22,7 @@ use notes::Notes;
 pub use notes::TableDefaults;
 use rows::{CsvRows, rows};
 use std::collections::BTreeSet;
+pub use write::written_csv;
 
 /// Reads the text of a CSV file of tracks.
 ///
