@@ -474,3 +474,35 @@ impl TraceContents {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+
+    #[test]
+    fn a_chunk_of_zstd_is_unpacked_and_other_compressions_are_named() {
+        let message = [&[op::MESSAGE][..], &30u64.to_le_bytes(), &[0; 22], &[7; 8]].concat();
+        let records = message.repeat(50);
+        let body = |name: &str, packed: &[u8]| {
+            let (size, crc) = (records.len() as u64, crc32fast::hash(&records));
+            let name = [&(name.len() as u32).to_le_bytes(), name.as_bytes()].concat();
+            let packed = [&(packed.len() as u64).to_le_bytes(), packed].concat();
+            [&[0; 16][..], &size.to_le_bytes(), &crc.to_le_bytes(), &name, &packed].concat()
+        };
+        let packed = compress_to_vec(records.as_slice(), CompressionLevel::Fastest);
+        // A frame that is skipped stands in front of another one.
+        let skipped = [&0x184d_2a50u32.to_le_bytes()[..], &3u32.to_le_bytes(), &[1, 2, 3], &packed].concat();
+        for (name, packed) in [("", &records), ("zstd", &packed), ("zstd", &skipped)] {
+            let Ok(WholeRecord::Chunk(found)) = whole(op::CHUNK, &body(name, packed)) else {
+                panic!("{name}")
+            };
+            assert_eq!(found.len(), 50, "{name}");
+        }
+        for cut in 0..packed.len() {
+            assert!(whole(op::CHUNK, &body("zstd", &packed[..cut])).is_err(), "{cut}");
+        }
+        let refused = whole(op::CHUNK, &body("brotli", &packed)).err().unwrap();
+        assert!(refused.contains("brotli") && refused.contains("mcap compress"), "{refused}");
+    }
+}

@@ -91,6 +91,10 @@ fn what_was_taken_is_said() {
     );
     says("frame,x,y\n20000,0,0\n20001,1,1\n", "frames counted from 20000 on");
     says("frame,x,y\n0,0,0\n1,1,1\n", "25 frames per second");
+    says(
+        "t,a_x,a_y,b_x,b_y\n0,0,0,0.1,0\n1,0,0,0.06,0\n",
+        "radius or half side of 3.00e-2 m, half of the least distance",
+    );
     says("id,t,x,y\n1,0,0,0\n1,0,0,0\n1,1,0,1\n", "one row in place of several equal ones (1 rows");
     says("t,x,y,likelihood\n0,0,0,0.9\n1,9,9,0.1\n2,1,1,1\n", "1 positions with a likelihood below 0.6");
 }
@@ -122,6 +126,12 @@ fn tables_of_trackers_are_read() {
             .scene;
         assert_eq!((positions(&scene), scene.objects[0].mass), (known(first), None), "{text}");
     }
+    let trackmate = "LABEL,ID,TRACK_ID,QUALITY,POSITION_X,POSITION_Y,POSITION_T,FRAME\nLabel,Spot ID,Track ID,Quality,X,Y,T,Frame\n\
+                     Label,Spot ID,Track ID,Quality,X,Y,T,Frame\n,,,(quality),(micron),(micron),(sec),\nID7,7,0,9.5,0,0,0,0\n\
+                     ID8,8,0,9.5,10000,0,0.02,1\nID9,9,1,9.5,500000,500000,0,0\n";
+    let found = read(trackmate).unwrap();
+    assert_eq!(positions(&found.scene), [(0, vec![(0, [0, 0]), (1, [10, 0])]), (1, vec![(0, [500, 500])])]);
+    assert!(found.assumed.iter().any(|line| line.contains("column `TRACK_ID` as id")), "{:?}", found.assumed);
     let scene = read(trex).unwrap().scene;
     assert_eq!(positions(&scene), [(0, vec![(0, [0, 0]), (2, [20, 0])])]);
 }

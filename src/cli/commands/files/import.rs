@@ -334,7 +334,7 @@ mod tests {
         // The parser of annotations explains what is wrong with JSON.
         for (text, place) in [
             (r#"{"frames": "#, "(file): is not JSON"),
-            ("[1, 2]", "(file): is an array"),
+            ("[1, 2]", "(file): is a list"),
             (r#"{"motion_trajectory": []}"#, "object_property"),
         ] {
             let message = kind(text).unwrap_err().to_string();

@@ -107,7 +107,7 @@ fn share<'a>(
     for (kind, column) in chosen {
         map.shared.insert(kind, place(column, of, r));
         let (written, usual) = (of.0.names.get(column.index).unwrap_or_default(), usual_name(kind));
-        if column.name.rank > 0 && !stem(written).eq_ignore_ascii_case(usual) {
+        if !stem(written).eq_ignore_ascii_case(usual) {
             map.renamed.push(format!("column `{}` as {usual}", written.trim()));
         }
     }

@@ -1,7 +1,7 @@
 //! The dialect of a text table: what separates its columns, its decimal sign, and where its header stands. Each separator is
 //! scored on the first lines.
 
-use crate::scene::files::csv::cell_values::{is_absent, number};
+use crate::scene::files::csv::cell_values::number;
 use crate::scene::files::csv::names::names_positions;
 use crate::scene::files::csv::vocabulary::is_unit;
 use ::csv::{ReaderBuilder, StringRecord, Trim};
@@ -219,12 +219,9 @@ fn owners(above: &[Vec<String>], width: usize) -> Vec<Option<String>> {
     owners.into_iter().map(|words| (!words.is_empty()).then(|| words.join(" "))).collect()
 }
 
-/// Whether the cells of a line are units, as a spreadsheet has them below the header.
+/// Whether a line without numbers has units, as spreadsheets have them below the header.
 fn has_units(cells: &[String]) -> bool {
-    let words = || {
-        cells.iter().map(|c| c.trim_matches(['[', ']', '(', ')']).to_lowercase()).filter(|c| !c.is_empty())
-    };
-    words().next().is_some() && words().all(|word| is_unit(&word) || is_absent(&word))
+    cells.iter().any(|cell| is_unit(&cell.trim_matches(['[', ']', '(', ')']).to_lowercase()))
 }
 
 /// The text after its first lines.

@@ -1,6 +1,7 @@
 //! Reads tracks from CSV: one row an object and frame, columns by name.
 
 mod assemble;
+mod assumed_size;
 mod cell_values;
 mod columns;
 mod dialect;
@@ -18,6 +19,7 @@ use crate::scene::files::assumptions::{StatedValues, assumptions};
 use crate::scene::observation::Scene;
 use crate::scene::violations::{SceneError, SceneViolations, readable};
 use assemble::scene;
+use assumed_size::shrink_to_fit;
 use notes::Notes;
 pub use notes::TableDefaults;
 use rows::{CsvRows, rows};
@@ -57,9 +59,11 @@ pub(super) fn read_table(
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
     let mut rows = rows?;
-    let (stated, timed) = (stated(&notes, &rows), rows.timed);
+    let (mut stated, timed) = (stated(&notes, &rows), rows.timed);
+    let sized = notes.has_size || rows.rows.iter().any(|row| row.size.is_some());
     let mut dialect = std::mem::take(&mut rows.dialect);
-    let (scene, of_rows) = scene(name, &notes, rows)?;
+    let (mut scene, of_rows) = scene(name, &notes, rows)?;
+    stated.shrunk = if sized { None } else { shrink_to_fit(&mut scene) };
     let scene = scene.validate()?;
     if timed && !dialect.is_empty() {
         dialect.push(format!("{} frames/s from the times", readable((100.0 * scene.fps).round() / 100.0)));
@@ -79,6 +83,7 @@ fn stated(notes: &Notes, rows: &CsvRows) -> StatedValues {
         size: notes.has_size || objects(true) == objects(false),
         fps: rows.timed || notes.fps.is_some(),
         world: notes.has_world,
+        shrunk: None,
         how: [
             "`# size: 30 mm`",
             "`# fps: 50`",

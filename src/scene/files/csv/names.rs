@@ -25,13 +25,14 @@ const COLUMNS: [(CsvColumn, &[&str]); 14] = [
     (
         CsvColumn::Id,
         &[
+            // Beside a `track_id`, an `id` counts rows.
+            "track_id",
             "id",
             "object_id",
             "object",
             "track",
             "obj_id",
             "obj",
-            "track_id",
             "trackid",
             "particle",
             "puck",
@@ -95,7 +96,7 @@ const COLUMNS: [(CsvColumn, &[&str]); 14] = [
     (CsvColumn::Color, &["color", "colour"]),
 ];
 /// How many of the names of each column are checked for typing errors: other programs have columns with similar names.
-const CHECKED_NAMES: usize = 4;
+const CHECKED_NAMES: usize = 5;
 /// Columns that each object may have for itself.
 const OF_OBJECTS: [CsvColumn; 4] = [CsvColumn::X, CsvColumn::Y, CsvColumn::Yaw, CsvColumn::Likelihood];
 /// Words beside an axis that name no object, as in `pos_x`.
@@ -241,12 +242,11 @@ pub(super) fn checked_names() -> impl Iterator<Item = &'static str> {
 
 /// The name that a column has in our own files.
 pub(super) fn usual_name(column: CsvColumn) -> &'static str {
-    COLUMNS
-        .iter()
-        .find(|(known, _)| *known == column)
-        .and_then(|(_, names)| names.first())
-        .copied()
-        .unwrap_or_default()
+    let names = COLUMNS.iter().find(|(known, _)| *known == column).map(|(_, names)| *names);
+    match column {
+        CsvColumn::Id => "id",
+        _ => names.and_then(|names| names.first()).copied().unwrap_or_default(),
+    }
 }
 
 /// Whether the masses and sizes of a table with these columns are those of an image.

@@ -71,7 +71,7 @@ pub(super) fn rows(text: &str, notes: &Notes, r: &mut SceneViolations) -> Result
         return Ok(found);
     }
     let mut reader =
-        RowReader { table: &table, map: &map, clock, stated: Stated::new(), counts: RowCounts::default() };
+        TableReader { table: &table, map: &map, clock, stated: Stated::new(), counts: RowCounts::default() };
     for record in table.records() {
         let (line, record) = match record {
             Ok(record) => record,
@@ -172,7 +172,7 @@ impl RowCounts {
 }
 
 /// Reads the rows of a table.
-struct RowReader<'a> {
+struct TableReader<'a> {
     table: &'a TextTable<'a>,
     map: &'a ColumnMap,
     clock: RowClock,
@@ -180,7 +180,7 @@ struct RowReader<'a> {
     counts: RowCounts,
 }
 
-impl RowReader<'_> {
+impl TableReader<'_> {
     /// The rows of one line: one, or one for each object with columns of its own.
     fn take(&mut self, line: u64, record: &StringRecord, found: &mut CsvRows, r: &mut SceneViolations) {
         let names = &self.table.header.names;

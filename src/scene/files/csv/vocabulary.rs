@@ -4,8 +4,8 @@ use crate::scene::object::Shape;
 use std::f64::consts::PI;
 
 /// Units by name, each with its size in SI units.
-pub(super) const LENGTHS: [(&str, f64); 6] =
-    [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("km", 1e3)];
+pub(super) const LENGTHS: [(&str, f64); 7] =
+    [("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("micron", 1e-6), ("km", 1e3)];
 pub(super) const TIMES: [(&str, f64); 7] =
     [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("µs", 1e-6), ("ns", 1e-9), ("sec", 1.0), ("seconds", 1.0)];
 pub(super) const ANGLES: [(&str, f64); 4] =
