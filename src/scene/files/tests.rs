@@ -8,8 +8,11 @@ fn read(text: &str) -> Result<SceneFile, SceneError> {
     read_scene("s", text.as_bytes(), &TableDefaults::default())
 }
 
+/// The id of an object, and its positions (mm) by frame.
+type ObjectPath = (u32, Vec<(usize, [i64; 2])>);
+
 /// Positions by object and frame, in mm.
-fn positions(scene: &Scene) -> Vec<(u32, Vec<(usize, [i64; 2])>)> {
+fn positions(scene: &Scene) -> Vec<ObjectPath> {
     let mm = |v: f64| (1e3 * v).round() as i64;
     let of = |(o, t): (&crate::scene::Object, &crate::scene::Track)| {
         (o.id, t.samples.iter().map(|s| (s.frame, [mm(s.position.x), mm(s.position.y)])).collect())
@@ -18,7 +21,7 @@ fn positions(scene: &Scene) -> Vec<(u32, Vec<(usize, [i64; 2])>)> {
 }
 
 /// Two objects in three frames of 20 ms; the second is not seen in the second frame.
-fn known(first: u32) -> Vec<(u32, Vec<(usize, [i64; 2])>)> {
+fn known(first: u32) -> Vec<ObjectPath> {
     vec![
         (first, vec![(0, [0, 0]), (1, [10, 0]), (2, [20, 0])]),
         (first + 1, vec![(0, [500, 500]), (2, [500, 500])]),

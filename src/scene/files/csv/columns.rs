@@ -146,7 +146,9 @@ fn repeated(
         let at = places.get(&CsvColumn::X).map_or(0, |(index, _)| index + 1);
         r.add(
             format!("header, column {at}"),
-            format!("is the x of object {name}, which has no y; add the column"),
+            format!(
+                "is the x of object {name}, which has no y before the next x; order the columns as x, y, x, y"
+            ),
         );
     }
     objects

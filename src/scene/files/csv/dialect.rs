@@ -98,9 +98,8 @@ fn scored(lines: &[SampleLine], separator: (Option<char>, &'static str)) -> Scor
     };
     let first_row = of_kind(false).next().unwrap_or(lines.len());
     // A program may mark its header as a comment.
-    let header = of_kind(false)
-        .find(names)
-        .or_else(|| of_kind(true).filter(|at| *at < first_row).filter(names).last());
+    let header =
+        of_kind(false).find(names).or_else(|| of_kind(true).filter(|at| *at < first_row).rfind(names));
     let width = header.and_then(|at| split.get(at)).map_or(0, |cells| filled(cells));
     let below = header.map_or(0, |at| at + 1);
     let rows: Vec<usize> =
@@ -184,7 +183,7 @@ fn table<'a>(text: &'a str, lines: &[SampleLine], at: usize, dialect: ScoredDial
     let data = || rows.iter().flatten();
     let with_comma = data().filter(|cell| cell.contains(',') && number(cell, true).is_some()).count();
     let with_point = data().filter(|cell| cell.contains('.') && number(cell, false).is_some()).count();
-    let rest = after_line(text, header_line as usize);
+    let rest = after_line(text, header_line);
     TextTable {
         header: TableHeader { names: StringRecord::from(names), owners },
         has_header: dialect.header.is_some(),

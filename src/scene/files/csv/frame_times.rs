@@ -31,7 +31,7 @@ pub(super) fn shift_to_start(timed: bool, rows: &mut [Row]) -> Option<String> {
         rows.iter_mut().for_each(|row| row.when -= first);
         return Some(format!("frames counted from {} on, the first one", readable(first)));
     }
-    if !first.is_finite() || (first >= 0.0 && first <= LONGEST_VIDEO) {
+    if !first.is_finite() || (0.0..=LONGEST_VIDEO).contains(&first) {
         return None;
     }
     let fine = FINE_UNITS.iter().find(|(from, ..)| first > *from);

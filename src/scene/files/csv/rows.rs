@@ -352,7 +352,7 @@ impl Cells<'_> {
             let value = readable(value);
             let message = format!(
                 "is {value} m; it must be within {MAX_COORDINATE} m; if it is in millimetres, name the column \
-                 `{name} [mm]`, and `{name} [px]` if in pixels"
+                 `{name} [mm]`; if in pixels, put a line `# scale: 0.002` (m per pixel) in front"
             );
             self.wrong(column, message);
         }
