@@ -1,6 +1,8 @@
 //! Settings: flags override the environment (`VRDP_`), which overrides a file, which overrides defaults. Unknown keys are
 //! refused.
 
+mod certificate;
+
 use crate::api::{Security, ServerLimits, Tokens};
 use crate::engine::{Capacity, Retention};
 use figment::Figment;
@@ -12,6 +14,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
+
+pub use certificate::{NO_AUTHORITY, certificate_problem, is_authority, key_problem, pem_text};
 
 /// How much later than the engine's limit the server ends a call: the error of the engine says more.
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
@@ -244,11 +248,19 @@ impl Config {
     pub fn security(&self) -> Result<Security, ConfigError> {
         let mut security = Security::default();
         if let (Some(cert), Some(key)) = (&self.tls_cert, &self.tls_key) {
-            let identity = Identity::from_pem(read("tls_cert", cert)?, read("tls_key", key)?);
+            let certificate = checked("tls_cert", cert, certificate_problem)?;
+            if is_authority(&certificate) {
+                tracing::warn!(file = %cert.display(), "tls_cert: {NO_AUTHORITY}");
+            }
+            let identity = Identity::from_pem(certificate, checked("tls_key", key, key_problem)?);
             let usable = |tls: ServerTlsConfig, key: &'static str, path: &Path| {
                 let wrong = |error: tonic::transport::Error| {
-                    let problem =
+                    let words =
                         std::error::Error::source(&error).map_or(error.to_string(), |e| e.to_string());
+                    let problem = match words.contains("KeyMismatch") {
+                        true => "is not the certificate of tls_key; give a certificate and the key it was made with".into(),
+                        false => words,
+                    };
                     ConfigError::File { key, path: path.into(), problem }
                 };
                 Server::builder().tls_config(tls.clone()).map(|_| tls).map_err(wrong)
@@ -256,7 +268,7 @@ impl Config {
             let tls = ServerTlsConfig::new().identity(identity).timeout(HANDSHAKE);
             let mut tls = usable(tls, "tls_cert", cert)?;
             if let Some(ca) = &self.tls_client_ca {
-                let root = Certificate::from_pem(read("tls_client_ca", ca)?);
+                let root = Certificate::from_pem(checked("tls_client_ca", ca, certificate_problem)?);
                 tls = usable(tls.client_ca_root(root), "tls_client_ca", ca)?;
             }
             security.tls = Some(tls);
@@ -275,8 +287,21 @@ impl Config {
 }
 
 fn read(key: &'static str, path: &Path) -> Result<String, ConfigError> {
-    let wrong = |e: std::io::Error| ConfigError::File { key, path: path.into(), problem: e.to_string() };
-    std::fs::read_to_string(path).map_err(wrong)
+    let wrong = |problem: String| ConfigError::File { key, path: path.into(), problem };
+    pem_text(std::fs::read(path).map_err(|e| wrong(e.to_string()))?).map_err(|problem| wrong(problem.into()))
+}
+
+/// The text of a PEM file, if `problem` finds none.
+fn checked(
+    key: &'static str,
+    path: &Path,
+    problem: fn(&str) -> Option<&'static str>,
+) -> Result<String, ConfigError> {
+    let text = read(key, path)?;
+    match problem(&text) {
+        Some(problem) => Err(ConfigError::File { key, path: path.into(), problem: problem.into() }),
+        None => Ok(text),
+    }
 }
 
 #[cfg(test)]

@@ -194,3 +194,34 @@ fn clevrers_own_layout_is_scored_and_written_for_its_evaluation() {
     let (output, out, err) = run(&["fit", &place]);
     assert!(output.status.success() && out.contains("annotation_00022"), "{err}");
 }
+
+#[test]
+fn tables_of_other_programs_go_into_every_command() {
+    let scratch = Scratch::new("dialects");
+    std::fs::create_dir(scratch.path("videos")).unwrap();
+    let mut rows = String::from("#multi:\n\tmass A\t\tmass B\t\nt\tx\ty\tx\ty\n");
+    for k in 0..12 {
+        rows += &format!("{}\t{}\t0,0\t5,0\tNA\n", 0.04 * k as f64, 0.02 * k as f64)
+            .replace("NA", "1,0")
+            .replace('.', ",");
+    }
+    scratch.write("videos/one.txt", &rows);
+    scratch.write("videos/notes.txt", "Recorded on Monday.\n");
+    let out = scratch.path("csv");
+    let (output, text, err) =
+        run(&["convert", &scratch.path("videos/one.txt"), "--out", &out, "--size", "0.03"]);
+    assert!(output.status.success(), "{err}");
+    assert!(
+        text.contains("tabs, decimal commas, 25 frames/s") && text.contains("0 is mass A, 1 is mass B"),
+        "{text}"
+    );
+    // The folder of the text and the folder of what it became hold the same video.
+    for folder in [scratch.path("videos"), out] {
+        let (output, text, err) = run(&["fit", &folder, "--json", "-"]);
+        assert!(output.status.success() && text.contains("\"one\""), "{text}{err}");
+    }
+    let tracks = scratch.write("tracks.h5", "\u{1}");
+    std::fs::write(&tracks, b"\x89HDF\r\n\x1a\n").unwrap();
+    let (output, _, err) = run(&["fit", &tracks]);
+    assert!(output.status.code() == Some(2) && err.contains("save_as_csv=True"), "{err}");
+}

@@ -9,7 +9,7 @@ mod version;
 
 use clap::{Parser, Subcommand};
 use commands::demo;
-use commands::files::{calibrate, import, replay, trace};
+use commands::files::{calibrate, convert, import, replay, trace};
 use commands::scene::{ask, fit, score, simulate};
 use commands::service::{effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
@@ -44,12 +44,14 @@ fn check(target: &Target, command: &Command) -> Result<(), Failure> {
     let remote = target.server.as_ref().map(|_| "--server").or(credential);
     let folder = target.data_dir.as_ref().map(|_| "--data-dir");
     let threads = target.threads.map(|_| "--threads").filter(|_| match command {
-        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Health => true,
+        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Convert(_) | Command::Health => {
+            true
+        }
         _ => target.server.is_some(),
     });
     let unused = match command {
         Command::Serve(_) => remote,
-        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) => remote.or(folder),
+        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Convert(_) => remote.or(folder),
         Command::Health => folder,
         _ if target.server.is_some() => folder,
         _ => None,
@@ -89,8 +91,10 @@ enum Command {
     Report(report::ReportArgs),
     /// Estimates a camera from points whose image and world positions are known.
     Calibrate(calibrate::CalibrateArgs),
-    /// Converts CLEVRER, CSV and Tracker files to scene files.
+    /// Converts files of other programs and detections to scene files.
     Import(import::ImportArgs),
+    /// Writes tables of other programs as CSV files of vrdp.
+    Convert(convert::ConvertArgs),
     /// Adds an effect or a formula of your own to the model of a set-up, or removes one; keeps the history.
     Revise(revise::ReviseArgs),
     /// Shows the numbers of a fitted model with their uncertainty, to read or to cite; without an id lists all models.
@@ -172,6 +176,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Report(args) => report::run(target, args).await,
         Command::Calibrate(args) => calibrate::run(target, args).await,
         Command::Import(args) => import::run(target, args).await,
+        Command::Convert(args) => convert::run(args),
         Command::Revise(args) => revise::run(target, args).await,
         Command::Show(args) => show::run(target, args).await,
         Command::Operations(args) => operations::run(target, args).await,

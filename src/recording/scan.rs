@@ -7,14 +7,18 @@
 use super::RecordingError;
 use super::messages::{self as m, v1};
 use crc32fast::Hasher;
-use mcap::records::{Channel, MessageHeader, Record, Statistics, op};
+use mcap::records::{Channel, ChunkHeader, MessageHeader, Record, Statistics, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message as _;
+use ruzstd::decoding::FrameDecoder;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 
 /// Longest record or decompressed chunk (bytes): a damaged length must not take all memory.
 pub const MAX_RECORD: u64 = 64 << 20;
+/// Largest window of a zstd frame (bytes): what `zstd --ultra -22` uses.
+const MAX_WINDOW: u64 = 128 << 20;
 /// Bytes that are read at a time.
 const BLOCK: usize = 256 << 10;
 /// Bytes before a record's body: opcode and length.
@@ -133,14 +137,39 @@ fn whole(opcode: u8, body: &[u8]) -> Result<WholeRecord, String> {
         return Err("an attachment is shorter than its stated length".into());
     }
     let text = |e: mcap::McapError| e.to_string();
-    let Record::Chunk { header, .. } = mcap::parse_record(opcode, body).map_err(text)? else {
+    let Record::Chunk { header, data } = mcap::parse_record(opcode, body).map_err(text)? else {
         return Ok(WholeRecord::Other(mcap::parse_record(opcode, body).map_err(text)?.into_owned()));
     };
     let span = format!("{} to {} s", seconds(header.message_start_time), seconds(header.message_end_time));
     if header.uncompressed_size > MAX_RECORD {
         return Err(format!("a chunk ({span}) is too large"));
     }
-    unpacked(opcode, body).map(WholeRecord::Chunk).map_err(|e| format!("a chunk ({span}) is damaged: {e}"))
+    let body = match header.compression.as_str() {
+        "zstd" => match stored(&header, data.as_ref()) {
+            Some(body) => Cow::Owned(body),
+            None => return Err(format!("a chunk ({span}) is damaged: it is no valid zstd")),
+        },
+        "" | "lz4" => Cow::Borrowed(body),
+        other => {
+            let cure = "rewrite the file: mcap compress --compression lz4 IN -o OUT";
+            return Err(format!("a chunk ({span}) is compressed with {other:?}, which is not known; {cure}"));
+        }
+    };
+    unpacked(opcode, &body).map(WholeRecord::Chunk).map_err(|e| format!("a chunk ({span}) is damaged: {e}"))
+}
+
+/// The body of a zstd chunk as that of one without compression; `None` if its data are no zstd of the stated size.
+fn stored(header: &ChunkHeader, data: &[u8]) -> Option<Vec<u8>> {
+    let size = header.uncompressed_size;
+    let mut records = vec![0; usize::try_from(size).ok()?];
+    let mut decoder = FrameDecoder::new();
+    decoder.set_max_window_size(MAX_WINDOW);
+    let written = decoder.decode_all(data, &mut records).ok()?;
+    let numbers = [header.message_start_time, header.message_end_time, size].map(u64::to_le_bytes).concat();
+    let crc = header.uncompressed_crc.to_le_bytes();
+    // The name of no compression has the length 0.
+    let body = [&numbers[..], &crc, &0u32.to_le_bytes(), &size.to_le_bytes(), &records];
+    (written as u64 == size).then(|| body.concat())
 }
 
 /// The records of a chunk, after its checksum was checked.
@@ -443,5 +472,37 @@ impl TraceContents {
             self.parameters.extend(v1::TraceParameters::decode(data).map_err(wrong)?.parameters);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ruzstd::encoding::{CompressionLevel, compress_to_vec};
+
+    #[test]
+    fn a_chunk_of_zstd_is_unpacked_and_other_compressions_are_named() {
+        let message = [&[op::MESSAGE][..], &30u64.to_le_bytes(), &[0; 22], &[7; 8]].concat();
+        let records = message.repeat(50);
+        let body = |name: &str, packed: &[u8]| {
+            let (size, crc) = (records.len() as u64, crc32fast::hash(&records));
+            let name = [&(name.len() as u32).to_le_bytes(), name.as_bytes()].concat();
+            let packed = [&(packed.len() as u64).to_le_bytes(), packed].concat();
+            [&[0; 16][..], &size.to_le_bytes(), &crc.to_le_bytes(), &name, &packed].concat()
+        };
+        let packed = compress_to_vec(records.as_slice(), CompressionLevel::Fastest);
+        // A frame that is skipped stands in front of another one.
+        let skipped = [&0x184d_2a50u32.to_le_bytes()[..], &3u32.to_le_bytes(), &[1, 2, 3], &packed].concat();
+        for (name, packed) in [("", &records), ("zstd", &packed), ("zstd", &skipped)] {
+            let Ok(WholeRecord::Chunk(found)) = whole(op::CHUNK, &body(name, packed)) else {
+                panic!("{name}")
+            };
+            assert_eq!(found.len(), 50, "{name}");
+        }
+        for cut in 0..packed.len() {
+            assert!(whole(op::CHUNK, &body("zstd", &packed[..cut])).is_err(), "{cut}");
+        }
+        let refused = whole(op::CHUNK, &body("brotli", &packed)).err().unwrap();
+        assert!(refused.contains("brotli") && refused.contains("mcap compress"), "{refused}");
     }
 }

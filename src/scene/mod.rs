@@ -9,7 +9,7 @@
 //! | `digest` | the key of a scene by its content |
 //! | `camera` | projection, the inverse onto the ground plane, calibration from point pairs |
 //! | `tracks` | detections to tracks: masks, silhouettes, linking; outliers of a tracker |
-//! | `files` | text in, scene out: annotations, CSV, Tracker exports, proposals, point pairs |
+//! | `files` | bytes in, scene out: annotations, tables of text, Tracker projects, proposals, point pairs |
 
 mod camera;
 mod covariance;
@@ -33,8 +33,8 @@ pub use camera::{
 pub use covariance::Covariance;
 pub use digest::canonical_digest;
 pub use files::{
-    Proposals, is_tracker, observed_json, parse, parse_csv, parse_pairs, parse_proposals, parse_tracker,
-    read_annotation, read_csv,
+    Proposals, SceneFile, TableDefaults, decoded, holds_positions, observed_json, parse, parse_csv,
+    parse_pairs, parse_proposals, read_scene, written_csv,
 };
 pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
 pub use measurement::{FindingKind, TrackFinding};

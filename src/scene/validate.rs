@@ -15,7 +15,7 @@ const MAX_FRAME_TIME: f64 = 1.0 / FPS_RANGE[0];
 /// Largest correlation of the errors of x and y.
 const MAX_CORRELATION: f64 = 1.0 - 1e-9;
 /// Least distance of two centres as a share of the sum of the inscribed radii: below it one object lies inside the other.
-const MIN_DISTANCE_SHARE: f64 = 0.5;
+pub(super) const MIN_DISTANCE_SHARE: f64 = 0.5;
 
 impl Scene {
     /// The scene with its outliers moved from `tracks` to `outliers`, and with what its tracks show of how they were measured; or

@@ -35,6 +35,26 @@ def test_tables_go_in_and_come_out(client):
     assert client.trace(simulation.trace).startswith(b"\x89MCAP0\r\n")
 
 
+def test_files_and_frames_are_read_by_the_same_rules(client, tmp_path):
+    seconds = tracks().rename(columns={"frame": "t [ms]", "id": "puck", "x": "x [cm]", "y": "y [cm]"})
+    seconds["t [ms]"] *= 40
+    seconds["x [cm]"] *= 100
+    seconds.loc[5, ["x [cm]", "y [cm]"]] = math.nan
+    with pytest.warns(UserWarning, match="masses near 1 kg"):
+        video = client.post(seconds, world="table", size=0.2)
+    path = tmp_path / "tracks.csv"
+    seconds.to_csv(path, index=False, sep=";", decimal=",", na_rep="NA")
+    with pytest.warns(UserWarning, match="semicolons, decimal commas"):
+        of_file = client.post(path, world="table", size=0.2)
+    assert of_file == video
+    with pytest.warns(UserWarning, match="25 frames per second"):
+        client.post(tracks())
+    with pytest.raises(VrdpError, match="give the scale"):
+        client.post(tracks(), unit="px")
+    with pytest.raises(VrdpError, match="to_csv"):
+        client.post(b"\x89HDF\r\n\x1a\n")
+
+
 def test_questions_are_answered_and_models_can_be_named(client):
     video = client.post(tracks())
     model = client.fit(video, preset="table")

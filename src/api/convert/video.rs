@@ -188,6 +188,7 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         objects: objects.collect(),
         image_noise_px: 0.0,
         linking: None,
+        assumptions: vec![],
         create_time: None,
         outliers: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
         findings: scene.findings.iter().map(finding_message).collect(),

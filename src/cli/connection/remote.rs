@@ -3,6 +3,7 @@
 use super::target::Target;
 use crate::cli::error::Failure;
 use crate::cli::output::{self, progress};
+use crate::config::{NO_AUTHORITY, certificate_problem, key_problem, pem_text};
 use axum::body::to_bytes;
 use std::error::Error;
 use std::fmt::Display;
@@ -191,7 +192,26 @@ fn cause(error: &transport::Error) -> String {
 fn explained(error: &transport::Error, url: &str) -> Status {
     let cause = cause(error);
     let code = if cause.contains("Connection refused") { Code::Unavailable } else { Code::Unknown };
-    Status::new(code, format!("{url}: {cause}; {}", advice(&cause, url.starts_with("https:"))))
+    let advice = advice(&cause, url.starts_with("https:"));
+    let proxy = if advice == IS_IT_RUNNING { proxy_advice(url, |name| std::env::var(name).ok()) } else { "" };
+    Status::new(code, format!("{url}: {cause}; {advice}{proxy}"))
+}
+
+const IS_IT_RUNNING: &str = "is the service running?";
+
+/// What to do if the environment asks for a proxy: a call goes to the service directly.
+fn proxy_advice(url: &str, variable: impl Fn(&str) -> Option<String>) -> &'static str {
+    let encrypted = url.starts_with("https:");
+    let names = if encrypted { ["https_proxy", "HTTPS_PROXY"] } else { ["http_proxy", "HTTP_PROXY"] };
+    let is_set = names
+        .into_iter()
+        .chain(["all_proxy", "ALL_PROXY"])
+        .any(|name| variable(name).is_some_and(|v| !v.is_empty()));
+    if is_set {
+        " A proxy is set in the environment, but calls go to the service directly: open that way, or use a tunnel"
+    } else {
+        ""
+    }
 }
 
 /// What to do, by the words that `rustls` and `hyper` use in their errors.
@@ -201,9 +221,13 @@ fn advice(cause: &str, encrypted: bool) -> &'static str {
         "the service does not use TLS: write http://, or give the service a certificate"
     } else if says(&["UnknownIssuer"]) {
         "no trusted authority signed its certificate: name the right one with --ca"
-    } else if says(&["NotValidForName"]) {
+    } else if says(&["CaUsedAsEndEntity"]) {
+        NO_AUTHORITY
+    } else if says(&["UnsupportedCertVersion"]) {
+        "its certificate has no extensions (version 1): make it again with -addext subjectAltName=DNS:HOST"
+    } else if says(&["NotValidForName", "not valid for name"]) {
         "its certificate is for another host name: use that name in --server"
-    } else if says(&["Expired", "NotValidYet"]) {
+    } else if says(&["Expired", "expired", "NotValidYet", "not valid yet"]) {
         "its certificate has expired or is not valid yet: renew it, or set the clock"
     } else if says(&["CertificateRequired"]) || (encrypted && says(&["broken pipe", "closed", "reset"])) {
         "the service asks for a client certificate: give --cert and --key"
@@ -212,13 +236,16 @@ fn advice(cause: &str, encrypted: bool) -> &'static str {
     } else if !encrypted && says(&["http2 error", "frame", "broken pipe", "Broken pipe", "reset", "closed"]) {
         "if the service uses TLS, write https:// and name its authority with --ca"
     } else {
-        "is the service running?"
+        IS_IT_RUNNING
     }
 }
 
 fn tls(target: &Target) -> Result<ClientTlsConfig, Failure> {
     let tls = match &target.ca {
-        Some(ca) => ClientTlsConfig::new().ca_certificate(Certificate::from_pem(read("--ca", ca)?)),
+        Some(ca) => {
+            let text = checked("--ca", ca, certificate_problem)?;
+            ClientTlsConfig::new().ca_certificate(Certificate::from_pem(text))
+        }
         None => ClientTlsConfig::new().with_native_roots(),
     };
     if target.cert.is_some() != target.key.is_some() {
@@ -226,7 +253,9 @@ fn tls(target: &Target) -> Result<ClientTlsConfig, Failure> {
     }
     Ok(match (&target.cert, &target.key) {
         (Some(cert), Some(key)) => {
-            tls.identity(Identity::from_pem(read("--cert", cert)?, read("--key", key)?))
+            let (cert, key) =
+                (checked("--cert", cert, certificate_problem)?, checked("--key", key, key_problem)?);
+            tls.identity(Identity::from_pem(cert, key))
         }
         _ => tls,
     })
@@ -246,8 +275,18 @@ fn token(path: &Path) -> Result<MetadataValue<Ascii>, Failure> {
 }
 
 fn read(flag: &str, path: &Path) -> Result<String, Failure> {
-    let wrong = |e| Failure::input(format!("{flag} {}: {e}; give a readable file", path.display()));
-    std::fs::read_to_string(path).map_err(wrong)
+    let wrong = |problem: String| Failure::input(format!("{flag} {}: {problem}", path.display()));
+    let bytes = std::fs::read(path).map_err(|e| wrong(format!("{e}; give a readable file")))?;
+    pem_text(bytes).map_err(|problem| wrong(problem.into()))
+}
+
+/// The text of a PEM file, if `problem` finds none.
+fn checked(flag: &str, path: &Path, problem: fn(&str) -> Option<&'static str>) -> Result<String, Failure> {
+    let text = read(flag, path)?;
+    match problem(&text) {
+        Some(problem) => Err(Failure::input(format!("{flag} {}: {problem}", path.display()))),
+        None => Ok(text),
+    }
 }
 
 #[cfg(test)]
@@ -290,6 +329,28 @@ mod tests {
             }
         });
         address.to_string()
+    }
+
+    #[test]
+    fn certificates_as_people_make_them_give_words() {
+        for (cause, word) in [
+            ("invalid peer certificate: Other(OtherError(CaUsedAsEndEntity))", "CA:FALSE"),
+            (
+                "invalid peer certificate: certificate not valid for name \"a\"; certificate is only valid for b",
+                "another host",
+            ),
+            ("invalid peer certificate: certificate expired: verification time 2 (UNIX)", "expired"),
+            (
+                "invalid peer certificate: certificate not valid yet: verification time 2 (UNIX)",
+                "not valid yet",
+            ),
+            ("invalid peer certificate: UnknownIssuer", "--ca"),
+        ] {
+            assert!(advice(cause, true).contains(word), "{cause}: {}", advice(cause, true));
+        }
+        let set = |name: &str| (name == "HTTPS_PROXY").then(|| "http://proxy:3128".to_string());
+        assert!(proxy_advice("https://host:1", set).contains("proxy"));
+        assert_eq!([proxy_advice("http://host:1", set), proxy_advice("https://host:1", |_| None)], [""; 2]);
     }
 
     #[tokio::test]

@@ -6,4 +6,4 @@ mod scenes;
 
 pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
-pub use scenes::{OBSERVED, outlier_message, scene, scene_paths, scenes, text};
+pub use scenes::{OBSERVED, bytes, outlier_message, scene, scene_paths, scenes, text};

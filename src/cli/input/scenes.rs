@@ -2,15 +2,23 @@
 
 use crate::cli::error::Failure;
 use crate::cli::output;
-use crate::scene::{Outlier, Scene, read_annotation, read_csv};
+use crate::scene::{Outlier, Scene, SceneFile, TableDefaults, decoded, holds_positions, read_scene};
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Name of a scene's file in its folder.
 pub const OBSERVED: &str = "observed.json";
 /// How the names of CLEVRER's annotations, and of their folders, begin.
 const ANNOTATION: &str = "annotation_";
+/// Extensions of tables and projects of trackers, and of texts that may be tables.
+const TABLES: [&str; 5] = ["csv", "tsv", "tab", "trk", "trz"];
+const TEXTS: [&str; 3] = ["txt", "dat", "log"];
+/// Extensions of files that hold tracks, but no text.
+const BINARIES: [&str; 6] = ["h5", "hdf5", "parquet", "slp", "xlsx", "npy"];
+/// Bytes at the start of a text file that show whether it is a table.
+const TABLE_START: u64 = 1 << 16;
 /// Number of outliers that a message lists.
 const OUTLIERS_NAMED: usize = 4;
 /// Largest size of a scene file in bytes: the allowed objects and frames need less.
@@ -36,7 +44,7 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure>
     Ok(files.iter().map(read).collect())
 }
 
-/// The scenes of a path, in natural order: a file, a folder with an observed.json, a folder of such folders, of CSV files or of
+/// The scenes of a path, in natural order: a file, a folder with an observed.json, a folder of such folders, of tables or of
 /// CLEVRER's annotations, or a folder of folders of these annotations.
 pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
     if is_regular_file(path)? || path.join(OBSERVED).is_file() {
@@ -49,7 +57,7 @@ pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
         Ok(all)
     };
     let is_scene =
-        |p: &PathBuf| p.join(OBSERVED).is_file() || (p.is_file() && (is_csv(p) || is_annotation(p)));
+        |p: &PathBuf| p.join(OBSERVED).is_file() || (p.is_file() && (is_table(p) || is_annotation(p)));
     let all = within(path)?;
     let mut found: Vec<PathBuf> = all.iter().filter(|p| is_scene(p)).cloned().collect();
     if found.is_empty() {
@@ -59,8 +67,12 @@ pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
         }
     }
     if found.is_empty() {
+        // Their errors say how to write them as text.
+        found = all.iter().filter(|p| p.is_file() && BINARIES.iter().any(|b| has(p, b))).cloned().collect();
+    }
+    if found.is_empty() {
         return Err(Failure::input(format!(
-            "{}: neither this folder nor its subfolders hold an {OBSERVED}, a CSV file or a CLEVRER annotation \
+            "{}: neither this folder nor its subfolders hold an {OBSERVED}, a table (CSV or text) or a CLEVRER annotation \
              (annotation_*.json); give a scene file or folder",
             path.display()
         )));
@@ -119,13 +131,11 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
         return Err(Failure::input(message));
     }
     is_regular_file(&file)?;
-    let text = std::fs::read_to_string(&file).map_err(|e| unreadable(&file, e))?;
+    let bytes = std::fs::read(&file).map_err(|e| unreadable(&file, e))?;
     let name = name.unwrap_or("scene".into());
-    let braces = text.trim_start_matches('\u{feff}').trim_start().starts_with('{');
-    let rows = is_csv(&file) || !(braces || has(&file, "json"));
-    let read = if rows { read_csv(&name, &text) } else { read_annotation(&name, &text) };
-    let (scene, assumed) = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
-    output::assumptions::add(&scene.name, assumed, scene.findings.iter().map(ToString::to_string).collect());
+    let read = read_scene(&name, &bytes, &TableDefaults::default());
+    let SceneFile { scene, assumed, .. } = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    output::assumptions::add(&scene, assumed);
     outlier_message(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
     Ok(scene)
 }
@@ -145,20 +155,33 @@ pub fn outlier_message(scene: &Scene) -> Option<String> {
     (!named.is_empty()).then(|| format!("tracking outliers are ignored: {named}{more}"))
 }
 
-fn is_csv(path: &Path) -> bool {
-    has(path, "csv")
+/// Whether it is a table of positions, by its name; a text file may be something else, so its start decides.
+fn is_table(path: &Path) -> bool {
+    let any = |extensions: &[&str]| extensions.iter().any(|extension| has(path, extension));
+    any(&TABLES) || (any(&TEXTS) && starts_as_table(path))
+}
+
+fn starts_as_table(path: &Path) -> bool {
+    let mut start = vec![];
+    let read = std::fs::File::open(path).and_then(|file| file.take(TABLE_START).read_to_end(&mut start));
+    read.is_ok() && holds_positions(&start)
 }
 
 fn has(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }
 
-/// The text of a file; refuses folders and pipes.
-pub fn text(path: &Path) -> Result<String, Failure> {
+/// The bytes of a file; refuses folders and pipes.
+pub fn bytes(path: &Path) -> Result<Vec<u8>, Failure> {
     match is_regular_file(path)? {
-        true => std::fs::read_to_string(path).map_err(|e| unreadable(path, e)),
+        true => std::fs::read(path).map_err(|e| unreadable(path, e)),
         false => Err(unreadable(path, "is a folder")),
     }
+}
+
+/// The text of a file, in any encoding.
+pub fn text(path: &Path) -> Result<String, Failure> {
+    decoded(&bytes(path)?).map_err(|e| Failure::input(e.to_string()))
 }
 
 pub fn last(name: Option<&std::ffi::OsStr>) -> Option<String> {

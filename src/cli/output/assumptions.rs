@@ -1,5 +1,6 @@
 //! What the scenes of a command do not state, and what their tracks show: every result says both.
 
+use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -18,14 +19,15 @@ fn scene_lines() -> MutexGuard<'static, Option<SceneLines>> {
     LINES.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Takes a scene that was read, with what was assumed of it and what its tracks show.
-pub fn add(scene: &str, assumed: Vec<String>, found: Vec<String>) {
+/// Takes a scene that was read, with what was assumed of it.
+pub fn add(scene: &Scene, assumed: Vec<String>) {
+    let found = scene.findings.iter().map(ToString::to_string).collect();
     let mut lines = scene_lines();
     let all = lines.get_or_insert_with(SceneLines::default);
-    all.scenes.push(scene.to_string());
+    all.scenes.push(scene.name.clone());
     for (of, new) in [(&mut all.assumed, assumed), (&mut all.found, found)] {
         for (place, line) in new.into_iter().enumerate() {
-            of.entry((place, line)).or_default().push(scene.to_string());
+            of.entry((place, line)).or_default().push(scene.name.clone());
         }
     }
 }

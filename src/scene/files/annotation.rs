@@ -55,6 +55,7 @@ fn stated(root: &Map<String, Value>) -> StatedValues {
         size: is_clevrer || sized == objects.len(),
         fps: is_clevrer || has("fps") || has("times"),
         world: has("world"),
+        shrunk: None,
         how: [
             "`size` in `object_property`",
             "`\"fps\": 50`",

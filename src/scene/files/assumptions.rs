@@ -17,6 +17,8 @@ pub(super) struct StatedValues {
     pub size: bool,
     pub fps: bool,
     pub world: bool,
+    /// The size (m) that is assumed in place of the default, because centres come closer.
+    pub shrunk: Option<f64>,
     /// How to state size, frame rate, world, mass and unit.
     pub how: [&'static str; 5],
 }
@@ -25,8 +27,12 @@ pub(super) struct StatedValues {
 pub(super) fn assumptions(scene: &Scene, stated: &StatedValues) -> Vec<String> {
     let [size, fps, world, mass, _] = stated.how;
     let mut lines = vec![];
-    if !stated.size {
-        lines.push(format!("radius or half side of {DEFAULT_SIZE} m ({size})"));
+    match stated.shrunk {
+        Some(half) => lines.push(format!(
+            "radius or half side of {half:.2e} m, half of the least distance of two centres ({size})"
+        )),
+        None if !stated.size => lines.push(format!("radius or half side of {DEFAULT_SIZE} m ({size})")),
+        None => {}
     }
     if !stated.fps {
         lines.push(format!("{DEFAULT_FPS} frames per second ({fps})"));

@@ -1,17 +1,21 @@
-//! Readers of the files that users give (text in, scene or detections out), and the writer of scene files.
+//! Readers of the files that users give (bytes in, scene or detections out), and the writer of scene files.
 
 mod annotation;
 mod assumptions;
 mod csv;
+mod encoding;
 mod json_fields;
 mod observed_json;
 mod point_pairs;
 mod proposals;
-mod tracker;
+mod read;
+#[cfg(test)]
+mod tests;
+mod tracker_project;
 
-pub use annotation::{parse, read_annotation};
-pub use csv::{parse_csv, read_csv};
+pub use annotation::parse;
+pub use csv::{TableDefaults, parse_csv, written_csv};
 pub use observed_json::observed_json;
 pub use point_pairs::parse_pairs;
 pub use proposals::{Proposals, parse_proposals};
-pub use tracker::{is_tracker, parse_tracker};
+pub use read::{SceneFile, decoded, holds_positions, read_scene};

@@ -1,13 +1,18 @@
 """Posts tracks, fits, simulates, asks and discovers; tables are pandas frames if pandas is installed."""
 from __future__ import annotations
 
+import csv
+import io
 import ipaddress
 import json
+import os
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Union
 
 import grpc
@@ -18,7 +23,7 @@ from .v1 import reasoning_pb2, reasoning_pb2_grpc, traces_pb2, traces_pb2_grpc, 
 if TYPE_CHECKING:
     import pandas
 
-    Tracks = Union[pandas.DataFrame, Iterable[Mapping[str, Any]]]
+    Tracks = Union[str, os.PathLike[str], bytes, pandas.DataFrame, Iterable[Mapping[str, Any]]]
 
 #: Largest accepted message (bytes): a whole long simulation.
 MAX_MESSAGE = 64 << 20
@@ -26,12 +31,9 @@ MAX_MESSAGE = 64 << 20
 _CUT = (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED)
 #: Broken connections in a row, a second apart, after which a wait gives up.
 MAX_FAILURES = 60
-_SHAPES = {
-    "sphere": lambda size: {"ball": {"radius": size}},
-    "cylinder": lambda size: {"disc": {"radius": size}},
-    "cube": lambda size: {"square": {"half_side": size}},
-}
-_SHAPES |= {"ball": _SHAPES["sphere"], "disc": _SHAPES["cylinder"], "square": _SHAPES["cube"]}
+_SHAPES = ("ball", "cube", "cylinder", "disc", "sphere", "square")
+#: How files begin in front of which no line can be put: UTF-16, archives, XML and JSON.
+_CLOSED = (b"\xff\xfe", b"\xfe\xff", b"PK", b"<", b"{")
 
 
 class VrdpError(Exception):
@@ -114,6 +116,9 @@ class Client:
         ]
         secure = ca is not None or server.startswith("https://")
         address = server.removeprefix("https://").removeprefix("http://")
+        if _is_here(address):
+            # No proxy reaches this machine.
+            options.append(("grpc.enable_http_proxy", 0))
         if token and not secure and not _is_here(address):
             raise ValueError(f"the token would be sent to {address} without encryption; use https://")
         if secure:
@@ -156,55 +161,34 @@ class Client:
         self,
         tracks: Tracks,
         *,
-        fps: float = 25.0,
-        world: str = "table",
-        shape: str = "cylinder",
-        size: float = 0.2,
+        fps: float | None = None,
+        unit: str | None = None,
+        scale: float | None = None,
+        world: str | None = None,
+        shape: str | None = None,
+        size: float | None = None,
         name: str = "",
         setup: str = "",
     ) -> str:
         """Stores a video and returns its name; equal tracks give the same name.
 
-        ``tracks`` has a row an object and frame: ``id``, ``frame``, ``x``, ``y`` (m), and optional ``yaw`` (rad), ``shape``
-        (sphere, cylinder, cube), ``size`` (radius or half side, m), ``mass`` (kg), ``color``, ``material``.
+        ``tracks`` is a file (its path, or its bytes) in any format that ``vrdp import`` reads but detections, a pandas or
+        polars frame, or rows as mappings: a row an object and frame, with ``id``, ``t`` (s) or ``frame``, ``x``, ``y`` (m),
+        and optional ``yaw`` (rad), ``shape``, ``size`` (radius or half side, m), ``mass`` (kg), ``color``, ``material``. A
+        unit stands behind a name, as in ``x [mm]``; absent values and NaN mean that the object was not seen.
+
+        ``fps``, ``unit`` (of lengths), ``scale`` (m per pixel), ``shape`` and ``size`` (in ``unit``) hold for all rows. What
+        neither states is assumed; a warning says so.
         """
-        rows = tracks.to_dict("records") if hasattr(tracks, "to_dict") else [dict(row) for row in tracks]
-        objects: dict[int, dict[str, Any]] = {}
-        for number, row in enumerate(rows):
-            # pandas writes an absent value as NaN, which is not equal to itself.
-            row = {k: v for k, v in row.items() if v is not None and v == v}
-            if absent := [key for key in ("id", "frame", "x", "y") if key not in row]:
-                raise ValueError(f"row {number} has no {', '.join(absent)}; each needs id, frame, x, y (leave out what was not seen)")
-            if float(row["frame"]) != int(row["frame"]) or int(row["frame"]) < 0:
-                raise ValueError(f"row {number}: frame is {row['frame']}; it must be a whole number from 0")
-            word = row.get("shape", shape)
-            if word not in _SHAPES:
-                raise ValueError(f"shape is {word!r}; it must be one of {', '.join(sorted(_SHAPES))}")
-            thing = objects.setdefault(
-                int(row["id"]),
-                {
-                    "id": int(row["id"]),
-                    "shape": _SHAPES[word](float(row.get("size", size))),
-                    "color": row.get("color", ""),
-                    "material": row.get("material", ""),
-                    "samples": [],
-                }
-                | ({"mass": float(row["mass"])} if "mass" in row else {}),
-            )
-            sample = {"frame": int(row["frame"]), "position": {"x": float(row["x"]), "y": float(row["y"])}}
-            if "yaw" in row:
-                sample["yaw"] = float(row["yaw"])
-            thing["samples"].append(sample)
-        for thing in objects.values():
-            thing["samples"].sort(key=lambda s: s["frame"])
-        video = videos_pb2.Video(
-            display_name=name,
-            setup=setup,
-            fps=fps,
-            world=f"WORLD_{world.upper()}",
-            objects=list(objects.values()),
-        )
-        return self._one(self._videos.CreateVideo, videos_pb2.CreateVideoRequest(video=video)).name
+        if shape is not None and shape not in _SHAPES:
+            raise ValueError(f"shape is {shape!r}; it must be one of {', '.join(sorted(_SHAPES))}")
+        notes = {"fps": fps, "unit": unit, "scale": scale, "world": world, "shape": shape, "size": size, "setup": setup or None}
+        file = _file(tracks, {key: value for key, value in notes.items() if value is not None})
+        request = videos_pb2.CreateVideoRequest(video=videos_pb2.Video(display_name=name), file=file)
+        video = self._one(self._videos.CreateVideo, request)
+        if video.assumptions:
+            warnings.warn("assumed, as the tracks do not state it: " + "; ".join(video.assumptions), stacklevel=2)
+        return video.name
 
     def fit(self, video: str, *, preset: str | None = None) -> models_pb2.Model:
         """Fits a model to the video and stores it."""
@@ -311,6 +295,34 @@ class Client:
             return b"".join(part.data for part in parts)
         except grpc.RpcError as error:
             raise VrdpError.of(error) from None
+
+
+def _file(tracks: Tracks, notes: Mapping[str, Any]) -> bytes:
+    """The bytes of a file of tracks, with a line in front for each note."""
+    if isinstance(tracks, (str, os.PathLike)):
+        content = Path(tracks).read_bytes()
+    elif isinstance(tracks, (bytes, bytearray)):
+        content = bytes(tracks)
+    elif hasattr(tracks, "to_csv"):
+        # An index with a name, or below columns of several levels, holds frames or ids.
+        indexed = getattr(tracks.columns, "nlevels", 1) > 1 or any(level is not None for level in tracks.index.names)
+        content = tracks.to_csv(index=indexed).encode()
+    elif hasattr(tracks, "write_csv"):
+        content = tracks.write_csv().encode()
+    else:
+        rows = [dict(row) for row in tracks]
+        for row in rows:
+            if row.get("shape") and row["shape"] not in _SHAPES:
+                raise ValueError(f"shape is {row['shape']!r}; it must be one of {', '.join(_SHAPES)}")
+        text = io.StringIO()
+        table = csv.DictWriter(text, list(dict.fromkeys(key for row in rows for key in row)), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+        content = text.getvalue().encode()
+    if notes and content.startswith(_CLOSED):
+        raise ValueError(f"{', '.join(notes)} cannot be given beside this kind of file; state it in the file, or give CSV")
+    mark = b"\xef\xbb\xbf"
+    return "".join(f"# {key}: {value}\n" for key, value in notes.items()).encode() + content.removeprefix(mark)
 
 
 def _choice(model: str | None) -> common_pb2.ModelChoice | None:

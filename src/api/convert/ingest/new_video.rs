@@ -1,18 +1,54 @@
 //! The scene of a request that creates a video, from tracks or from detections.
 
 use super::detections::linked;
-use crate::api::convert::video::scene_from_message;
+use crate::api::convert::video::{scene_from_message, world};
+use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
-use crate::scene::{LinkReport, Scene};
+use crate::scene::{LinkReport, Scene, SceneFile, TableDefaults, Violation, read_scene};
 
-/// The scene of a request; where it has detections, the report says how they were linked.
-pub fn scene_from_request(
-    request: v1::CreateVideoRequest,
-) -> Result<(Scene, Option<LinkReport>), EngineError> {
+/// How a video was made from a request.
+#[derive(Default)]
+pub struct IngestReport {
+    /// How detections were linked.
+    pub linking: Option<LinkReport>,
+    /// What is assumed because a file does not state it.
+    pub assumptions: Vec<String>,
+}
+
+/// The scene of a request, and how it was made.
+pub fn scene_from_request(request: v1::CreateVideoRequest) -> Result<(Scene, IngestReport), EngineError> {
+    if !request.file.is_empty() {
+        return of_file(request);
+    }
     if request.detections.is_empty() {
-        return Ok((scene_from_message(request.video)?, None));
+        return Ok((scene_from_message(request.video)?, IngestReport::default()));
     }
     let (video, report) = linked(request)?;
-    Ok((scene_from_message(Some(video))?, Some(report)))
+    Ok((scene_from_message(Some(video))?, IngestReport { linking: Some(report), ..IngestReport::default() }))
+}
+
+/// The scene of a file, which is read as the command line reads it.
+fn of_file(request: v1::CreateVideoRequest) -> Result<(Scene, IngestReport), EngineError> {
+    let v1::CreateVideoRequest { video, file, object_size, detections, .. } = request;
+    let video = video.unwrap_or_default();
+    if !video.objects.is_empty() || !detections.is_empty() {
+        return Err(EngineError::invalid("file", "is given beside objects or detections; give one of them"));
+    }
+    let given = |value: f64| Some(value).filter(|value| value.is_finite() && *value > 0.0);
+    let defaults =
+        TableDefaults { fps: given(video.fps), size: given(object_size), ..TableDefaults::default() };
+    let name = if video.display_name.is_empty() { "video" } else { &video.display_name };
+    let read = read_scene(name, &file, &defaults).map_err(|error| {
+        let at = |v: Violation| Violation { path: format!("file: {}", v.path), message: v.message };
+        EngineError::Invalid(error.violations.into_iter().map(at).collect())
+    })?;
+    let SceneFile { mut scene, assumed: assumptions, .. } = read;
+    if video.world != v1::World::Unspecified as i32 {
+        let mut r = Violations::default();
+        let world = world(&mut r, "video.world", video.world);
+        scene.world = r.finish(world)?;
+    }
+    scene.setup = Some(video.setup).filter(|setup| !setup.is_empty()).or(scene.setup);
+    Ok((scene, IngestReport { assumptions, ..IngestReport::default() }))
 }

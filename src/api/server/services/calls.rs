@@ -95,8 +95,8 @@ pub async fn import(owner: &Owner, given: v1::CreateVideoRequest) -> Started<v1:
 
 pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Result<v1::Video, EngineError> {
     let request_id = given.request_id.clone();
-    let linking = Arc::new(OnceLock::new());
-    let report_to = linking.clone();
+    let made = Arc::new(OnceLock::new());
+    let report_to = made.clone();
     let make = move || {
         let (scene, report) = scene_from_request(given)?;
         // The closure runs once, so the cell is empty.
@@ -105,8 +105,9 @@ pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Resul
     };
     let (id, scene) = owner.create_video(make).await?;
     tracing::info!(video = id, request_id, "video created");
-    let linking = linking.get().and_then(|r| r.as_ref()).map(linking_message);
-    Ok(v1::Video { linking, ..video_message(&id, &scene, true) })
+    let linking = made.get().and_then(|made| made.linking.as_ref()).map(linking_message);
+    let assumptions = made.get().map(|made| made.assumptions.clone()).unwrap_or_default();
+    Ok(v1::Video { linking, assumptions, ..video_message(&id, &scene, true) })
 }
 
 fn other_result() -> EngineError {

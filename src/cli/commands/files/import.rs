@@ -7,8 +7,8 @@ use crate::cli::error::Failure;
 use crate::cli::output::progress;
 use crate::cli::{input, output};
 use crate::scene::{
-    AttributeScores, CLEVRER_CAMERA, DEFAULT_SIZE, Object, Scene, Track, is_tracker, observed_json, parse,
-    parse_csv, parse_proposals, parse_tracker,
+    AttributeScores, CLEVRER_CAMERA, DEFAULT_SIZE, Object, Scene, SceneFile, TableDefaults, Track, decoded,
+    observed_json, parse_proposals, read_scene,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -23,9 +23,10 @@ const FILE_FORMATS: &str = r#"The content of FILE decides its format; each file 
               (px) and the file a camera_matrix and image_size (without them: CLEVRER's camera)
   proposals   CLEVRER's derender proposals: JSON with frames of objects with a mask (COCO
               run-length) or box [left, top, width, height] (px), and scores
-  CSV         columns id, t or frame, x, y, and optionally yaw, visible, shape, size, mass, material, color; a name may
-              have a unit, as in `x [mm]`; lines above may set `# fps: 50`, `# unit: cm`, `# world: table`
-  Tracker     text that the program Tracker exports"#;
+  table       text with columns id, t or frame, x, y, and optionally yaw, visible, shape, size, mass, material, color; a name
+              may have a unit, as in `x [mm]`; lines above may set `# fps: 50`, `# unit: cm`, `# world: table`; also as
+              spreadsheets, Tracker, DeepLabCut, SLEAP, TRex, idtracker.ai and trackpy write it
+  Tracker     a project of the program Tracker (.trk, .trz)"#;
 
 #[derive(clap::Args)]
 #[command(after_help = FILE_FORMATS)]
@@ -39,21 +40,44 @@ pub struct ImportArgs {
     /// Camera of detections: the JSON of `calibrate`, or one with `camera_matrix` and `image_size` [default: CLEVRER's]
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
-    /// Radius or half side of the objects of detections and Tracker files (m) [default: 0.2].
-    #[arg(long, value_name = "METRES", value_parser = positive)]
-    size: Option<f64>,
-    /// Frame rate of detections (1/s) [default: 25].
-    #[arg(long, value_parser = positive)]
-    fps: Option<f64>,
     /// Standard deviation of the edges of detections (px) [default: 1].
     #[arg(long, value_name = "PIXELS", value_parser = positive)]
     noise: Option<f64>,
-    /// Unit of length in Tracker files [default: m].
-    #[arg(long, value_enum)]
-    unit: Option<Unit>,
+    #[command(flatten)]
+    stated: StatedArgs,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
+}
+
+/// What holds where a file does not state it.
+#[derive(clap::Args)]
+pub struct StatedArgs {
+    /// Radius or half side of objects where the file does not state it (m) [default: 0.2].
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    size: Option<f64>,
+    /// Frame rate where the file does not state it (1/s) [default: 25].
+    #[arg(long, value_parser = positive)]
+    fps: Option<f64>,
+    /// Unit of lengths where the table does not state it [default: m].
+    #[arg(long, value_enum)]
+    unit: Option<Unit>,
+    /// Size of a pixel where the table does not state it (m).
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    scale: Option<f64>,
+}
+
+impl StatedArgs {
+    pub fn defaults(&self) -> TableDefaults {
+        let unit = self.unit.map(|unit| match unit {
+            Unit::M => "m",
+            Unit::Cm => "cm",
+            Unit::Mm => "mm",
+            Unit::Px => "px",
+        });
+        let unit = unit.map(String::from);
+        TableDefaults { fps: self.fps, unit, scale: self.scale, size: self.size }
+    }
 }
 
 #[derive(Clone, Copy, clap::ValueEnum)]
@@ -61,6 +85,7 @@ enum Unit {
     M,
     Cm,
     Mm,
+    Px,
 }
 
 fn positive(text: &str) -> Result<f64, &'static str> {
@@ -81,8 +106,8 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
                 "another of these files also becomes {name}; rename one, or use another --out"
             )))),
             false => {
-                let text = input::text(path);
-                let imported = async { one(&connection, &args, (path, &text?), &name).await.map_err(at) };
+                let bytes = input::bytes(path);
+                let imported = async { one(&connection, &args, (path, &bytes?), &name).await.map_err(at) };
                 progress::during("importing", imported).await
             }
         };
@@ -103,7 +128,7 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
 }
 
 /// Name of the scene that a file becomes.
-fn name(path: &Path) -> String {
+pub fn name(path: &Path) -> String {
     let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
         true => path.parent().and_then(Path::file_name),
         false => path.file_stem(),
@@ -115,10 +140,10 @@ fn name(path: &Path) -> String {
 async fn one(
     connection: &Connection,
     args: &ImportArgs,
-    (path, text): (&Path, &str),
+    (path, bytes): (&Path, &[u8]),
     name: &str,
 ) -> Result<(String, Value), Failure> {
-    let parsed = args.parsed(name, text)?;
+    let parsed = args.parsed(name, bytes)?;
     let video = connection.create(parsed.request).await?;
     let linking = video.linking;
     let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;
@@ -143,7 +168,7 @@ async fn one(
     if let (Some(given), Some(dropped)) = (given, dropped) {
         text += &format!(", {dropped} of {given} detections dropped");
     }
-    text += &object_lines(&scene, &parsed.names);
+    text += &object_lines(&scene);
     text.extend(input::outlier_message(&scene).map(|line| format!("\n  {line}")));
     let json = json!({
         "file": file,
@@ -159,13 +184,12 @@ async fn one(
     Ok((text + "\n", json))
 }
 
-/// A line for each object; `names` are those of a Tracker file.
-fn object_lines(scene: &Scene, names: &[String]) -> String {
-    let line = |(k, (object, track)): (usize, (&Object, &Track))| {
-        let of = names.get(k).map_or(String::new(), |n| format!(" ({n})"));
+/// A line for each object.
+fn object_lines(scene: &Scene) -> String {
+    let line = |(object, track): (&Object, &Track)| {
         let (first, last) = (track.samples.first(), track.samples.last());
         format!(
-            "\n  {} {}{of}: {} samples, frames {} to {}",
+            "\n  {} {}: {} samples, frames {} to {}",
             object.id,
             object.description(),
             track.samples.len(),
@@ -173,80 +197,51 @@ fn object_lines(scene: &Scene, names: &[String]) -> String {
             last.map_or(0, |s| s.frame)
         )
     };
-    scene.objects.iter().zip(&scene.tracks).enumerate().map(line).collect()
+    scene.objects.iter().zip(&scene.tracks).map(line).collect()
 }
 
-/// A parsed file: the name of its format, the request that posts it, and the object names of a Tracker file.
+/// A parsed file: the name of its format, and the request that posts it.
 struct ImportedFile {
     kind: &'static str,
     request: CreateVideoRequest,
-    names: Vec<String>,
 }
 
-enum FileKind {
-    Annotation,
-    Proposals,
-    Tracker,
-    Csv,
-    Unknown,
-}
-
-fn kind(text: &str) -> FileKind {
-    match serde_json::from_str::<Map<String, Value>>(text.trim_start_matches('\u{feff}')) {
-        Ok(root) if root.contains_key("motion_trajectory") => FileKind::Annotation,
-        Ok(root) if root.contains_key("frames") => FileKind::Proposals,
-        // The parser of annotations explains what is wrong with the JSON.
-        Err(_) if text.trim_start().starts_with('{') => FileKind::Annotation,
-        Ok(_) => FileKind::Unknown,
-        _ if is_tracker(text) => FileKind::Tracker,
-        _ if text.contains([',', ';', '\t']) && !text.trim_start().starts_with('[') => FileKind::Csv,
-        _ => FileKind::Unknown,
-    }
+/// Whether a file holds detections.
+fn holds_detections(bytes: &[u8]) -> bool {
+    let is_braced = |text: &String| text.trim_start().starts_with('{');
+    let text = decoded(bytes).ok().filter(is_braced);
+    let root = text.and_then(|text| serde_json::from_str::<Map<String, Value>>(&text).ok());
+    root.is_some_and(|root| root.contains_key("frames") && !root.contains_key("motion_trajectory"))
 }
 
 impl ImportArgs {
-    fn parsed(&self, name: &str, text: &str) -> Result<ImportedFile, Failure> {
+    fn parsed(&self, name: &str, bytes: &[u8]) -> Result<ImportedFile, Failure> {
         let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
-        let mut names = vec![];
-        let found = kind(text);
-        let (kind, request) = match found {
-            FileKind::Proposals => ("proposals", detections(self, name, text)?),
-            FileKind::Annotation => ("annotation", of_scene(&parse(name, text).map_err(bad)?)),
-            FileKind::Tracker => {
-                let scale = match self.unit {
-                    None | Some(Unit::M) => 1.0,
-                    Some(Unit::Cm) => 1e-2,
-                    Some(Unit::Mm) => 1e-3,
-                };
-                let size = self.size.unwrap_or(DEFAULT_SIZE);
-                let (scene, of_objects) = parse_tracker(name, text, scale, size).map_err(bad)?;
-                names = of_objects;
-                ("tracker", of_scene(&scene))
-            }
-            FileKind::Csv => ("csv", of_scene(&parse_csv(name, text).map_err(bad)?)),
-            FileKind::Unknown => {
-                let message = "unknown format; give a CLEVRER annotation (motion_trajectory), proposals (frames), CSV \
-                               (a header with id, x, y and t or frame) or Tracker text (a header with t, x and y)";
-                return Err(Failure::input(message));
-            }
+        let (kind, request) = if holds_detections(bytes) {
+            ("proposals", detections(self, name, &decoded(bytes).map_err(bad)?)?)
+        } else {
+            let SceneFile { scene, kind, assumed } =
+                read_scene(name, bytes, &self.stated.defaults()).map_err(bad)?;
+            output::assumptions::add(&scene, assumed);
+            (kind, of_scene(&scene))
         };
         // After the parser: its error about a broken file says more.
-        if let Some(flag) = self.unused_flag(&found) {
+        if let Some(flag) = self.unused_flag(kind) {
             return Err(Failure::input(format!("{flag} has no effect on this format; leave it out")));
         }
-        Ok(ImportedFile { kind, request, names })
+        Ok(ImportedFile { kind, request })
     }
 
     /// A given flag that has no effect on this format.
-    fn unused_flag(&self, kind: &FileKind) -> Option<&'static str> {
-        let detected = matches!(kind, FileKind::Proposals);
-        let sized = detected || matches!(kind, FileKind::Tracker);
+    fn unused_flag(&self, kind: &str) -> Option<&'static str> {
+        let (detected, stated) = (kind == "proposals", kind == "annotation");
         let given = [
             ("--camera", self.camera.is_some() && !detected),
-            ("--fps", self.fps.is_some() && !detected),
+            ("--fps", self.stated.fps.is_some() && stated),
             ("--noise", self.noise.is_some() && !detected),
-            ("--size", self.size.is_some() && !sized),
-            ("--unit", self.unit.is_some() && !matches!(kind, FileKind::Tracker)),
+            ("--size", self.stated.size.is_some() && stated),
+            ("--unit", self.stated.unit.is_some() && (stated || detected)),
+            ("--scale", self.stated.scale.is_some() && (stated || detected)),
         ];
         given.into_iter().find(|(_, unused)| *unused).map(|(flag, _)| flag)
     }
@@ -285,7 +280,7 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
     };
     let video = Video {
         display_name: name.into(),
-        fps: args.fps.unwrap_or(DEFAULT_FPS),
+        fps: args.stated.fps.unwrap_or(DEFAULT_FPS),
         camera: Some(camera),
         image_noise_px: args.noise.unwrap_or(DEFAULT_NOISE),
         ..Default::default()
@@ -293,7 +288,7 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
     Ok(CreateVideoRequest {
         video: Some(video),
         detections: proposals.detections.iter().map(one).collect(),
-        object_size: args.size.unwrap_or(DEFAULT_SIZE),
+        object_size: args.stated.size.unwrap_or(DEFAULT_SIZE),
         frame_count: proposals.frames as u32,
         ..Default::default()
     })
@@ -329,11 +324,21 @@ mod tests {
 
     #[test]
     fn the_content_decides_the_format() {
-        assert!(matches!(kind(r#"{"motion_trajectory": []}"#), FileKind::Annotation));
-        assert!(matches!(kind(r#"{"frames": []}"#), FileKind::Proposals));
-        assert!(matches!(kind(r#"{"frames": "#), FileKind::Annotation));
-        assert!(matches!(kind("mass A\nt\tx\ty\n0\t1\t2\n"), FileKind::Tracker));
-        assert!(matches!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n"), FileKind::Csv));
-        assert!(matches!(kind("[1, 2]"), FileKind::Unknown));
+        let kind = |text: &str| match holds_detections(text.as_bytes()) {
+            true => Ok("proposals"),
+            false => read_scene("a", text.as_bytes(), &TableDefaults::default()).map(|file| file.kind),
+        };
+        assert_eq!(kind(r#"{"frames": []}"#), Ok("proposals"));
+        assert_eq!(kind("mass A\nt\tx\ty\n0\t1\t2\n1\t1\t2\n"), Ok("csv"));
+        assert_eq!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n1,1,1,2\n"), Ok("csv"));
+        // The parser of annotations explains what is wrong with JSON.
+        for (text, place) in [
+            (r#"{"frames": "#, "(file): is not JSON"),
+            ("[1, 2]", "(file): is a list"),
+            (r#"{"motion_trajectory": []}"#, "object_property"),
+        ] {
+            let message = kind(text).unwrap_err().to_string();
+            assert!(message.contains(place), "{message}");
+        }
     }
 }

@@ -105,6 +105,10 @@ fn report(found: &Verification) -> String {
     if found.identical {
         return text + &format!("{}: {} messages, equal bit for bit\n", found.kind, found.messages);
     }
+    if found.differing == 0 {
+        let layout = "another program wrote the file";
+        return text + &format!("{}: {} messages, equal bit for bit; {layout}\n", found.kind, found.messages);
+    }
     text += &format!(
         "{}: {} messages, {} differ; {} of these are in one of the two only\n",
         found.kind, found.messages, found.differing, found.unmatched

@@ -1,85 +1,195 @@
-//! The header of a CSV file: which column holds what, and in which unit.
+//! Which column of a table holds what, of which object, and in which unit.
 
+use crate::scene::files::csv::dialect::TableHeader;
+use crate::scene::files::csv::names::{
+    ColumnName, CsvColumn, checked_names, column_name, measures_images, stem, usual_name,
+};
 use crate::scene::files::csv::notes::Notes;
 use crate::scene::files::csv::vocabulary::{ANGLES, LENGTHS, MASSES, PIXELS, TIMES, size_of};
 use crate::scene::spelling::misspelt;
 use crate::scene::violations::SceneViolations;
-use ::csv::StringRecord;
 use std::collections::BTreeMap;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum CsvColumn {
-    Id,
-    Time,
-    Frame,
-    X,
-    Y,
-    Yaw,
-    Visible,
-    Shape,
-    Size,
-    Mass,
-    Material,
-    Color,
-}
-
-/// The columns and their names.
-const COLUMNS: [(CsvColumn, &[&str]); 12] = [
-    (CsvColumn::Id, &["id", "object_id", "object", "track"]),
-    (CsvColumn::Time, &["t", "time"]),
-    (CsvColumn::Frame, &["frame"]),
-    (CsvColumn::X, &["x"]),
-    (CsvColumn::Y, &["y"]),
-    (CsvColumn::Yaw, &["yaw", "theta", "angle"]),
-    (CsvColumn::Visible, &["visible"]),
-    (CsvColumn::Shape, &["shape"]),
-    (CsvColumn::Size, &["size", "radius"]),
-    (CsvColumn::Mass, &["mass"]),
-    (CsvColumn::Material, &["material"]),
-    (CsvColumn::Color, &["color", "colour"]),
-];
-
-/// The columns of a file: for each its index, and the size of its unit in SI units.
+/// The columns of a row: for each its index, and the size of its unit in SI units.
 pub(super) type ColumnPlaces = BTreeMap<CsvColumn, (usize, f64)>;
 
-/// Splits a column name from its unit: `x [mm]`, `x (mm)`, `x_mm`, `x/mm`.
-fn split_unit(name: &str) -> (String, Option<String>) {
-    let name = name.trim().to_ascii_lowercase();
-    let known = |n: &str| COLUMNS.iter().any(|(_, names)| names.contains(&n));
-    if known(&name) {
-        return (name, None);
-    }
-    match name.rsplit_once(['[', '(', '_', '/', ' ']) {
-        Some((stem, unit)) => {
-            let unit = unit.trim_end_matches([']', ')']).trim().to_string();
-            (stem.trim_end_matches(['[', '(', '_', '/', ' ']).to_string(), Some(unit))
+/// The columns of a table.
+#[derive(Default)]
+pub(super) struct ColumnMap {
+    /// Those of all objects.
+    pub shared: ColumnPlaces,
+    /// In a table with columns for each object: its name and its own columns.
+    pub objects: Vec<(String, ColumnPlaces)>,
+    /// Columns with another name than in our own files, in words.
+    pub renamed: Vec<String>,
+}
+
+/// A column that may be used.
+struct NamedColumn {
+    index: usize,
+    name: ColumnName,
+}
+
+/// Finds the columns. Unknown ones, such as a speed, are ignored; misspelt ones are reported.
+pub(super) fn columns(header: &TableHeader, notes: &Notes, r: &mut SceneViolations) -> ColumnMap {
+    let stems: Vec<String> = header.names.iter().map(stem).collect();
+    let of_image = measures_images(&stems);
+    let mut found = vec![];
+    for (index, header) in header.names.iter().enumerate() {
+        match column_name(header) {
+            Some(name) if of_image && matches!(name.column, CsvColumn::Mass | CsvColumn::Size) => {}
+            Some(name) => found.push(NamedColumn { index, name }),
+            None => {
+                if let Some(near) = stems.get(index).and_then(|stem| misspelt(stem, checked_names())) {
+                    let message = format!("is not a known column; did you mean {near}? rename it");
+                    r.add(format!("header, column {} ({header})", index + 1), message);
+                }
+            }
         }
-        None => (name, None),
+    }
+    let mut map = ColumnMap::default();
+    let owners = &header.owners;
+    let plain = |column| found.iter().filter(move |c| c.name.column == column && c.name.object.is_none());
+    let names_ids = plain(CsvColumn::Id).next().is_some();
+    let twice = |column| {
+        let best = plain(column).map(|c| c.name.rank).min();
+        plain(column).filter(|c| Some(c.name.rank) == best).count() > 1
+    };
+    let is_repeated = twice(CsvColumn::X) && twice(CsvColumn::Y) && !names_ids;
+    let is_plain = plain(CsvColumn::X).next().is_some() && plain(CsvColumn::Y).next().is_some();
+    if is_repeated {
+        map.objects = repeated(&found, owners, (header, notes), r);
+    } else if is_plain {
+        let x = plain(CsvColumn::X).next().map_or(0, |c| c.index);
+        let owner = owners.get(x).cloned().flatten().filter(|_| !names_ids);
+        map.objects = owner.map(|name| (name, ColumnPlaces::new())).into_iter().collect();
+    } else {
+        map.objects = by_name(&found, (header, notes), r);
+    }
+    let is_shared = |c: &&NamedColumn| match c.name.column {
+        CsvColumn::X | CsvColumn::Y | CsvColumn::Yaw | CsvColumn::Likelihood | CsvColumn::Time
+            if is_repeated =>
+        {
+            false
+        }
+        _ => c.name.object.is_none(),
+    };
+    share(&mut map, found.iter().filter(is_shared), (header, notes), r);
+    map
+}
+
+/// The columns of all objects; of two that hold the same, the one with the more usual name.
+fn share<'a>(
+    map: &mut ColumnMap,
+    columns: impl Iterator<Item = &'a NamedColumn>,
+    of: (&TableHeader, &Notes),
+    r: &mut SceneViolations,
+) {
+    let mut ranks: BTreeMap<CsvColumn, usize> = BTreeMap::new();
+    let mut chosen: BTreeMap<CsvColumn, &NamedColumn> = BTreeMap::new();
+    for column in columns {
+        let ColumnName { column: kind, rank, .. } = column.name;
+        match ranks.get(&kind) {
+            Some(known) if *known == rank => {
+                let header = of.0.names.get(column.index).unwrap_or_default();
+                r.add(
+                    format!("header, column {} ({header})", column.index + 1),
+                    "is there twice; remove one",
+                );
+            }
+            Some(known) if *known < rank => {}
+            _ => {
+                ranks.insert(kind, rank);
+                chosen.insert(kind, column);
+            }
+        }
+    }
+    for (kind, column) in chosen {
+        map.shared.insert(kind, place(column, of, r));
+        let (written, usual) = (of.0.names.get(column.index).unwrap_or_default(), usual_name(kind));
+        if !stem(written).eq_ignore_ascii_case(usual) {
+            map.renamed.push(format!("column `{}` as {usual}", written.trim()));
+        }
     }
 }
 
-/// The known columns of a header. Unknown ones, such as a speed, are ignored; misspelt ones are reported.
-pub(super) fn columns(names: &StringRecord, notes: &Notes, r: &mut SceneViolations) -> ColumnPlaces {
-    let mut places = BTreeMap::new();
-    for (index, header) in names.iter().enumerate() {
-        let (name, unit) = split_unit(header);
-        let at = format!("header, column {} ({header})", index + 1);
-        let Some((column, _)) = COLUMNS.iter().find(|(_, names)| names.contains(&name.as_str())) else {
-            let known = COLUMNS.iter().flat_map(|(_, names)| names.iter().copied());
-            if let Some(near) = misspelt(&name, known) {
-                r.add(at, format!("is not a known column; did you mean {near}? rename it"));
+/// Objects whose columns have the same names: an x, what follows up to the next one, and the last time before it.
+fn repeated(
+    found: &[NamedColumn],
+    owners: &[Option<String>],
+    of: (&TableHeader, &Notes),
+    r: &mut SceneViolations,
+) -> Vec<(String, ColumnPlaces)> {
+    let mut objects: Vec<(String, ColumnPlaces)> = vec![];
+    let mut time = None;
+    for column in found.iter().filter(|c| c.name.object.is_none()) {
+        let kind = column.name.column;
+        match kind {
+            CsvColumn::Time => time = Some(place(column, of, r)),
+            CsvColumn::X => {
+                let owner = owners.get(column.index).cloned().flatten();
+                let owner = owner.filter(|name| objects.iter().all(|(known, _)| known != name));
+                let name = owner.unwrap_or_else(|| objects.len().to_string());
+                let own = time.map(|time| (CsvColumn::Time, time));
+                objects.push((name, own.into_iter().chain([(kind, place(column, of, r))]).collect()));
             }
-            continue;
-        };
-        let factor = unit_size(*column, unit, notes).unwrap_or_else(|message| {
-            r.add(at.clone(), message);
-            1.0
-        });
-        if places.insert(*column, (index, factor)).is_some() {
-            r.add(at, "is there twice; remove one");
+            CsvColumn::Y | CsvColumn::Yaw | CsvColumn::Likelihood => {
+                let Some((_, places)) = objects.last_mut() else { continue };
+                if let std::collections::btree_map::Entry::Vacant(free) = places.entry(kind) {
+                    free.insert(place(column, of, r));
+                }
+            }
+            _ => {}
         }
     }
-    places
+    for (name, places) in objects.iter().filter(|(_, places)| !places.contains_key(&CsvColumn::Y)) {
+        let at = places.get(&CsvColumn::X).map_or(0, |(index, _)| index + 1);
+        r.add(
+            format!("header, column {at}"),
+            format!(
+                "is the x of object {name}, which has no y before the next x; order the columns as x, y, x, y"
+            ),
+        );
+    }
+    objects
+}
+
+/// Objects whose names stand in the names of their columns, as in `A_x, A_y`.
+fn by_name(
+    found: &[NamedColumn],
+    of: (&TableHeader, &Notes),
+    r: &mut SceneViolations,
+) -> Vec<(String, ColumnPlaces)> {
+    let mut objects: Vec<(String, ColumnPlaces)> = vec![];
+    for column in found {
+        let Some(name) = &column.name.object else { continue };
+        let at = objects.iter().position(|(known, _)| known == name).unwrap_or_else(|| {
+            objects.push((name.clone(), ColumnPlaces::new()));
+            objects.len() - 1
+        });
+        if let Some((_, places)) = objects.get_mut(at) {
+            places.insert(column.name.column, place(column, of, r));
+        }
+    }
+    let is_placed =
+        |places: &ColumnPlaces| [CsvColumn::X, CsvColumn::Y].iter().all(|c| places.contains_key(c));
+    objects.retain(|(_, places)| is_placed(places));
+    objects
+}
+
+/// Index of a column, and the size of its unit; what is wrong with the unit is reported.
+fn place(
+    column: &NamedColumn,
+    (header, notes): (&TableHeader, &Notes),
+    r: &mut SceneViolations,
+) -> (usize, f64) {
+    let unit = column.name.unit.clone();
+    let factor = unit_size(column.name.column, unit, notes).unwrap_or_else(|message| {
+        let name = header.names.get(column.index).unwrap_or_default();
+        r.add(format!("header, column {} ({name})", column.index + 1), message);
+        1.0
+    });
+    (column.index, factor)
 }
 
 /// Size of a column's unit in SI units, or what is wrong with the unit.
@@ -89,10 +199,16 @@ fn unit_size(column: CsvColumn, unit: Option<String>, notes: &Notes) -> Result<f
         CsvColumn::Time => &TIMES,
         CsvColumn::Yaw => &ANGLES,
         CsvColumn::Mass => &MASSES,
-        _ => &[],
+        _ => return Ok(1.0),
     };
     let is_length = units == LENGTHS;
-    let Some(unit) = unit.or_else(|| notes.unit.clone().filter(|_| is_length)) else { return Ok(1.0) };
+    let unit = unit.or_else(|| notes.unit.clone().filter(|_| is_length));
+    // A scale says that positions are in pixels.
+    let is_scaled = notes.scale.is_some() && matches!(column, CsvColumn::X | CsvColumn::Y);
+    let Some(unit) = unit.or_else(|| PIXELS.first().filter(|_| is_scaled).map(|unit| unit.to_string()))
+    else {
+        return Ok(1.0);
+    };
     let size = if is_length { notes.metres(&unit) } else { size_of(units, &unit) };
     size.ok_or_else(|| match is_length && PIXELS.contains(&unit.as_str()) {
         true => "is in pixels; give the scale in a line `# scale: 0.002` (m per pixel)".to_string(),

@@ -1,20 +1,30 @@
 //! Reads tracks from CSV: one row an object and frame, columns by name.
 
 mod assemble;
+mod assumed_size;
+mod cell_values;
 mod columns;
+mod dialect;
+mod frame_times;
+mod ids;
+mod names;
 mod notes;
 mod rows;
 #[cfg(test)]
 mod tests;
 mod vocabulary;
+mod write;
 
 use crate::scene::files::assumptions::{StatedValues, assumptions};
 use crate::scene::observation::Scene;
-use crate::scene::violations::{SceneError, SceneViolations};
+use crate::scene::violations::{SceneError, SceneViolations, readable};
 use assemble::scene;
+use assumed_size::shrink_to_fit;
 use notes::Notes;
+pub use notes::TableDefaults;
 use rows::{CsvRows, rows};
 use std::collections::BTreeSet;
+pub use write::written_csv;
 
 /// Reads the text of a CSV file of tracks.
 ///
@@ -28,32 +38,52 @@ use std::collections::BTreeSet;
 /// Rows may be in any order, one for each object and time. A constant property of an object, such as its mass, may stand
 /// in one of its rows only. Everything that is wrong is reported at once, with line and column.
 pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
-    Ok(read_csv(name, text)?.0)
+    let text = text.trim_start_matches('\u{feff}');
+    Ok(read_table(name, text, &TableDefaults::default())?.0)
 }
 
-/// The same, with a line for each thing that is assumed because the file does not state it.
-pub fn read_csv(name: &str, text: &str) -> Result<(Scene, Vec<String>), SceneError> {
-    let text = text.trim_start_matches('\u{feff}');
+/// Whether a text has a header that names positions.
+pub(super) fn is_table(text: &str) -> bool {
+    dialect::find(text).has_header
+}
+
+/// The same for a table of this or another program, with a line for each thing that is assumed because the file does not
+/// state it.
+pub(super) fn read_table(
+    name: &str,
+    text: &str,
+    defaults: &TableDefaults,
+) -> Result<(Scene, Vec<String>), SceneError> {
     let mut r = SceneViolations::of_rows();
-    let notes = Notes::read(text, &mut r);
+    let notes = Notes::read(text, defaults, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
-    let rows = rows?;
-    let stated = stated(&notes, &rows);
-    let scene = scene(name, &notes, rows)?.validate()?;
-    let assumed = assumptions(&scene, &stated);
+    let mut rows = rows?;
+    let (mut stated, timed) = (stated(&notes, &rows), rows.timed);
+    let sized = notes.has_size || rows.rows.iter().any(|row| row.size.is_some());
+    let mut dialect = std::mem::take(&mut rows.dialect);
+    let (mut scene, of_rows) = scene(name, &notes, rows)?;
+    stated.shrunk = if sized { None } else { shrink_to_fit(&mut scene) };
+    let scene = scene.validate()?;
+    if timed && !dialect.is_empty() {
+        dialect.push(format!("{} frames/s from the times", readable((100.0 * scene.fps).round() / 100.0)));
+    }
+    let mut assumed = assumptions(&scene, &stated);
+    assumed.extend((!dialect.is_empty()).then(|| format!("the table has {}", dialect.join(", "))));
+    assumed.extend(of_rows);
     Ok((scene, assumed))
 }
 
 /// What a file states, and how to state the rest.
 fn stated(notes: &Notes, rows: &CsvRows) -> StatedValues {
-    let ids = |sized: bool| -> BTreeSet<u32> {
-        rows.rows.iter().filter(|row| !sized || row.size.is_some()).map(|row| row.id).collect()
+    let objects = |sized: bool| -> BTreeSet<usize> {
+        rows.rows.iter().filter(|row| !sized || row.size.is_some()).map(|row| row.object).collect()
     };
     StatedValues {
-        size: notes.has_size || ids(true) == ids(false),
+        size: notes.has_size || objects(true) == objects(false),
         fps: rows.timed || notes.fps.is_some(),
         world: notes.has_world,
+        shrunk: None,
         how: [
             "`# size: 30 mm`",
             "`# fps: 50`",

@@ -12,6 +12,19 @@ use crate::scene::violations::{SceneViolations, readable};
 const KEYS: [&str; 10] =
     ["fps", "scale", "size", "radius", "unit", "shape", "material", "setup", "world", "table"];
 
+/// Values that hold where a table does not state them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TableDefaults {
+    /// Frame rate (1/s).
+    pub fps: Option<f64>,
+    /// Unit of lengths.
+    pub unit: Option<String>,
+    /// Size of a pixel (m).
+    pub scale: Option<f64>,
+    /// Radius or half side of an object (m).
+    pub size: Option<f64>,
+}
+
 /// What the lines before the header state.
 pub(super) struct Notes {
     /// Frame rate (1/s).
@@ -57,7 +70,7 @@ fn positive(value: &str) -> Option<f64> {
 }
 
 impl Notes {
-    pub fn read(text: &str, r: &mut SceneViolations) -> Notes {
+    pub fn read(text: &str, defaults: &TableDefaults, r: &mut SceneViolations) -> Notes {
         let mut notes = Notes {
             fps: None,
             unit: None,
@@ -85,7 +98,13 @@ impl Notes {
                 r.add(at, message);
             }
         }
+        notes.fps = notes.fps.or(defaults.fps);
+        notes.scale = notes.scale.or(defaults.scale);
+        notes.unit = notes.unit.take().or_else(|| defaults.unit.clone());
         notes.finish(pending, r);
+        if let Some(size) = defaults.size.filter(|_| !notes.has_size) {
+            (notes.size, notes.has_size) = (size, true);
+        }
         notes
     }
 

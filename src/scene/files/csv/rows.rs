@@ -1,22 +1,29 @@
-//! The rows of a CSV file in SI units; what is wrong with a cell is reported with line and column.
+//! The rows of a table in SI units; what is wrong with a cell is reported with line and column.
 
-use crate::scene::files::csv::columns::{ColumnPlaces, CsvColumn, columns};
+use crate::scene::files::csv::cell_values::{clock, is_absent, number};
+use crate::scene::files::csv::columns::{ColumnMap, ColumnPlaces, columns};
+use crate::scene::files::csv::dialect::{TextTable, find};
+use crate::scene::files::csv::ids::ObjectNames;
+use crate::scene::files::csv::names::CsvColumn;
 use crate::scene::files::csv::notes::Notes;
 use crate::scene::files::csv::vocabulary::{MAX_SIZE, SHAPES, ShapeKind, shape_kind};
 use crate::scene::limits::{MASS_RANGE, SIZE_RANGE};
 use crate::scene::violations::{SceneError, SceneViolations, readable};
-use ::csv::{ReaderBuilder, StringRecord, Trim};
+use ::csv::StringRecord;
 use std::collections::BTreeMap;
 
 /// Largest coordinate (m): longer than any pitch, rink or lane. Larger numbers are in another unit.
 const MAX_COORDINATE: f64 = 200.0;
 /// A valid start of a file, for messages.
 const EXAMPLE_HEADER: &str = "id,t [s],x [mm],y [mm]";
+/// Least likelihood of a position that counts: the default of DeepLabCut.
+const LEAST_LIKELIHOOD: f64 = 0.6;
 
 /// One row in SI units.
 pub(super) struct Row {
     pub line: u64,
-    pub id: u32,
+    /// Place of the object in the names.
+    pub object: usize,
     /// Time (s), or the frame's number.
     pub when: f64,
     /// Position (m) and yaw (rad), where the object was visible.
@@ -29,117 +36,224 @@ pub(super) struct Row {
 }
 
 /// All rows of a file.
+#[derive(Default)]
 pub(super) struct CsvRows {
     /// Whether `Row::when` is a time, not a frame's number.
     pub timed: bool,
     pub rows: Vec<Row>,
+    pub names: ObjectNames,
+    /// How the table differs from our own, in a few words each.
+    pub dialect: Vec<String>,
+    /// What was assumed of the rows, a line each.
+    pub assumed: Vec<String>,
 }
 
+/// Where the time of a row stands; `None`: rows are frames.
+type RowClock = Option<CsvColumn>;
+
 /// The constant properties of objects: for each the line that stated it first, and its value as text.
-type Stated = BTreeMap<(u32, CsvColumn), (u64, String)>;
+type Stated = BTreeMap<(usize, CsvColumn), (u64, String)>;
 
 /// Reads the header and all rows.
 pub(super) fn rows(text: &str, notes: &Notes, r: &mut SceneViolations) -> Result<CsvRows, SceneError> {
-    let nothing = |timed| Ok(CsvRows { timed, rows: vec![] });
-    let header =
-        text.lines().find(|l| !l.trim().is_empty() && !l.trim_start().starts_with('#')).unwrap_or_default();
-    if header.is_empty() {
-        r.add(
-            "(file)",
-            format!(
-                "has no rows; begin with a header such as `{EXAMPLE_HEADER}`, then one row an object and frame"
-            ),
-        );
-        return nothing(false);
+    let mut found = CsvRows::default();
+    if text.lines().all(|line| line.trim().is_empty() || line.trim_start().starts_with('#')) {
+        let form = "then one row an object and frame";
+        r.add("(file)", format!("has no rows; begin with a header such as `{EXAMPLE_HEADER}`, {form}"));
+        return Ok(found);
     }
-    let delimiter = [b',', b';', b'\t'].into_iter().find(|d| header.as_bytes().contains(d)).unwrap_or(b',');
-    let mut reader = ReaderBuilder::new()
-        .delimiter(delimiter)
-        .comment(Some(b'#'))
-        .trim(Trim::All)
-        .flexible(true)
-        .from_reader(text.as_bytes());
-    let names = reader.headers().map_err(|e| SceneError::single("(file)", e.to_string()))?.clone();
-    let places = columns(&names, notes, r);
-    let timed = places.contains_key(&CsvColumn::Time);
+    let table = find(text);
+    let mut map = columns(&table.header, notes, r);
+    let clock = row_clock(&table, &mut map);
+    found.timed = clock == Some(CsvColumn::Time);
     // Rows cannot be judged without these columns.
-    if !has_required_columns(&names, &places, r) {
-        return nothing(timed);
+    if !has_required_columns(&table, &map, clock, r) {
+        return Ok(found);
     }
-    let (mut rows, mut stated) = (vec![], Stated::new());
-    for record in reader.records() {
-        let record = match record {
+    let mut reader =
+        TableReader { table: &table, map: &map, clock, stated: Stated::new(), counts: RowCounts::default() };
+    for record in table.records() {
+        let (line, record) = match record {
             Ok(record) => record,
             Err(error) => {
                 r.add("(file)", error.to_string());
                 break;
             }
         };
-        let line = record.position().map_or(0, |p| p.line());
-        if record.len() != names.len() {
-            r.add(
-                format!("line {line}"),
-                format!("has {} columns; the header has {}; give the same number", record.len(), names.len()),
-            );
-            continue;
-        }
-        let mut cells =
-            Cells { record: &record, names: &names, places: &places, line, stated: &mut stated, r };
-        rows.extend(cells.row(timed));
+        reader.take(line, &record, &mut found, r);
     }
-    if rows.is_empty() && r.is_empty() {
+    let counts = reader.counts;
+    if found.rows.is_empty() && r.is_empty() {
         r.add("(file)", "has a header only; give a row for each object and frame");
     }
-    Ok(CsvRows { timed, rows })
+    if table.separators != "commas" || table.decimal_commas {
+        let commas = if table.decimal_commas { ", decimal commas" } else { "" };
+        found.dialect.push(format!("{}{commas}", table.separators));
+    }
+    found.dialect.append(&mut map.renamed);
+    found.assumed = counts.in_words();
+    if clock.is_none() {
+        found.assumed.push("one row for each frame (a column `frame` or `t [s]`)".into());
+    }
+    if map.objects.is_empty() && !map.shared.contains_key(&CsvColumn::Id) {
+        found.assumed.push("one object, with id 0 (a column `id`)".into());
+    }
+    found.assumed.extend(found.names.in_words());
+    Ok(found)
+}
+
+/// The column with the time of each row.
+fn row_clock(table: &TextTable, map: &mut ColumnMap) -> RowClock {
+    let has = |places: &ColumnPlaces, column| places.contains_key(&column);
+    if has(&map.shared, CsvColumn::Time) || map.objects.iter().any(|(_, own)| has(own, CsvColumn::Time)) {
+        return Some(CsvColumn::Time);
+    }
+    // The index of a data frame has no name.
+    let first = table.records().next().and_then(Result::ok);
+    let is_count = |cell: &str| number(cell, false).is_some_and(|value| value.fract() == 0.0);
+    let is_index = table.header.names.get(0).is_some_and(str::is_empty)
+        && first.is_some_and(|(_, record)| record.get(0).is_some_and(is_count));
+    if !has(&map.shared, CsvColumn::Frame) && !has(&map.shared, CsvColumn::Id) && is_index {
+        map.shared.insert(CsvColumn::Frame, (0, 1.0));
+    }
+    has(&map.shared, CsvColumn::Frame).then_some(CsvColumn::Frame)
 }
 
 /// Whether no required column is missing; missing ones are reported.
-fn has_required_columns(names: &StringRecord, places: &ColumnPlaces, r: &mut SceneViolations) -> bool {
-    let mut complete = true;
-    for (column, wanted) in [(CsvColumn::Id, "id"), (CsvColumn::X, "x"), (CsvColumn::Y, "y")] {
-        if !places.contains_key(&column) {
-            complete = false;
-            let found: Vec<&str> = names.iter().collect();
-            let message =
-                format!("has no column {wanted}; it has {}: rename the one that holds it", found.join(", "));
-            r.add("header", message);
+fn has_required_columns(
+    table: &TextTable,
+    map: &ColumnMap,
+    clock: RowClock,
+    r: &mut SceneViolations,
+) -> bool {
+    let has = |column| map.shared.contains_key(&column);
+    let names: Vec<&str> = table.header.names.iter().collect();
+    let is_placed =
+        (has(CsvColumn::X) && has(CsvColumn::Y)) || map.objects.iter().any(|(_, own)| !own.is_empty());
+    if !table.has_header && names.iter().all(|name| number(name, false).is_some()) {
+        r.add(
+            "header",
+            format!("is missing; put a line in front that names the columns, such as `{EXAMPLE_HEADER}`"),
+        );
+        return false;
+    }
+    if !is_placed {
+        for (column, wanted) in [(CsvColumn::Id, "id"), (CsvColumn::X, "x"), (CsvColumn::Y, "y")] {
+            if !has(column) {
+                let found = names.join(", ");
+                let message = format!("has no column {wanted}; it has {found}: rename the one that holds it");
+                r.add("header", message);
+            }
         }
     }
-    if !places.contains_key(&CsvColumn::Time) && !places.contains_key(&CsvColumn::Frame) {
-        complete = false;
+    let needs_clock = !is_placed || has(CsvColumn::Id);
+    if clock.is_none() && needs_clock {
         r.add("header", "has neither a column t nor a column frame; give one");
     }
-    complete
+    is_placed && (clock.is_some() || !needs_clock)
+}
+
+/// Rows that are read in a way to be named.
+#[derive(Default)]
+struct RowCounts {
+    records: usize,
+    without_id: usize,
+    unlikely: usize,
+}
+
+impl RowCounts {
+    fn in_words(&self) -> Vec<String> {
+        let line = |count: usize, words: String| (count > 0).then_some(words);
+        let without = format!("{} rows without an id are ignored", self.without_id);
+        let unlikely =
+            format!("{} positions with a likelihood below {LEAST_LIKELIHOOD} were not seen", self.unlikely);
+        [line(self.without_id, without), line(self.unlikely, unlikely)].into_iter().flatten().collect()
+    }
+}
+
+/// Reads the rows of a table.
+struct TableReader<'a> {
+    table: &'a TextTable<'a>,
+    map: &'a ColumnMap,
+    clock: RowClock,
+    stated: Stated,
+    counts: RowCounts,
+}
+
+impl TableReader<'_> {
+    /// The rows of one line: one, or one for each object with columns of its own.
+    fn take(&mut self, line: u64, record: &StringRecord, found: &mut CsvRows, r: &mut SceneViolations) {
+        let names = &self.table.header.names;
+        let too_long = record.iter().skip(names.len()).any(|cell| !cell.is_empty());
+        // Programs leave out empty cells at the end of a line.
+        if too_long || (record.len() < names.len() && self.map.objects.is_empty()) {
+            let (own, header) = (record.len(), names.len());
+            let decimals = match own >= 2 * header - 1 && self.table.separators == "commas" {
+                true => "; if commas are decimal signs, separate columns by semicolons",
+                false => "",
+            };
+            let message =
+                format!("has {own} columns; the header has {header}; give the same number{decimals}");
+            r.add(format!("line {line}"), message);
+            return;
+        }
+        let number = self.counts.records as f64;
+        self.counts.records += 1;
+        let no_objects = [(String::new(), ColumnPlaces::new())];
+        let objects = if self.map.objects.is_empty() { &no_objects[..] } else { &self.map.objects };
+        let mut known: Option<((usize, f64), Option<f64>)> = None;
+        for (name, own) in objects {
+            let mut places = self.map.shared.clone();
+            places.extend(own);
+            let (stated, counts) = (&mut self.stated, &mut self.counts);
+            let of_table = (names, self.table.decimal_commas);
+            let mut cells = Cells { record, of_table, places: &places, line, stated, counts, r };
+            let at = self.clock.and_then(|clock| places.get(&clock).copied());
+            let when = match (known, at) {
+                (_, None) => Some(number),
+                (Some((place, when)), Some(at)) if place == at => when,
+                (_, Some(at)) => {
+                    let when = cells.when(self.clock);
+                    known = Some((at, when));
+                    when
+                }
+            };
+            found.rows.extend(cells.row(name, when, &mut found.names));
+        }
+    }
 }
 
 /// The cells of one row, by column.
 struct Cells<'a> {
     record: &'a StringRecord,
-    names: &'a StringRecord,
+    /// Names of the columns, and whether decimal signs are commas.
+    of_table: (&'a StringRecord, bool),
     places: &'a ColumnPlaces,
     line: u64,
     stated: &'a mut Stated,
+    counts: &'a mut RowCounts,
     r: &'a mut SceneViolations,
 }
 
 impl Cells<'_> {
-    fn row(&mut self, timed: bool) -> Option<Row> {
-        let id = self.whole(CsvColumn::Id);
-        let when =
-            if timed { self.number(CsvColumn::Time) } else { self.whole(CsvColumn::Frame).map(f64::from) };
-        let clock = if timed { CsvColumn::Time } else { CsvColumn::Frame };
-        if when.is_none() && self.lacks(clock) {
+    /// Time (s), or number of the frame.
+    fn when(&mut self, clock: RowClock) -> Option<f64> {
+        let clock = clock?;
+        let when = match clock {
+            CsvColumn::Frame => self.frame(),
+            _ => self.time(),
+        };
+        let is_empty = self.lacks(CsvColumn::X) && self.lacks(CsvColumn::Y);
+        if when.is_none() && self.lacks(clock) && !is_empty {
             self.wrong(clock, "is empty or NaN; give the time or the frame");
         }
-        let visible = match self.text(CsvColumn::Visible).map(str::to_ascii_lowercase).as_deref() {
-            None | Some("1" | "true" | "yes") => true,
-            Some("0" | "false" | "no") => false,
-            Some(other) => {
-                let message = format!("is {other:?}; it must be 0 or 1");
-                self.wrong(CsvColumn::Visible, message);
-                true
-            }
-        };
+        when
+    }
+
+    /// The row of an object, which the id or the columns' name says.
+    fn row(&mut self, name: &str, when: Option<f64>, names: &mut ObjectNames) -> Option<Row> {
+        let id = self.id(name);
+        let visible = self.is_visible();
         let (x, y, yaw) = (self.number(CsvColumn::X), self.number(CsvColumn::Y), self.number(CsvColumn::Yaw));
         let seen = match (x, y) {
             (Some(x), Some(y)) if visible => Some((x, y, yaw)),
@@ -174,22 +288,57 @@ impl Cells<'_> {
         );
         let [material, color] =
             [CsvColumn::Material, CsvColumn::Color].map(|c| self.text(c).map(str::to_ascii_lowercase));
-        let id = id?;
-        self.constant(id, CsvColumn::Shape, shape.map(|kind| kind.0.to_string()));
-        self.constant(id, CsvColumn::Size, size.map(|v| format!("{v} m")));
-        self.constant(id, CsvColumn::Mass, mass.map(|v| format!("{v} kg")));
-        self.constant(id, CsvColumn::Material, material.clone());
-        self.constant(id, CsvColumn::Color, color.clone());
-        Some(Row { line: self.line, id, when: when?, seen, shape, size, mass, material, color })
+        let name = id?;
+        let object = names.place(&name);
+        self.constant((object, &name), CsvColumn::Shape, shape.map(|kind| kind.0.to_string()));
+        self.constant((object, &name), CsvColumn::Size, size.map(|v| format!("{v} m")));
+        self.constant((object, &name), CsvColumn::Mass, mass.map(|v| format!("{v} kg")));
+        self.constant((object, &name), CsvColumn::Material, material.clone());
+        self.constant((object, &name), CsvColumn::Color, color.clone());
+        Some(Row { line: self.line, object, when: when?, seen, shape, size, mass, material, color })
+    }
+
+    /// The name of the object: its id, the name of its columns, or both; 0 where there is neither.
+    fn id(&mut self, name: &str) -> Option<String> {
+        if !self.places.contains_key(&CsvColumn::Id) {
+            return Some(if name.is_empty() { "0".into() } else { name.to_string() });
+        }
+        let Some(id) = self.text(CsvColumn::Id).map(str::to_string) else {
+            self.counts.without_id += 1;
+            return None;
+        };
+        if number(&id, false).is_some() {
+            self.whole(CsvColumn::Id)?;
+        }
+        Some(if name.is_empty() { id } else { format!("{id} {name}") })
+    }
+
+    /// Whether the row's object was seen, as far as columns say so.
+    fn is_visible(&mut self) -> bool {
+        for (column, shown) in [(CsvColumn::Visible, true), (CsvColumn::Missing, false)] {
+            match self.text(column).map(str::to_ascii_lowercase).as_deref() {
+                None => {}
+                Some("1" | "1.0" | "true" | "yes") if shown => {}
+                Some("0" | "0.0" | "false" | "no") if !shown => {}
+                Some("0" | "0.0" | "false" | "no" | "1" | "1.0" | "true" | "yes") => return false,
+                Some(other) => {
+                    let message = format!("is {other:?}; it must be 0 or 1");
+                    self.wrong(column, message);
+                }
+            }
+        }
+        let unlikely = self.number(CsvColumn::Likelihood).is_some_and(|value| value < LEAST_LIKELIHOOD);
+        self.counts.unlikely += usize::from(unlikely);
+        !unlikely
     }
 
     /// Reports a property that differs from the one stated for this object first.
-    fn constant(&mut self, id: u32, column: CsvColumn, value: Option<String>) {
+    fn constant(&mut self, (object, name): (usize, &str), column: CsvColumn, value: Option<String>) {
         let Some(value) = value else { return };
-        let (line, first) = self.stated.entry((id, column)).or_insert_with(|| (self.line, value.clone()));
+        let (line, first) = self.stated.entry((object, column)).or_insert_with(|| (self.line, value.clone()));
         if *first != value {
             let message = format!(
-                "is {value:?} where object {id} has {first:?} in line {line}; give the same value in all its rows, or \
+                "is {value:?} where object {name} has {first:?} in line {line}; give the same value in all its rows, or \
                  another object another id"
             );
             self.wrong(column, message);
@@ -203,7 +352,7 @@ impl Cells<'_> {
             let value = readable(value);
             let message = format!(
                 "is {value} m; it must be within {MAX_COORDINATE} m; if it is in millimetres, name the column \
-                 `{name} [mm]`, and `{name} [px]` if in pixels"
+                 `{name} [mm]`; if in pixels, put a line `# scale: 0.002` (m per pixel) in front"
             );
             self.wrong(column, message);
         }
@@ -220,35 +369,48 @@ impl Cells<'_> {
         fits.then_some(value)
     }
 
+    /// The text of a cell; `None` where it holds nothing.
     fn text(&self, column: CsvColumn) -> Option<&str> {
         let (index, _) = self.places.get(&column)?;
-        self.record.get(*index).filter(|cell| !cell.is_empty())
+        self.record.get(*index).filter(|cell| !is_absent(cell))
     }
 
-    /// Whether the cell is empty or NaN.
+    /// Whether the cell holds nothing.
     fn lacks(&self, column: CsvColumn) -> bool {
-        self.text(column).is_none_or(|text| text.eq_ignore_ascii_case("nan"))
+        self.text(column).is_none()
     }
 
-    /// A number in SI units; `None` where the cell is empty, NaN or wrong.
+    /// A number in SI units; `None` where the cell holds nothing or is wrong.
     fn number(&mut self, column: CsvColumn) -> Option<f64> {
         let factor = self.places.get(&column)?.1;
-        let text = self.text(column)?.to_string();
-        match text.parse::<f64>() {
-            Ok(v) if v.is_finite() => Some(v * factor),
-            _ if text.eq_ignore_ascii_case("nan") => None,
-            _ => {
-                let wanted = match column {
-                    CsvColumn::Id => "give a whole number from 0 as the object's id",
-                    _ if text.replace(',', ".").parse::<f64>().is_ok() => {
-                        "write a point before decimals: 1.5, not 1,5"
-                    }
-                    _ => "give a number such as 1.5",
-                };
-                self.wrong(column, format!("is {text:?}; {wanted}"));
-                None
-            }
+        let text = self.text(column)?;
+        let value = number(text, self.of_table.1);
+        if value.is_none() {
+            let wanted = match number(text, true) {
+                Some(_) => "write a point before decimals: 1.5, not 1,5",
+                None => "give a number such as 1.5",
+            };
+            let message = format!("is {text:?}; {wanted}");
+            self.wrong(column, message);
         }
+        Some(value? * factor)
+    }
+
+    /// Seconds, also of a clock time.
+    fn time(&mut self) -> Option<f64> {
+        match self.text(CsvColumn::Time).and_then(clock) {
+            Some(seconds) => Some(seconds),
+            None => self.number(CsvColumn::Time),
+        }
+    }
+
+    /// A whole number, also below 0.
+    fn frame(&mut self) -> Option<f64> {
+        let value = self.number(CsvColumn::Frame)?;
+        if value.fract() != 0.0 {
+            self.wrong(CsvColumn::Frame, format!("is {}; give a whole number", readable(value)));
+        }
+        (value.fract() == 0.0).then_some(value)
     }
 
     fn whole(&mut self, column: CsvColumn) -> Option<u32> {
@@ -263,7 +425,7 @@ impl Cells<'_> {
     fn wrong(&mut self, column: CsvColumn, message: impl Into<String>) {
         let at = match self.places.get(&column) {
             Some((index, _)) => {
-                let name = self.names.get(*index).unwrap_or_default();
+                let name = self.of_table.0.get(*index).unwrap_or_default();
                 format!("line {}, column {} ({name})", self.line, index + 1)
             }
             None => format!("line {}", self.line),

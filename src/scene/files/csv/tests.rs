@@ -158,7 +158,7 @@ fn everything_wrong_is_reported_with_line_and_column() {
     );
     // One time has no rate that could contradict.
     assert!(!parse_csv("s", "# fps: 10\nid,t,x,y\n1,0,0,0\n").is_err_and(|e| e.to_string().contains("fps")));
-    check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0,0\n", &["line 4: is the second row of object 1"]);
+    check("id,frame,x,y\n1,0,0,0\n1,1,0,0\n1,1,0.5,0\n", &["line 4: is the second row of object 1"]);
     check("id,frame,x,y\n1,99999999,0,0\n", &["frame: 99999999 is beyond the 15000 frames"]);
     for empty in ["", "\n \n", "# fps: 25\n"] {
         check(empty, &["(file): has no rows; begin with a header such as `id,t [s],x [mm],y [mm]`"]);
@@ -255,7 +255,7 @@ proptest! {
 
 #[test]
 fn what_a_file_does_not_state_is_listed_with_what_to_write() {
-    let assumed = |text: &str| read_csv("s", text).expect(text).1;
+    let assumed = |text: &str| read_table("s", text, &TableDefaults::default()).expect(text).1;
     let bare = "id,frame,x,y\n1,0,0,0\n1,1,100,0\n1,2,130,0\n";
     insta::assert_snapshot!(assumed(bare).join("\n"), @r"
     radius or half side of 0.2 m (`# size: 30 mm`)
