@@ -10,6 +10,9 @@ use crate::scene::spelling::misspelt;
 use crate::scene::violations::SceneViolations;
 use std::collections::BTreeMap;
 
+/// Size of a pixel (m) where a tracker's table does not state it: a usual one of a table from above.
+const ASSUMED_PIXEL: f64 = 1e-3;
+
 /// The columns of a row: for each its index, and the size of its unit in SI units.
 pub(super) type ColumnPlaces = BTreeMap<CsvColumn, (usize, f64)>;
 
@@ -34,6 +37,10 @@ struct NamedColumn {
 pub(super) fn columns(header: &TableHeader, notes: &Notes, r: &mut SceneViolations) -> ColumnMap {
     let stems: Vec<String> = header.names.iter().map(stem).collect();
     let of_image = measures_images(&stems);
+    // What a tracker finds in images has pixels for lengths.
+    let in_pixels = of_image && notes.scale.is_none() && notes.unit.is_none();
+    let scaled = Notes { scale: Some(ASSUMED_PIXEL), ..notes.clone() };
+    let notes = if in_pixels { &scaled } else { notes };
     let mut found = vec![];
     for (index, header) in header.names.iter().enumerate() {
         match column_name(header) {
@@ -75,6 +82,12 @@ pub(super) fn columns(header: &TableHeader, notes: &Notes, r: &mut SceneViolatio
         _ => c.name.object.is_none(),
     };
     share(&mut map, found.iter().filter(is_shared), (header, notes), r);
+    if in_pixels {
+        map.renamed.push(format!(
+            "pixels, taken as {} mm each, so that lengths and forces are relative (`# scale: 0.002` gives m per pixel)",
+            1e3 * ASSUMED_PIXEL
+        ));
+    }
     map
 }
 

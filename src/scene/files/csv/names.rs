@@ -146,7 +146,7 @@ const SEPARATORS: [char; 8] = ['_', '.', '-', ' ', '/', ':', '#', '\''];
 const LAST_RANK: usize = 100;
 
 /// Columns of a program whose `mass` and `size` are those of an image (brightness, pixels), by other columns that it writes.
-const OF_IMAGES: [&[&str]; 1] = [&["ecc", "signal"]];
+const OF_IMAGES: [&[&str]; 3] = [&["ecc", "signal"], &["likelihood"], &["instance_score"]];
 
 /// What the name of a column says.
 #[derive(Debug, Clone, PartialEq)]

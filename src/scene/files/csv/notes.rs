@@ -26,6 +26,7 @@ pub struct TableDefaults {
 }
 
 /// What the lines before the header state.
+#[derive(Clone)]
 pub(super) struct Notes {
     /// Frame rate (1/s).
     pub fps: Option<f64>,
