@@ -11,6 +11,10 @@ const MOST_SAMPLES: usize = 10;
 const FEWEST_SAMPLES: usize = 4;
 /// Mean square residual, in noise variances, beyond which a line does not describe its samples.
 const BENT: f64 = 4.0;
+/// Deviations of chi-square that are chance.
+const CHANCE: f64 = 1.0;
+/// The same within which half of the samples tell nothing of motion.
+const HALF_MOVES: f64 = 2.0;
 /// A velocity within this many standard deviations of zero is rest, if friction can keep a body at rest.
 const REST_DEVIATIONS: f64 = 3.5;
 
@@ -63,33 +67,44 @@ pub(super) fn set_initial_states(scene: &Scene, model: &mut Model, noise: &Noise
     }
 }
 
-/// The first samples of a track, as many as a line describes; twice as many, and so on, while these do not tell whether it moves.
+/// The first samples of a track, as many as a line describes; twice as many, and so on, if these tell that it moves.
 fn straight<'a>(scene: &Scene, track: &'a Track, sigma: f64) -> &'a [Sample] {
     let mut samples = &track.samples[..track.samples.len().min(MOST_SAMPLES)];
-    while samples.len() > FEWEST_SAMPLES && !is_straight(scene, samples, sigma) {
+    while samples.len() > FEWEST_SAMPLES
+        && bend(scene, samples, sigma) > BENT * (2 * samples.len() - 4) as f64
+    {
         samples = &samples[..samples.len() - 1];
     }
-    let moves = |samples: &[Sample]| {
-        let (_, velocity, sd) = line(scene, samples, sigma, |s| Some(s.position));
-        velocity.norm() > REST_DEVIATIONS * sd
-    };
-    while samples.len() >= MOST_SAMPLES && samples.len() < track.samples.len() && !moves(samples) {
-        let more = &track.samples[..track.samples.len().min(2 * samples.len())];
-        if !is_straight(scene, more, sigma) {
+    let mut more = samples;
+    while more.len() >= MOST_SAMPLES && more.len() < track.samples.len() {
+        let (_, velocity, sd) = line(scene, more, sigma, |s| Some(s.position));
+        if velocity.norm() > REST_DEVIATIONS * sd {
             break;
         }
-        samples = more;
+        more = &track.samples[..track.samples.len().min(2 * more.len())];
+        let degrees = (2 * more.len() - 4) as f64;
+        if bend(scene, more, sigma) > degrees + CHANCE * (2.0 * degrees).sqrt() {
+            return samples;
+        }
     }
-    samples
+    if moves_evenly(scene, more, sigma) { more } else { samples }
 }
 
-/// Whether noise explains what a line leaves of the samples.
-fn is_straight(scene: &Scene, samples: &[Sample], sigma: f64) -> bool {
+/// Whether both halves of the samples move, and alike: what rests until it is struck does not.
+fn moves_evenly(scene: &Scene, samples: &[Sample], sigma: f64) -> bool {
+    let halves = samples.split_at(samples.len() / 2);
+    let [(_, early, sd), (_, late, other_sd)] =
+        [halves.0, halves.1].map(|half| line(scene, half, sigma, |s| Some(s.position)));
+    let apart = REST_DEVIATIONS * elementary::hypot(sd, other_sd);
+    early.norm() > HALF_MOVES * sd && late.norm() > HALF_MOVES * other_sd && (early - late).norm() < apart
+}
+
+/// What a line leaves of the samples (chi-square).
+fn bend(scene: &Scene, samples: &[Sample], sigma: f64) -> f64 {
     let (position, velocity, _) = line(scene, samples, sigma, |s| Some(s.position));
     let start = scene.time_of(samples[0].frame);
     let off = |s: &Sample| position + velocity.scaled(scene.time_of(s.frame) - start) - s.position;
-    let squares: f64 = samples.iter().map(|s| off(s).norm_squared()).sum();
-    squares <= BENT * sigma * sigma * (2 * samples.len() - 4) as f64
+    samples.iter().map(|s| off(s).norm_squared()).sum::<f64>() / (sigma * sigma)
 }
 
 /// The samples with continuous yaws; most trackers give them modulo a whole turn.

@@ -132,7 +132,11 @@ fn tables_of_trackers_are_read() {
     for text in [deeplabcut, sleap, trackpy] {
         let found = read(&format!("# fps: 50\n{text}")).unwrap_or_else(|e| panic!("{text}\n{e}"));
         assert_eq!(positions(&found.scene), known(0), "{text}");
-        assert!(found.assumed.iter().any(|line| line.contains("pixels, taken as 1 mm each")), "{:?}", found.assumed);
+        assert!(
+            found.assumed.iter().any(|line| line.contains("pixels, taken as 1 mm each")),
+            "{:?}",
+            found.assumed
+        );
     }
     let trackmate = "LABEL,ID,TRACK_ID,QUALITY,POSITION_X,POSITION_Y,POSITION_T,FRAME\nLabel,Spot ID,Track ID,Quality,X,Y,T,Frame\n\
                      Label,Spot ID,Track ID,Quality,X,Y,T,Frame\n,,,(quality),(micron),(micron),(sec),\nID7,7,0,9.5,0,0,0,0\n\
