@@ -1,7 +1,8 @@
 //! Where a thing that nobody saw may stand: behind the jumps of objects that met no other.
 
 use super::smooth_track::ChangePoint;
-use crate::num::{Vec2, elementary};
+use crate::effects::Region;
+use crate::num::{Vec2, elementary, vec2};
 use crate::world::Model;
 
 /// Jumps agree with one wall within this distance (m) and cosine.
@@ -59,6 +60,38 @@ pub fn walls(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlac
     found
         .dedup_by(|a, b| (a.values[1] - b.values[1]).abs() < 0.05 && (a.values[2] - b.values[2]).abs() < 0.1);
     found
+}
+
+/// Four walls around all tracks, where jumps away from two sides or more happen where the tracks end on that side; at most one.
+/// Nothing is known of a side that no jump tells: it is out of reach.
+pub fn rectangle(jumps: &[(usize, ChangePoint)], models: &[Model], region: &Region) -> Option<HiddenPlace> {
+    let (own, size) = (own_radius(models), (region.high - region.low).norm());
+    // Inward normals, and how far the tracks go against each.
+    let sides = [
+        (vec2(1.0, 0.0), region.low.x),
+        (vec2(-1.0, 0.0), -region.high.x),
+        (vec2(0.0, 1.0), region.low.y),
+        (vec2(0.0, -1.0), -region.high.y),
+    ];
+    let told = sides.map(|(normal, end)| {
+        let at_end = |j: &ChangePoint| {
+            j.change.unit().dot(normal) > SAME_NORMAL && j.position.dot(normal) - end < SAME_WALL
+        };
+        jumps.iter().filter(|(_, j)| at_end(j)).count()
+    });
+    if told.iter().filter(|n| **n > 0).count() < 2 {
+        return None;
+    }
+    let offsets: Vec<f64> = sides
+        .iter()
+        .zip(told)
+        .map(|((normal, end), told)| {
+            let offset = end - own - if told > 0 { 0.0 } else { size };
+            offset * (normal.x + normal.y)
+        })
+        .collect();
+    let values = [&[1.0], &offsets[..], &[RESTITUTION]].concat();
+    Some(HiddenPlace { values, agree: told.iter().sum() })
 }
 
 /// Discs behind the strongest jumps.

@@ -13,7 +13,7 @@ use super::revise::Revision;
 use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
-use crate::effects::{EffectEntry, ParamId, ParamSpec};
+use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, effect};
 use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
 
@@ -27,6 +27,9 @@ const SURFACE: f64 = 0.5;
 /// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
 /// derivatives grow without end, and a fit's own deviation says what nobody can know.
 const NO_NEARER: f64 = 0.02;
+
+/// The end of a table that objects hit is known to better than this share of the table (a standard deviation).
+const REACHED: f64 = 0.1;
 
 /// Proof that windows around contacts ask for, as that of free motion.
 const CONTACT_PROOF: f64 = contact::PROOF;
@@ -305,6 +308,54 @@ pub fn reason(
         }
         Verdict::NotIdentifiable => String::new(),
     }
+}
+
+/// The amplitudes of the laws of force that the videos do not tell apart: what is known whichever acts.
+pub fn numbers_of_rivals(
+    motion: &FreeMotion,
+    ambiguous: &[Vec<String>],
+    substitutes: &[Vec<ForceCandidate>],
+) -> String {
+    let of_kind = |kind: &String| {
+        let mut known = substitutes.iter().flatten().chain(motion.ranked.iter().map(|(_, c)| c));
+        known.find(|c| c.entry.kind == kind && !c.entry.of_objects())
+    };
+    let numbers = |c: &ForceCandidate| -> String {
+        let scale = motion.reduced_chi_square().max(1.0).sqrt();
+        let of = c.entry.spec.params.iter().zip(&c.values).zip(&c.sd).take(c.entry.amplitudes);
+        let one = |((p, value), sd): ((&ParamSpec, &f64), &f64)| {
+            format!("{} {value:.3} ± {:.3} {}", p.name, sd * scale, p.unit)
+        };
+        format!("{}: {}", c.entry.kind, of.map(one).collect::<Vec<_>>().join(", "))
+    };
+    let all: Vec<String> = ambiguous.iter().flatten().filter_map(of_kind).map(numbers).collect();
+    if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
+}
+
+/// The line that states the walls that were found around the objects, so that the next fit knows them; none where an end of them
+/// is not known to better than a tenth of what lies between.
+pub fn table_advice(effects: &[FoundEffect]) -> String {
+    let around = |e: &&FoundEffect| {
+        effect(&e.effect).is_some_and(|e| e.obstacle() == Some(ObstacleForm::Rectangle))
+    };
+    let Some(found) = effects.iter().find(around) else { return String::new() };
+    let sides: Vec<(f64, f64)> = found
+        .parameters
+        .iter()
+        .filter(|p| p.unit == "m")
+        .filter_map(|p| match p.value {
+            ParameterValue::Number(value) => Some((value, p.sd.first().copied().unwrap_or(f64::INFINITY))),
+            _ => None,
+        })
+        .collect();
+    let [(left, a), (right, b), (bottom, c), (top, d)] = sides[..] else { return String::new() };
+    if a.max(b) > REACHED * (right - left) || c.max(d) > REACHED * (top - bottom) {
+        return "; walls stand around the objects: state the table of each file with a line `# table: LEFT RIGHT BOTTOM TOP` (m)"
+            .into();
+    }
+    format!(
+        "; walls stand around the objects: state them in each file with the line `# table: {left:.3} {right:.3} {bottom:.3} {top:.3}`"
+    )
 }
 
 /// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.

@@ -8,7 +8,8 @@ use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
-    FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed,
+    FOLLOWED, contact_numbers, found, found_contact, numbers_of_rivals, ranked, reason, smallest, table_advice,
+    unfollowed,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
 use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
@@ -250,8 +251,10 @@ pub fn conclude(
     if proven.is_none() {
         of_contact.clear();
     }
-    let ambiguous: Vec<Vec<String>> =
+    let substitutes = motion.substitutes(lens, &base, stop)?;
+    let mut ambiguous: Vec<Vec<String>> =
         [rivals.clone(), of_contact].into_iter().filter(|kinds| !kinds.is_empty()).collect();
+    ambiguous.extend(substitutes.iter().map(|alike| alike.iter().map(|c| c.entry.kind.into()).collect()));
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
     // Engines do more at contacts than any law, and a video may be lost to chaos alone.
     let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
@@ -325,14 +328,20 @@ pub fn conclude(
         effects.iter().for_each(|effect| effect.widen(&mut last.fit));
     }
     let experiment = match verdict {
-        Verdict::Ambiguous => tell_apart(lens, &motion, &rivals),
+        Verdict::Ambiguous => {
+            tell_apart(lens, &motion, &rivals, substitutes.first().map_or(&[], Vec::as_slice))
+        }
         _ => None,
     };
     let left = match followed || unseen {
         true => format!("reduced chi-square {ended:.2}"),
         false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
     };
-    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
+    let mut reason =
+        reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
+    if verdict == Verdict::Ambiguous {
+        reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
+    }
     let mut aside = revisions.last().map(unfollowed).unwrap_or_default();
     if verdict == Verdict::Adequate
         && ended > FOLLOWED
@@ -344,7 +353,7 @@ pub fn conclude(
         );
     }
     Ok(Discovery {
-        reason: reason + &strength + &aside,
+        reason: reason + &strength + &table_advice(&effects) + &aside,
         verdict,
         effects,
         ranked,

@@ -16,6 +16,7 @@ mod tests;
 
 mod camera {
     pub mod frame_rate;
+    pub mod lens_distortion;
     pub mod off_centre_marker;
     pub mod tilted_camera;
     pub mod wrong_scale;
@@ -26,6 +27,7 @@ mod contact {
     pub mod cushion;
     pub mod hidden_object;
     pub mod hidden_wall;
+    pub mod hidden_walls;
     pub mod restitution;
     pub mod soft_contact;
     pub mod speed_dependent_restitution;
@@ -104,6 +106,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<friction::friction_patch::FrictionPatch>(),
     EffectEntry::of::<force::time_periodic::TimePeriodic>(),
     EffectEntry::of::<contact::hidden_wall::HiddenWall>(),
+    EffectEntry::of::<contact::hidden_walls::HiddenWalls>(),
     EffectEntry::of::<contact::hidden_object::HiddenObject>(),
     EffectEntry::of::<contact::speed_dependent_restitution::SpeedDependentRestitution>(),
     EffectEntry::of::<contact::soft_contact::SoftContact>(),
@@ -112,6 +115,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<matter::wrong_size::WrongSize>(),
     EffectEntry::of::<camera::wrong_scale::WrongScale>(),
     EffectEntry::of::<camera::tilted_camera::TiltedCamera>(),
+    EffectEntry::of::<camera::lens_distortion::LensDistortion>(),
     EffectEntry::of::<camera::off_centre_marker::OffCentreMarker>(),
     EffectEntry::of::<camera::frame_rate::FrameRate>(),
 ];

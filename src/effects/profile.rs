@@ -52,6 +52,8 @@ pub enum ObstacleForm {
     Wall,
     /// Presence, centre x and y (m), radius (m), restitution.
     Disc,
+    /// Presence, left, right, bottom and top (m), restitution.
+    Rectangle,
 }
 
 /// Where a search starts an effect to which the derivative at "absent" does not lead.

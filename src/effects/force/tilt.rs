@@ -6,8 +6,12 @@ use crate::num::{Real, vec2};
 
 pub struct Tilt;
 
+/// Steepest slope (m/s^2): free fall in a filmed vertical plane, and half of it again for a wrong scale.
+const STEEPEST: f64 = 15.0;
+
 const fn component(name: &'static str, doc: &'static str) -> ParamSpec {
-    ParamSpec { name, unit: "m/s^2", default: 0.0, min: -5.0, max: 5.0, scope: Scope::Setup, doc }
+    let (min, max) = (-STEEPEST, STEEPEST);
+    ParamSpec { name, unit: "m/s^2", default: 0.0, min, max, scope: Scope::Setup, doc }
 }
 
 impl Effect for Tilt {
