@@ -40,6 +40,7 @@ mod force {
     pub mod cubic_drag;
     pub mod lateral;
     pub mod linear_drag;
+    pub mod magnet_repulsion;
     pub mod magnus;
     pub mod pair_attraction;
     pub mod pair_repulsion;
@@ -103,6 +104,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<force::magnus::Magnus>(),
     EffectEntry::of::<force::pair_attraction::PairAttraction>(),
     EffectEntry::of::<force::pair_repulsion::PairRepulsion>(),
+    EffectEntry::of::<force::magnet_repulsion::MagnetRepulsion>(),
     EffectEntry::of::<friction::friction_patch::FrictionPatch>(),
     EffectEntry::of::<force::time_periodic::TimePeriodic>(),
     EffectEntry::of::<contact::hidden_wall::HiddenWall>(),

@@ -93,6 +93,17 @@ impl ObservationModel {
         position
     }
 
+    /// How much larger the camera shows a small step of body `i` than it is, at this position (m) and yaw (rad).
+    pub fn magnification(&self, i: usize, position: Vec2, yaw: f64) -> f64 {
+        if self.hooks[i].is_empty() {
+            return 1.0;
+        }
+        let at = |d: Vec2| self.observe(i, position + d, yaw).position;
+        let here = at(Vec2::zero());
+        let [by_x, by_y] = [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
+        by_x.cross(by_y).abs().sqrt()
+    }
+
     /// Whether body `i` is observed in the same way in `other`, which is of the same model.
     pub(in crate::world) fn same(&self, other: &Self, i: usize) -> bool {
         self.hooks[i].iter().zip(&other.hooks[i]).all(|(a, b)| a.1 == b.1)

@@ -8,6 +8,9 @@ use crate::num::{Real, vec2};
 
 pub struct LensDistortion;
 
+/// Strongest barrel: from a third on, the picture of what is farther from the middle would come nearer again.
+const STRONGEST: f64 = -0.25;
+
 impl Effect for LensDistortion {
     const SPEC: EffectSpec = EffectSpec {
         name: "lens_distortion",
@@ -19,8 +22,8 @@ impl Effect for LensDistortion {
                 name: "k",
                 unit: "1/m^2",
                 default: 0.0,
-                min: -0.5,
-                max: 0.5,
+                min: -1000.0,
+                max: 1000.0,
                 scope: Scope::Setup,
                 doc: "relative change of the distance from the middle, per squared distance",
             },
@@ -34,6 +37,6 @@ impl Effect for LensDistortion {
 
     fn observe<T: Real>(p: &[T], out: &mut Observation<T>) {
         let d = out.position - vec2(p[1], p[2]);
-        out.position += d * (d.norm_squared() * p[0]);
+        out.position += d * (d.norm_squared() * p[0]).max(T::constant(STRONGEST));
     }
 }
