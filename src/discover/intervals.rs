@@ -16,6 +16,7 @@ use super::weak_form::{WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, effect};
 use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
+use crate::world::{EventKind, trace};
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -263,10 +264,11 @@ pub fn reason(
     effects: &[FoundEffect],
     ambiguous: &[Vec<String>],
     written: bool,
-    last: Option<&Revision>,
+    last: Option<(&Revision, bool)>,
 ) -> String {
-    let mostly_lost = last.is_some_and(|r| proof::loses_most(&r.fit));
-    let off = last.is_some_and(|r| r.reduced_chi_square > super::MISFIT);
+    let mostly_lost = last.is_some_and(|(r, _)| proof::loses_most(&r.fit));
+    let off = last.is_some_and(|(r, _)| r.reduced_chi_square > super::MISFIT);
+    let contacts = last.is_some_and(|(_, contacts)| contacts);
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
@@ -278,6 +280,9 @@ pub fn reason(
             "{} explain the motion equally well; record the launch given as experiment",
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
+        Verdict::Adequate if mostly_lost && !contacts => {
+            format!("no effect of the library is missing piece by piece; {left}, but whole tracks are not explained")
+        }
         Verdict::Adequate if mostly_lost => {
             format!(
                 "between contacts no effect of the library is missing; {left}, but the contacts are not explained: record isolated contacts"
@@ -324,12 +329,25 @@ pub fn numbers_of_rivals(
         let scale = motion.reduced_chi_square().max(1.0).sqrt();
         let of = c.entry.spec.params.iter().zip(&c.values).zip(&c.sd).take(c.entry.amplitudes);
         let one = |((p, value), sd): ((&ParamSpec, &f64), &f64)| {
-            format!("{} {value:.3} ± {:.3} {}", p.name, sd * scale, p.unit)
+            let sd = sd * scale;
+            let decimals = decimals(sd);
+            format!("{} {value:.decimals$} ± {sd:.decimals$} {}", p.name, p.unit)
         };
         format!("{}: {}", c.entry.kind, of.map(one).collect::<Vec<_>>().join(", "))
     };
     let all: Vec<String> = ambiguous.iter().flatten().filter_map(of_kind).map(numbers).collect();
     if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
+}
+
+/// A length (m) rounded to what a statement of a table needs.
+fn tenths_of_a_millimetre(length: f64) -> f64 {
+    (length * 1e4).round() / 1e4 + 0.0
+}
+
+/// Decimals that show two digits of a standard deviation, or three where there is none.
+fn decimals(sd: f64) -> usize {
+    let digits = 1.0 - elementary::ln(sd) / std::f64::consts::LN_10;
+    if digits.is_finite() { digits.ceil().clamp(0.0, 12.0) as usize } else { 3 }
 }
 
 /// The line that states the walls that were found around the objects, so that the next fit knows them; none where an end of them
@@ -344,7 +362,8 @@ pub fn table_advice(effects: &[FoundEffect]) -> String {
         .iter()
         .filter(|p| p.unit == "m")
         .filter_map(|p| match p.value {
-            ParameterValue::Number(value) => Some((value, p.sd.first().copied().unwrap_or(f64::INFINITY))),
+            // Without the sign of a zero.
+            ParameterValue::Number(value) => Some((tenths_of_a_millimetre(value), p.sd.first().copied().unwrap_or(f64::INFINITY))),
             _ => None,
         })
         .collect();
@@ -354,12 +373,24 @@ pub fn table_advice(effects: &[FoundEffect]) -> String {
             .into();
     }
     format!(
-        "; walls stand around the objects: state them in each file with the line `# table: {left:.3} {right:.3} {bottom:.3} {top:.3}`"
+        "; walls stand around the objects: state them in each file with the line `# table: {left:.4} {right:.4} {bottom:.4} {top:.4}`"
     )
 }
 
-/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.
-pub fn unfollowed(last: &Revision) -> String {
+/// Whether objects come near each other in a video that the trajectories do not follow, or collide in its simulation.
+pub fn has_contacts(lens: &WeakFormRegression, last: &Revision) -> bool {
+    let lost = last.fit.scenes.iter().enumerate().filter(|(_, s)| proof::lost(s));
+    let touches = |(k, fitted): (usize, &SceneFit)| {
+        let near = lens.paths[k].iter().any(|path| !path.near.is_empty());
+        let times = &lens.scenes[k].times;
+        near || trace(&fitted.model, times).events.iter().any(|e| e.kind == EventKind::Collision)
+    };
+    lost.into_iter().any(touches)
+}
+
+/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there. Contacts are
+/// to blame only where the tracks or the simulation have one.
+pub fn unfollowed(lens: &WeakFormRegression, last: &Revision) -> String {
     let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
     lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
     let Some(worst) = lost.first() else { return String::new() };
@@ -367,9 +398,12 @@ pub fn unfollowed(last: &Revision) -> String {
         1 => String::new(),
         n => format!(" and {} more", n - 1),
     };
+    let why = match has_contacts(lens, last) {
+        true => "its contacts are chaotic or differ from the model's, or another law acts",
+        false => "no object touches another or a wall there, so that another law acts, or its times or positions are wrong",
+    };
     format!(
-        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): its contacts are chaotic or differ from \
-         the model's, or another law acts; run `compare` to see where",
+        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): {why}; run `compare` to see where",
         worst.name, worst.reduced_chi_square
     )
 }

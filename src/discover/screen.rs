@@ -26,6 +26,8 @@ const SAME_PEAK: f64 = 1e-3;
 const PROBE: f64 = 1e-3;
 /// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
 const WIDE: f64 = 10.0;
+/// An amplitude is a constant of nature up to this share: that well a scale of lengths is known.
+const SAME_CONSTANT: f64 = 0.02;
 /// An amplitude differs from zero by this many deviations.
 pub const CERTAIN: f64 = 4.0;
 const REFINEMENTS: usize = 15;
@@ -345,19 +347,33 @@ pub fn screen(
         .map(|(before, after)| before.0 - after.0)
         .collect();
     let most = falls.iter().copied().fold(0.0, f64::max);
+    // What the model expected of the law itself, where all tracks bend it.
+    let expected = base.free.iter().zip(&seen.values).filter(|(f, _)| of(f, entry));
+    let unbent: f64 = expected.map(|(f, value)| elementary::powi((value - f.mean) / f.sd, 2)).sum();
+    let values: Vec<f64> = added.iter().map(|&k| seen_with.values[k]).collect();
     Some(ForceCandidate {
         entry,
-        values: added.iter().map(|&k| seen_with.values[k]).collect(),
         sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
         added: added.len(),
         amplitudes: added.iter().filter(|&&k| amplitude(&free_with[k])).count(),
-        gain: seen.cost - seen_with.cost,
+        gain: seen.cost - seen_with.cost + constant_of_nature(entry, &values),
+        values,
         held_out,
         left_out,
-        gain_without_best_track: falls.iter().sum::<f64>() - most,
+        gain_without_best_track: falls.iter().sum::<f64>() - most + unbent,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })
+}
+
+/// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a filmed
+/// vertical plane is a slope, and no wind that happens to be as strong.
+fn constant_of_nature(entry: &EffectEntry, values: &[f64]) -> f64 {
+    let Some(constant) = entry.profile.constant_of_nature else { return 0.0 };
+    let amplitudes = values.iter().take(entry.amplitudes);
+    let size = amplitudes.map(|a| a * a).sum::<f64>().sqrt();
+    let width = SAME_CONSTANT * constant;
+    if (size - constant).abs() < width { 2.0 * elementary::ln(WIDE / width) } else { 0.0 }
 }
 
 /// Looks for the same effect from what was believed, and keeps the better.

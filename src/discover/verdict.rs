@@ -8,7 +8,7 @@ use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
-    FOLLOWED, contact_numbers, found, found_contact, numbers_of_rivals, ranked, reason, smallest, table_advice,
+    FOLLOWED, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals, ranked, reason, smallest, table_advice,
     unfollowed,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
@@ -337,12 +337,12 @@ pub fn conclude(
         true => format!("reduced chi-square {ended:.2}"),
         false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
     };
-    let mut reason =
-        reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
+    let last = revisions.last().map(|last| (last, has_contacts(lens, last)));
+    let mut reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), last);
     if verdict == Verdict::Ambiguous {
         reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
     }
-    let mut aside = revisions.last().map(unfollowed).unwrap_or_default();
+    let mut aside = revisions.last().map(|last| unfollowed(lens, last)).unwrap_or_default();
     if verdict == Verdict::Adequate
         && ended > FOLLOWED
         && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())

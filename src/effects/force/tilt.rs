@@ -1,6 +1,6 @@
 //! A table that is not level.
 
-use crate::body::{Body, Wrench};
+use crate::body::{Body, GRAVITY, Wrench};
 use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::{Real, vec2};
 
@@ -25,7 +25,11 @@ impl Effect for Tilt {
             component("a_y", "downhill acceleration along y"),
         ],
     };
-    const PROFILE: Profile = Profile { formula_terms: &[["1", ""], ["", "1"]], ..Profile::LAW };
+    const PROFILE: Profile = Profile {
+        formula_terms: &[["1", ""], ["", "1"]],
+        constant_of_nature: Some(GRAVITY),
+        ..Profile::LAW
+    };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
 
