@@ -123,8 +123,9 @@ pub fn screen_contacts(
             Some(ObstacleForm::Disc) => trials.extend(
                 discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
             ),
-            Some(ObstacleForm::Rectangle) => trials
-                .extend(rectangle(&films.jumps, &films.models, region).map(|p| (entry, p.values, None))),
+            Some(ObstacleForm::Rectangle) => {
+                trials.extend(rectangle(&films.jumps, &films.models, region).map(|p| (entry, p.values, None)))
+            }
             // One object at a time: masses that are all free take up much of what engines do at contacts.
             None if entry.of_objects() => {
                 let ids = odd_ones(&films, &ended, &before, entry, region, &near, stop)?;

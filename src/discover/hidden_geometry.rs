@@ -150,3 +150,27 @@ pub fn discs_between(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<Hi
     }
     kept
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+
+    #[test]
+    fn jumps_where_the_tracks_end_are_a_rectangle_and_others_are_none() {
+        let scenes = film(&[vec![(DISC, 1.0, [0.0, 0.0], [0.0, 0.0])]], None);
+        let models = models(&scenes);
+        let region = Region { low: vec2(-0.8, -0.3), high: vec2(0.8, 0.3), duration: 4.0, places: 8 };
+        let jump = |x: f64, y: f64, change: Vec2| {
+            (0, ChangePoint { frame: 9, position: vec2(x, y), change, sigmas: 50.0 })
+        };
+        let right = jump(0.78, 0.1, vec2(-2.0, 0.05));
+        let top = jump(0.2, 0.29, vec2(0.0, -1.0));
+        let inside = jump(-0.2, 0.1, vec2(2.0, 0.0));
+        let found = rectangle(&[right, top], &models, &region).expect("two sides");
+        assert!((found.values[2] - 1.0).abs() < 1e-9 && (found.values[4] - 0.5).abs() < 1e-9, "{found:?}");
+        // Nobody reached the others.
+        assert!(found.values[1] < -1.5 && found.values[3] < -1.5 && found.agree == 2, "{found:?}");
+        assert!(rectangle(&[right, inside], &models, &region).is_none(), "one side");
+    }
+}

@@ -4,6 +4,7 @@ use super::contact::{self, ContactCandidate};
 use super::contact_law::estimates_of;
 use super::free::free_parameters;
 use super::jackknife::SharedEstimate;
+use super::negligible::{frame, longest_contact};
 use super::outcome::{
     DetectionLimit, FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterOwner, ParameterValue,
     RankedEffect, Verdict, reported,
@@ -13,7 +14,7 @@ use super::revise::Revision;
 use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
-use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, effect};
+use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, SearchStart, effect};
 use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
 use crate::world::{EventKind, trace};
@@ -281,7 +282,9 @@ pub fn reason(
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
         Verdict::Adequate if mostly_lost && !contacts => {
-            format!("no effect of the library is missing piece by piece; {left}, but whole tracks are not explained")
+            format!(
+                "no effect of the library is missing piece by piece; {left}, but whole tracks are not explained"
+            )
         }
         Verdict::Adequate if mostly_lost => {
             format!(
@@ -339,6 +342,23 @@ pub fn numbers_of_rivals(
     if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
 }
 
+/// How long contacts last by a law that was found.
+pub fn contact_duration(lens: &WeakFormRegression, last: &Revision, effects: &[FoundEffect]) -> String {
+    let takes_time = |e: &&EffectEntry| matches!(e.profile.start, Some(SearchStart::ContactFrames(_)));
+    let Some(entry) = effects.iter().filter_map(|e| effect(&e.effect)).find(takes_time) else {
+        return String::new();
+    };
+    let models = last.fit.models();
+    let active = models.first().and_then(|m| m.effect(entry.spec.name));
+    let values: Vec<f64> =
+        active.map_or(vec![], |e| e.parameters.iter().filter_map(|p| p.values.first().copied()).collect());
+    if values.len() < entry.spec.params.len() {
+        return String::new();
+    }
+    let time = longest_contact(entry, &values, &models);
+    format!("; contacts last up to {:.0} ms ({:.1} frames)", 1e3 * time, time / frame(lens.scenes))
+}
+
 /// A length (m) rounded to what a statement of a table needs.
 fn tenths_of_a_millimetre(length: f64) -> f64 {
     (length * 1e4).round() / 1e4 + 0.0
@@ -353,9 +373,8 @@ fn decimals(sd: f64) -> usize {
 /// The line that states the walls that were found around the objects, so that the next fit knows them; none where an end of them
 /// is not known to better than a tenth of what lies between.
 pub fn table_advice(effects: &[FoundEffect]) -> String {
-    let around = |e: &&FoundEffect| {
-        effect(&e.effect).is_some_and(|e| e.obstacle() == Some(ObstacleForm::Rectangle))
-    };
+    let around =
+        |e: &&FoundEffect| effect(&e.effect).is_some_and(|e| e.obstacle() == Some(ObstacleForm::Rectangle));
     let Some(found) = effects.iter().find(around) else { return String::new() };
     let sides: Vec<(f64, f64)> = found
         .parameters
@@ -363,7 +382,9 @@ pub fn table_advice(effects: &[FoundEffect]) -> String {
         .filter(|p| p.unit == "m")
         .filter_map(|p| match p.value {
             // Without the sign of a zero.
-            ParameterValue::Number(value) => Some((tenths_of_a_millimetre(value), p.sd.first().copied().unwrap_or(f64::INFINITY))),
+            ParameterValue::Number(value) => {
+                Some((tenths_of_a_millimetre(value), p.sd.first().copied().unwrap_or(f64::INFINITY)))
+            }
             _ => None,
         })
         .collect();
@@ -400,7 +421,9 @@ pub fn unfollowed(lens: &WeakFormRegression, last: &Revision) -> String {
     };
     let why = match has_contacts(lens, last) {
         true => "its contacts are chaotic or differ from the model's, or another law acts",
-        false => "no object touches another or a wall there, so that another law acts, or its times or positions are wrong",
+        false => {
+            "no object touches another or a wall there, so that another law acts, or its times or positions are wrong"
+        }
     };
     format!(
         "; the simulation does not follow {}{others} (reduced chi-square {:.0}): {why}; run `compare` to see where",

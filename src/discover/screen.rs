@@ -100,9 +100,8 @@ pub fn certain(values: &[f64], sd: &[f64], amplitudes: usize) -> bool {
 
 /// Effects that the models lack.
 pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
-    let active = |name: &str| {
-        models.iter().any(|m| m.effect(name).is_some_and(|e| e.on && !is_nearly_absent(e)))
-    };
+    let active =
+        |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on && !is_nearly_absent(e)));
     let covered =
         |name: &str| EFFECTS.iter().any(|by| by.profile.covers.contains(&name) && active(by.spec.name));
     let several = scenes.iter().any(|s| s.objects.len() > 1);
@@ -119,9 +118,11 @@ pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntr
 /// much of it.
 fn is_nearly_absent(active: &ActiveEffect) -> bool {
     let Some(entry) = effect(&active.name).filter(|e| e.profile.role == Role::Law) else { return false };
-    active.parameters.iter().take(entry.amplitudes).all(|p| {
-        p.means.iter().all(|mean| *mean == 0.0) && p.prior.sd > 0.0 && p.prior.sd < WIDE
-    })
+    active
+        .parameters
+        .iter()
+        .take(entry.amplitudes)
+        .all(|p| p.means.iter().all(|mean| *mean == 0.0) && p.prior.sd > 0.0 && p.prior.sd < WIDE)
 }
 
 /// The box that all tracks lie in, and how long the films are.
@@ -368,7 +369,7 @@ pub fn screen(
 
 /// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a filmed
 /// vertical plane is a slope, and no wind that happens to be as strong.
-fn constant_of_nature(entry: &EffectEntry, values: &[f64]) -> f64 {
+pub fn constant_of_nature(entry: &EffectEntry, values: &[f64]) -> f64 {
     let Some(constant) = entry.profile.constant_of_nature else { return 0.0 };
     let amplitudes = values.iter().take(entry.amplitudes);
     let size = amplitudes.map(|a| a * a).sum::<f64>().sqrt();

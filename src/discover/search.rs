@@ -2,8 +2,8 @@
 
 use super::free::{FreeParameter, at_values, flats};
 use super::screen::{
-    ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, region, rescreen_from_prior, screen,
-    with_effect,
+    ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, constant_of_nature, region,
+    rescreen_from_prior, screen, with_effect,
 };
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamId};
@@ -97,7 +97,8 @@ impl FreeMotion {
             return vec![];
         }
         let unit = self.unit().min(self.reduced_chi_square().max(1.0));
-        let (added, fall) = (self.added(), (self.base.cost - self.seen.cost) / unit);
+        let constants: f64 = self.found.iter().map(|c| constant_of_nature(c.entry, &c.values)).sum();
+        let (added, fall) = (self.added(), (self.base.cost - self.seen.cost + constants) / unit);
         let rival = |c: &ForceCandidate| {
             let simpler = uncertain && c.added < added && c.gain >= NEARLY * fall * unit;
             simpler || (self.as_likely(c.added, c.gain / unit, added, fall) && holds_elsewhere(lens, c))

@@ -8,8 +8,8 @@ use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
-    FOLLOWED, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals, ranked, reason, smallest, table_advice,
-    unfollowed,
+    FOLLOWED, contact_duration, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals,
+    ranked, reason, smallest, table_advice, unfollowed,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
 use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
@@ -188,6 +188,13 @@ pub fn conclude(
         law
     });
     proven = proven.or(whole.as_ref());
+    if let Some(c) = proven
+        && let Some(alone) = without_forces(lens, &base, &motion, c, &revisions, &options.fit, stop)?
+    {
+        motion = fewer(lens, &base, &motion, motion.found.len(), stop)?;
+        revisions.truncate(1);
+        revisions.push(alone);
+    }
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<FoundEffect> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     let mut rivals = motion.alike.clone();
@@ -342,6 +349,7 @@ pub fn conclude(
     if verdict == Verdict::Ambiguous {
         reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
     }
+    let duration = revisions.last().map_or(String::new(), |last| contact_duration(lens, last, &effects));
     let mut aside = revisions.last().map(|last| unfollowed(lens, last)).unwrap_or_default();
     if verdict == Verdict::Adequate
         && ended > FOLLOWED
@@ -353,7 +361,7 @@ pub fn conclude(
         );
     }
     Ok(Discovery {
-        reason: reason + &strength + &table_advice(&effects) + &aside,
+        reason: reason + &strength + &table_advice(&effects) + &duration + &aside,
         verdict,
         effects,
         ranked,
@@ -432,6 +440,25 @@ fn is_supported<'c>(
         motion = one;
     }
     Ok((revisions, motion, None))
+}
+
+/// The revision with a law of contact alone, where forces found in free motion bring nothing beside it: what pushes before it
+/// touches looks like a source where the objects met.
+fn without_forces(
+    lens: &WeakFormRegression,
+    base: &[Model],
+    motion: &FreeMotion,
+    law: &ContactCandidate,
+    revisions: &[Revision],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let ([first, .., all], false) = (revisions, motion.found.is_empty()) else { return Ok(None) };
+    let models = with_contact(base, law.entry, &law.values, law.object, &region(lens.scenes));
+    let alone = revise(lens, &models, Some(law.entry.spec.name), options, stop)?;
+    let enough =
+        !proof::is_supported(&alone, all, motion.added()) && proof::is_supported(first, &alone, law.added);
+    Ok(enough.then_some(alone))
 }
 
 /// The law that explains most alone in place of several, where trajectories are as near to it and the price of the numbers that

@@ -36,6 +36,7 @@ mod contact {
 mod force {
     pub mod attractor_inverse_square;
     pub mod attractor_spring;
+    pub mod centrifugal;
     pub mod coriolis;
     pub mod cubic_drag;
     pub mod lateral;
@@ -100,6 +101,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<force::attractor_inverse_square::AttractorInverseSquare>(),
     EffectEntry::of::<force::vortex::Vortex>(),
     EffectEntry::of::<force::coriolis::Coriolis>(),
+    EffectEntry::of::<force::centrifugal::Centrifugal>(),
     EffectEntry::of::<force::lateral::Lateral>(),
     EffectEntry::of::<force::magnus::Magnus>(),
     EffectEntry::of::<force::pair_attraction::PairAttraction>(),

@@ -166,6 +166,17 @@ mod tests {
     use crate::world::trace;
     use proptest::prelude::*;
 
+    /// A step away from the middle of a lens grows by 1 + k r^2 across the radius and by 1 + 3 k r^2 along it.
+    #[test]
+    fn a_lens_magnifies_more_along_the_radius_than_across() {
+        let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(0.0, 0.0), vec2(0.0, 0.0))];
+        let model = model(bodies, &[("lens_distortion", &[0.1, 0.0, 0.0])]);
+        let camera = ObservationModel::new(&model, &model.flatten());
+        let expected = ((1.0 + 0.1 * 0.25) * (1.0 + 0.3 * 0.25f64)).sqrt();
+        let found = camera.magnification(0, vec2(0.3, 0.4), 0.0);
+        assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+    }
+
     #[test]
     fn an_observed_trace_equals_the_observed_simulation() {
         let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(1.0, 0.4), vec2(0.5, -0.1))];

@@ -1,9 +1,7 @@
 //! A lens that bends lines: an error of the camera that imitates a pull to the middle of the picture, or away from it.
 
 use crate::body::Observation;
-use crate::effects::{
-    CENTER, Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Seed, Seeds, Symmetry,
-};
+use crate::effects::{CENTER, Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Seed, Seeds, Symmetry};
 use crate::num::{Real, vec2};
 
 pub struct LensDistortion;

@@ -25,11 +25,8 @@ impl Effect for Tilt {
             component("a_y", "downhill acceleration along y"),
         ],
     };
-    const PROFILE: Profile = Profile {
-        formula_terms: &[["1", ""], ["", "1"]],
-        constant_of_nature: Some(GRAVITY),
-        ..Profile::LAW
-    };
+    const PROFILE: Profile =
+        Profile { formula_terms: &[["1", ""], ["", "1"]], constant_of_nature: Some(GRAVITY), ..Profile::LAW };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
 

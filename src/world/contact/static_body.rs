@@ -61,9 +61,11 @@ impl<T: Scalar> StaticBody<T> {
                 vec![(shape, Kinematics::at_rest(center, T::zero()), growth)]
             }
             // The normals point inwards.
-            ObstacleShape::Inside { x, y } => [(x[0], 0.0), (-x[1], PI), (y[0], FRAC_PI_2), (-y[1], -FRAC_PI_2)]
-                .map(|(offset, angle)| half_plane(offset, T::constant(angle)))
-                .to_vec(),
+            ObstacleShape::Inside { x, y } => {
+                [(x[0], 0.0), (-x[1], PI), (y[0], FRAC_PI_2), (-y[1], -FRAC_PI_2)]
+                    .map(|(offset, angle)| half_plane(offset, T::constant(angle)))
+                    .to_vec()
+            }
         };
         let body = |(shape, state, growth)| {
             let name = obstacle.name.to_string();
