@@ -367,7 +367,7 @@ pub fn screen(
     })
 }
 
-/// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a filmed
+/// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a
 /// vertical plane is a slope, and no wind that happens to be as strong.
 pub fn constant_of_nature(entry: &EffectEntry, values: &[f64]) -> f64 {
     let Some(constant) = entry.profile.constant_of_nature else { return 0.0 };

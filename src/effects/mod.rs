@@ -41,10 +41,7 @@ mod force {
     pub mod cubic_drag;
     pub mod lateral;
     pub mod linear_drag;
-    pub mod magnet_repulsion;
     pub mod magnus;
-    pub mod pair_attraction;
-    pub mod pair_repulsion;
     pub mod quadratic_drag;
     pub mod tilt;
     pub mod time_periodic;
@@ -64,6 +61,11 @@ mod friction {
 mod matter {
     pub mod mass_change;
     pub mod wrong_size;
+}
+mod pair {
+    pub mod magnet_repulsion;
+    pub mod pair_attraction;
+    pub mod pair_repulsion;
 }
 
 pub use alike::alike;
@@ -104,9 +106,9 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<force::centrifugal::Centrifugal>(),
     EffectEntry::of::<force::lateral::Lateral>(),
     EffectEntry::of::<force::magnus::Magnus>(),
-    EffectEntry::of::<force::pair_attraction::PairAttraction>(),
-    EffectEntry::of::<force::pair_repulsion::PairRepulsion>(),
-    EffectEntry::of::<force::magnet_repulsion::MagnetRepulsion>(),
+    EffectEntry::of::<pair::pair_attraction::PairAttraction>(),
+    EffectEntry::of::<pair::pair_repulsion::PairRepulsion>(),
+    EffectEntry::of::<pair::magnet_repulsion::MagnetRepulsion>(),
     EffectEntry::of::<friction::friction_patch::FrictionPatch>(),
     EffectEntry::of::<force::time_periodic::TimePeriodic>(),
     EffectEntry::of::<contact::hidden_wall::HiddenWall>(),

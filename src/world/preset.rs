@@ -70,8 +70,7 @@ const UNEVEN_PATCH: &[PresetParam] = &[
     set("foot", 0.0, 0.5, Scope::Shape),
 ];
 
-/// The edge of a stated table. Without it an edge takes up the whole blow, which none does: restitution of wood, rubber and
-/// stretched wire is 0.6 to 1 (rails of 0.6 to 0.9: Alciatore, see `billiards`).
+/// The edge of a stated table. Without it a wall is plastic, which no edge is: the restitution of wood, rubber and wire is 0.6 to 1 (rails of 0.6 to 0.9: Alciatore, see `billiards`).
 const CUSHION: PresetEffect = at_walls("cushion", &[set("restitution", 0.8, 0.2, Scope::Setup)]);
 
 /// All presets.

@@ -6,7 +6,7 @@ use crate::num::{Real, vec2};
 
 pub struct Tilt;
 
-/// Steepest slope (m/s^2): free fall in a filmed vertical plane, and half of it again for a wrong scale.
+/// Steepest slope (m/s^2): free fall in a vertical plane, and half of it again for a wrong scale.
 const STEEPEST: f64 = 15.0;
 
 const fn component(name: &'static str, doc: &'static str) -> ParamSpec {
