@@ -398,15 +398,15 @@ pub fn table_advice(effects: &[FoundEffect]) -> String {
     )
 }
 
-/// Whether objects come near each other in a video that the trajectories do not follow, or collide in its simulation.
-pub fn has_contacts(lens: &WeakFormRegression, last: &Revision) -> bool {
-    let lost = last.fit.scenes.iter().enumerate().filter(|(_, s)| proof::lost(s));
+/// Whether objects come near each other in one of these videos, or collide in its simulation.
+pub fn has_contacts(lens: &WeakFormRegression, last: &Revision, these: impl Fn(&SceneFit) -> bool) -> bool {
+    let mut these = last.fit.scenes.iter().enumerate().filter(|(_, s)| these(s));
     let touches = |(k, fitted): (usize, &SceneFit)| {
         let near = lens.paths[k].iter().any(|path| !path.near.is_empty());
         let times = &lens.scenes[k].times;
         near || trace(&fitted.model, times).events.iter().any(|e| e.kind == EventKind::Collision)
     };
-    lost.into_iter().any(touches)
+    these.any(touches)
 }
 
 /// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there. Contacts are
@@ -419,7 +419,7 @@ pub fn unfollowed(lens: &WeakFormRegression, last: &Revision) -> String {
         1 => String::new(),
         n => format!(" and {} more", n - 1),
     };
-    let why = match has_contacts(lens, last) {
+    let why = match has_contacts(lens, last, proof::lost) {
         true => "its contacts are chaotic or differ from the model's, or another law acts",
         false => {
             "no object touches another or a wall there, so that another law acts, or its times or positions are wrong"

@@ -342,9 +342,13 @@ pub fn conclude(
     };
     let left = match followed || unseen {
         true => format!("reduced chi-square {ended:.2}"),
-        false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
+        false => {
+            let any = revisions.last().is_some_and(|last| has_contacts(lens, last, |_| true));
+            let part = if any { "between contacts" } else { "in free motion" };
+            format!("{part} reduced chi-square {:.2}", motion.reduced_chi_square())
+        }
     };
-    let last = revisions.last().map(|last| (last, has_contacts(lens, last)));
+    let last = revisions.last().map(|last| (last, has_contacts(lens, last, proof::lost)));
     let mut reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), last);
     if verdict == Verdict::Ambiguous {
         reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
@@ -411,7 +415,7 @@ fn is_supported<'c>(
     let blind = revisions[0].reduced_chi_square <= 1.0 + CLEAN && motion.trimmed_chi_square > super::MISFIT;
     if let [.., before, after] = &revisions[..]
         && !blind
-        && let Some(nearer) = begun_where_followed(lens, &motion.models, before, after, options, stop)?
+        && let Some(nearer) = begun_partfollowed(lens, &motion.models, before, after, options, stop)?
         && let Some(last) = revisions.last_mut()
     {
         *last = nearer;
@@ -497,7 +501,7 @@ fn followed(revision: &Revision, c: &ContactCandidate) -> Option<Vec<Option<Shar
 
 /// The revision `after` anew, from where scenes stood `before` that are farther since: a search that lost its way says nothing
 /// against the law. `None` where that is not nearer.
-fn begun_where_followed(
+fn begun_partfollowed(
     lens: &WeakFormRegression,
     models: &[Model],
     before: &Revision,
