@@ -164,6 +164,8 @@ pub enum ObstacleShape<T> {
     HalfPlane { offset: T, angle: T },
     /// m.
     Disc { center: Vec2<T>, radius: T },
+    /// All that lies outside a rectangle: its least and greatest coordinates (m).
+    Inside { x: [T; 2], y: [T; 2] },
 }
 
 /// True mass and size of a body, as factors of the values that the model gives.

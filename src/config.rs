@@ -21,6 +21,8 @@ pub use certificate::{NO_AUTHORITY, certificate_problem, is_authority, key_probl
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
 /// Longest TLS handshake.
 const HANDSHAKE: Duration = Duration::from_secs(10);
+/// The longest limit of a job (s): a year, as good as none.
+const LONGEST_TIMEOUT_S: u64 = 365 * 86_400;
 /// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
@@ -191,7 +193,18 @@ pub fn local_service_url() -> Result<String, ConfigError> {
 
 impl Config {
     pub fn load(file: Option<&Path>, flags: Flags) -> Result<Config, ConfigError> {
-        let mut figment = Figment::from(Serialized::defaults(Config::default()));
+        Config::default().overridden(file, flags)
+    }
+
+    /// The settings of a command that runs the service by itself: nobody else waits for its threads, so that a job ends only
+    /// where the environment sets a limit.
+    pub fn for_command(flags: Flags) -> Result<Config, ConfigError> {
+        Config { request_timeout_s: LONGEST_TIMEOUT_S, ..Config::default() }.overridden(None, flags)
+    }
+
+    /// These settings, those of the file, the environment and the flags on top.
+    fn overridden(self, file: Option<&Path>, flags: Flags) -> Result<Config, ConfigError> {
+        let mut figment = Figment::from(Serialized::defaults(self));
         if let Some(file) = file {
             if !file.is_file() {
                 return Err(ConfigError::NoFile(file.to_path_buf()));
@@ -214,7 +227,7 @@ impl Config {
         };
         within("workers", self.workers as u64, 1, 1024, "1 to 1024")?;
         within("queue", self.queue as u64, 0, 100_000, "0 to 100000")?;
-        within("request_timeout_s", self.request_timeout_s, 1, 86_400, "1 to 86400")?;
+        within("request_timeout_s", self.request_timeout_s, 1, LONGEST_TIMEOUT_S, "1 to 31536000")?;
         for (key, given, needs, other) in [
             ("tls_cert", &self.tls_cert, "tls_key", &self.tls_key),
             ("tls_key", &self.tls_key, "tls_cert", &self.tls_cert),
@@ -369,5 +382,12 @@ mod tests {
         check(&format!("{tls}tokens = 'c'"), listen("0.0.0.0:1"), Ok(|c: &Config| c.security().is_err()));
         let open = Flags { insecure: Some(true), ..listen("0.0.0.0:1") };
         check("", open, Ok(|c: &Config| c.insecure));
+    }
+
+    #[test]
+    fn a_command_without_a_service_has_no_hidden_deadline() {
+        let local = Config::for_command(Flags::default()).expect("it is valid");
+        assert!(local.request_timeout_s > 30 * 86_400, "{local:?}");
+        assert_eq!(Config::load(None, Flags::default()).expect("it is valid").request_timeout_s, 300);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::contact_law::{estimates_of, is_scale, pooled, with_contact};
 use super::cost::Cost;
-use super::hidden_geometry::{discs_behind, walls};
+use super::hidden_geometry::{discs_behind, rectangle, walls};
 use super::jackknife::{numbers_of, scatter};
 use super::negligible::is_slight;
 use super::restitution_decay::{as_met, decays};
@@ -123,13 +123,17 @@ pub fn screen_contacts(
             Some(ObstacleForm::Disc) => trials.extend(
                 discs_behind(&films.jumps, &films.models).into_iter().map(|p| (entry, p.values, None)),
             ),
+            Some(ObstacleForm::Rectangle) => {
+                trials.extend(rectangle(&films.jumps, &films.models, region).map(|p| (entry, p.values, None)))
+            }
             // One object at a time: masses that are all free take up much of what engines do at contacts.
             None if entry.of_objects() => {
                 let ids = odd_ones(&films, &ended, &before, entry, region, &near, stop)?;
                 let none = vec![0.0; entry.spec.params.len()];
                 trials.extend(ids.into_iter().map(|id| (entry, none.clone(), Some(id))));
             }
-            None if entry.uses(Hook::Contact) || is_scale(entry) => {
+            // What acts between objects that are near shows where they meet, and there alone if they are slow.
+            None if entry.uses(Hook::Contact) || entry.uses(Hook::Pair) || is_scale(entry) => {
                 trials.extend(entry.seeds(region).into_iter().map(|values| (entry, values, None)));
             }
             None => {}

@@ -2,6 +2,7 @@
 
 use super::outcome::Experiment;
 use super::revise::pooled_noise;
+use super::screen::ForceCandidate;
 use super::search::FreeMotion;
 use super::weak_form::WeakFormRegression;
 use crate::num::{Vec2, elementary, vec2};
@@ -14,14 +15,23 @@ const TIME: f64 = 3.0;
 /// Masses beside the objects' own: a law that is the same for all masses shows on others.
 const MASSES: [f64; 3] = [1.0, 0.3, 3.0];
 
-/// The best launch of one object alone between the first two of the `kinds` that these videos do not distinguish.
-pub fn tell_apart(lens: &WeakFormRegression, motion: &FreeMotion, kinds: &[String]) -> Option<Experiment> {
+/// The best launch of one object alone between the first two of the `kinds` that these videos do not distinguish, or of the laws
+/// that are `alike`.
+pub fn tell_apart(
+    lens: &WeakFormRegression,
+    motion: &FreeMotion,
+    kinds: &[String],
+    alike: &[ForceCandidate],
+) -> Option<Experiment> {
     let law = |kind: &String| match motion.ranked.iter().find(|(_, c)| c.entry.kind == kind) {
         Some((_, c)) => c.models.first(),
         // Two laws.
         None => motion.models.first(),
     };
-    let laws: Vec<&Model> = kinds.iter().filter_map(law).collect();
+    let laws: Vec<&Model> = match kinds {
+        [] => alike.iter().filter_map(|c| c.models.first()).collect(),
+        _ => kinds.iter().filter_map(law).collect(),
+    };
     let [one, other] = laws.get(..2)? else { return None };
     let sigma = pooled_noise(lens);
     let tracks = lens.scenes.iter().flat_map(|s| &s.tracks).flat_map(|t| &t.samples);

@@ -1,7 +1,8 @@
 //! Where a thing that nobody saw may stand: behind the jumps of objects that met no other.
 
 use super::smooth_track::ChangePoint;
-use crate::num::{Vec2, elementary};
+use crate::effects::Region;
+use crate::num::{Vec2, elementary, vec2};
 use crate::world::Model;
 
 /// Jumps agree with one wall within this distance (m) and cosine.
@@ -61,6 +62,38 @@ pub fn walls(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlac
     found
 }
 
+/// Four walls around all tracks, where jumps away from two sides or more happen where the tracks end on that side; at most one.
+/// Nothing is known of a side that no jump tells: it is out of reach.
+pub fn rectangle(jumps: &[(usize, ChangePoint)], models: &[Model], region: &Region) -> Option<HiddenPlace> {
+    let (own, size) = (own_radius(models), (region.high - region.low).norm());
+    // Inward normals, and how far the tracks go against each.
+    let sides = [
+        (vec2(1.0, 0.0), region.low.x),
+        (vec2(-1.0, 0.0), -region.high.x),
+        (vec2(0.0, 1.0), region.low.y),
+        (vec2(0.0, -1.0), -region.high.y),
+    ];
+    let told = sides.map(|(normal, end)| {
+        let at_end = |j: &ChangePoint| {
+            j.change.unit().dot(normal) > SAME_NORMAL && j.position.dot(normal) - end < SAME_WALL
+        };
+        jumps.iter().filter(|(_, j)| at_end(j)).count()
+    });
+    if told.iter().filter(|n| **n > 0).count() < 2 {
+        return None;
+    }
+    let offsets: Vec<f64> = sides
+        .iter()
+        .zip(told)
+        .map(|((normal, end), told)| {
+            let offset = end - own - if told > 0 { 0.0 } else { size };
+            offset * (normal.x + normal.y)
+        })
+        .collect();
+    let values = [&[1.0], &offsets[..], &[RESTITUTION]].concat();
+    Some(HiddenPlace { values, agree: told.iter().sum() })
+}
+
 /// Discs behind the strongest jumps.
 pub fn discs_behind(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<HiddenPlace> {
     let own = own_radius(models);
@@ -116,4 +149,28 @@ pub fn discs_between(jumps: &[(usize, ChangePoint)], models: &[Model]) -> Vec<Hi
         }
     }
     kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{DISC, film, models};
+    use super::*;
+
+    #[test]
+    fn jumps_where_the_tracks_end_are_a_rectangle_and_others_are_none() {
+        let scenes = film(&[vec![(DISC, 1.0, [0.0, 0.0], [0.0, 0.0])]], None);
+        let models = models(&scenes);
+        let region = Region { low: vec2(-0.8, -0.3), high: vec2(0.8, 0.3), duration: 4.0, places: 8 };
+        let jump = |x: f64, y: f64, change: Vec2| {
+            (0, ChangePoint { frame: 9, position: vec2(x, y), change, sigmas: 50.0 })
+        };
+        let right = jump(0.78, 0.1, vec2(-2.0, 0.05));
+        let top = jump(0.2, 0.29, vec2(0.0, -1.0));
+        let inside = jump(-0.2, 0.1, vec2(2.0, 0.0));
+        let found = rectangle(&[right, top], &models, &region).expect("two sides");
+        assert!((found.values[2] - 1.0).abs() < 1e-9 && (found.values[4] - 0.5).abs() < 1e-9, "{found:?}");
+        // Nobody reached the others.
+        assert!(found.values[1] < -1.5 && found.values[3] < -1.5 && found.agree == 2, "{found:?}");
+        assert!(rectangle(&[right, inside], &models, &region).is_none(), "one side");
+    }
 }

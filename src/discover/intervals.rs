@@ -4,6 +4,7 @@ use super::contact::{self, ContactCandidate};
 use super::contact_law::estimates_of;
 use super::free::free_parameters;
 use super::jackknife::SharedEstimate;
+use super::negligible::{frame, longest_contact};
 use super::outcome::{
     DetectionLimit, FoundEffect, NINETY_FIVE, ParameterEstimate, ParameterOwner, ParameterValue,
     RankedEffect, Verdict, reported,
@@ -13,9 +14,10 @@ use super::revise::Revision;
 use super::screen::{ForceCandidate, LinearisationPoint, region, typical_sd};
 use super::search::{FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
-use crate::effects::{EffectEntry, ParamId, ParamSpec};
+use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, SearchStart, effect};
 use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
+use crate::world::{EventKind, trace};
 
 /// A fit in trajectory space up to this reduced chi-square has followed the contacts.
 pub const FOLLOWED: f64 = 1.3;
@@ -27,6 +29,9 @@ const SURFACE: f64 = 0.5;
 /// No surface, and no engine, has a law of contact to better than this share of its numbers (a deviation): where bodies jostle,
 /// derivatives grow without end, and a fit's own deviation says what nobody can know.
 const NO_NEARER: f64 = 0.02;
+
+/// The end of a table that objects hit is known to better than this share of the table (a standard deviation).
+const REACHED: f64 = 0.1;
 
 /// Proof that windows around contacts ask for, as that of free motion.
 const CONTACT_PROOF: f64 = contact::PROOF;
@@ -260,10 +265,11 @@ pub fn reason(
     effects: &[FoundEffect],
     ambiguous: &[Vec<String>],
     written: bool,
-    last: Option<&Revision>,
+    last: Option<(&Revision, bool)>,
 ) -> String {
-    let mostly_lost = last.is_some_and(|r| proof::loses_most(&r.fit));
-    let off = last.is_some_and(|r| r.reduced_chi_square > super::MISFIT);
+    let mostly_lost = last.is_some_and(|(r, _)| proof::loses_most(&r.fit));
+    let off = last.is_some_and(|(r, _)| r.reduced_chi_square > super::MISFIT);
+    let contacts = last.is_some_and(|(_, contacts)| contacts);
     let names: Vec<&str> = effects.iter().map(|e| e.kind.as_str()).collect();
     match verdict {
         Verdict::EffectFound => {
@@ -275,6 +281,11 @@ pub fn reason(
             "{} explain the motion equally well; record the launch given as experiment",
             ambiguous.iter().map(|set| set.join(" or ")).collect::<Vec<_>>().join("; ")
         ),
+        Verdict::Adequate if mostly_lost && !contacts => {
+            format!(
+                "no effect of the library is missing piece by piece; {left}, but whole tracks are not explained"
+            )
+        }
         Verdict::Adequate if mostly_lost => {
             format!(
                 "between contacts no effect of the library is missing; {left}, but the contacts are not explained: record isolated contacts"
@@ -307,8 +318,100 @@ pub fn reason(
     }
 }
 
-/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there.
-pub fn unfollowed(last: &Revision) -> String {
+/// The amplitudes of the laws of force that the videos do not tell apart: what is known whichever acts.
+pub fn numbers_of_rivals(
+    motion: &FreeMotion,
+    ambiguous: &[Vec<String>],
+    substitutes: &[Vec<ForceCandidate>],
+) -> String {
+    let of_kind = |kind: &String| {
+        let mut known = substitutes.iter().flatten().chain(motion.ranked.iter().map(|(_, c)| c));
+        known.find(|c| c.entry.kind == kind && !c.entry.of_objects())
+    };
+    let numbers = |c: &ForceCandidate| -> String {
+        let scale = motion.reduced_chi_square().max(1.0).sqrt();
+        let of = c.entry.spec.params.iter().zip(&c.values).zip(&c.sd).take(c.entry.amplitudes);
+        let one = |((p, value), sd): ((&ParamSpec, &f64), &f64)| {
+            let sd = sd * scale;
+            let decimals = decimals(sd);
+            format!("{} {value:.decimals$} ± {sd:.decimals$} {}", p.name, p.unit)
+        };
+        format!("{}: {}", c.entry.kind, of.map(one).collect::<Vec<_>>().join(", "))
+    };
+    let all: Vec<String> = ambiguous.iter().flatten().filter_map(of_kind).map(numbers).collect();
+    if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
+}
+
+/// How long contacts last by a law that was found.
+pub fn contact_duration(lens: &WeakFormRegression, last: &Revision, effects: &[FoundEffect]) -> String {
+    let takes_time = |e: &&EffectEntry| matches!(e.profile.start, Some(SearchStart::ContactFrames(_)));
+    let Some(entry) = effects.iter().filter_map(|e| effect(&e.effect)).find(takes_time) else {
+        return String::new();
+    };
+    let models = last.fit.models();
+    let active = models.first().and_then(|m| m.effect(entry.spec.name));
+    let values: Vec<f64> =
+        active.map_or(vec![], |e| e.parameters.iter().filter_map(|p| p.values.first().copied()).collect());
+    if values.len() < entry.spec.params.len() {
+        return String::new();
+    }
+    let time = longest_contact(entry, &values, &models);
+    format!("; contacts last up to {:.0} ms ({:.1} frames)", 1e3 * time, time / frame(lens.scenes))
+}
+
+/// A length (m) rounded to what a statement of a table needs.
+fn tenths_of_a_millimetre(length: f64) -> f64 {
+    (length * 1e4).round() / 1e4 + 0.0
+}
+
+/// Decimals that show two digits of a standard deviation, or three where there is none.
+fn decimals(sd: f64) -> usize {
+    let digits = 1.0 - elementary::ln(sd) / std::f64::consts::LN_10;
+    if digits.is_finite() { digits.ceil().clamp(0.0, 12.0) as usize } else { 3 }
+}
+
+/// The line that states the walls that were found around the objects, so that the next fit knows them; none where an end of them
+/// is not known to better than a tenth of what lies between.
+pub fn table_advice(effects: &[FoundEffect]) -> String {
+    let around =
+        |e: &&FoundEffect| effect(&e.effect).is_some_and(|e| e.obstacle() == Some(ObstacleForm::Rectangle));
+    let Some(found) = effects.iter().find(around) else { return String::new() };
+    let sides: Vec<(f64, f64)> = found
+        .parameters
+        .iter()
+        .filter(|p| p.unit == "m")
+        .filter_map(|p| match p.value {
+            // Without the sign of a zero.
+            ParameterValue::Number(value) => {
+                Some((tenths_of_a_millimetre(value), p.sd.first().copied().unwrap_or(f64::INFINITY)))
+            }
+            _ => None,
+        })
+        .collect();
+    let [(left, a), (right, b), (bottom, c), (top, d)] = sides[..] else { return String::new() };
+    if a.max(b) > REACHED * (right - left) || c.max(d) > REACHED * (top - bottom) {
+        return "; walls stand around the objects: state the table of each file with a line `# table: LEFT RIGHT BOTTOM TOP` (m)"
+            .into();
+    }
+    format!(
+        "; walls stand around the objects: state them in each file with the line `# table: {left:.4} {right:.4} {bottom:.4} {top:.4}`"
+    )
+}
+
+/// Whether objects come near each other in one of these videos, or collide in its simulation.
+pub fn has_contacts(lens: &WeakFormRegression, last: &Revision, these: impl Fn(&SceneFit) -> bool) -> bool {
+    let mut these = last.fit.scenes.iter().enumerate().filter(|(_, s)| these(s));
+    let touches = |(k, fitted): (usize, &SceneFit)| {
+        let near = lens.paths[k].iter().any(|path| !path.near.is_empty());
+        let times = &lens.scenes[k].times;
+        near || trace(&fitted.model, times).events.iter().any(|e| e.kind == EventKind::Collision)
+    };
+    these.any(touches)
+}
+
+/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there. Contacts are
+/// to blame only where the tracks or the simulation have one.
+pub fn unfollowed(lens: &WeakFormRegression, last: &Revision) -> String {
     let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
     lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
     let Some(worst) = lost.first() else { return String::new() };
@@ -316,9 +419,14 @@ pub fn unfollowed(last: &Revision) -> String {
         1 => String::new(),
         n => format!(" and {} more", n - 1),
     };
+    let why = match has_contacts(lens, last, proof::lost) {
+        true => "its contacts are chaotic or differ from the model's, or another law acts",
+        false => {
+            "no object touches another or a wall there, so that another law acts, or its times or positions are wrong"
+        }
+    };
     format!(
-        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): its contacts are chaotic or differ from \
-         the model's, or another law acts; run `compare` to see where",
+        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): {why}; run `compare` to see where",
         worst.name, worst.reduced_chi_square
     )
 }

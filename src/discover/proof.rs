@@ -83,7 +83,10 @@ pub fn is_supported(before: &Revision, after: &Revision, added: usize) -> bool {
     {
         return false;
     }
-    let prior_penalty = |r: &Revision| Cost::of(&r.fit, after.effect.as_deref()).prior_penalty(|k| told[k]);
+    let added_before = before.effect.as_deref().filter(|law| after.effect.as_deref() == Some(law));
+    let prior_penalty = |r: &Revision, law| Cost::of(&r.fit, law).prior_penalty(|k| told[k]);
+    // What the model expected of the law is bent only where the law was not added.
+    let unbent = prior_penalty(before, added_before) - prior_penalty(after, after.effect.as_deref());
     let nearer: f64 =
         before_fit.iter().zip(after_fit).zip(&told).filter(|(_, t)| **t).map(|((b, a), _)| gain(b, a)).sum();
     // A scene with numbers of its own has paid for none of them yet; one that says nothing need not.
@@ -92,7 +95,7 @@ pub fn is_supported(before: &Revision, after: &Revision, added: usize) -> bool {
         ((0..told.len()).filter(|&k| told[k] && named(k)).count() * shared(r)) as f64
     };
     let price = added as f64 + own(after) - own(before);
-    nearer + prior_penalty(before) - prior_penalty(after) > price * elementary::ln(count as f64)
+    nearer + unbent > price * elementary::ln(count as f64)
 }
 
 /// How much nearer to what was measured the trajectory of `after` is (twice a log likelihood, the noise unknown).

@@ -2,7 +2,7 @@
 
 use super::free::{FreeParameter, at_values, flats, free_parameters, stride, values_of};
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
-use crate::effects::{ActsOn, EFFECTS, EffectEntry, Hook, ParamId, Region, Seed};
+use crate::effects::{ActsOn, EFFECTS, EffectEntry, Hook, ParamId, Region, Role, Seed, effect};
 use crate::num::{Vec2, elementary, quantile, vec2};
 use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
@@ -26,6 +26,8 @@ const SAME_PEAK: f64 = 1e-3;
 const PROBE: f64 = 1e-3;
 /// Prior deviation of an amplitude and of a parameter without bounds (its own unit): wide.
 const WIDE: f64 = 10.0;
+/// An amplitude is a constant of nature up to this share: that well a scale of lengths is known.
+const SAME_CONSTANT: f64 = 0.02;
 /// An amplitude differs from zero by this many deviations.
 pub const CERTAIN: f64 = 4.0;
 const REFINEMENTS: usize = 15;
@@ -98,7 +100,8 @@ pub fn certain(values: &[f64], sd: &[f64], amplitudes: usize) -> bool {
 
 /// Effects that the models lack.
 pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntry> {
-    let active = |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on));
+    let active =
+        |name: &str| models.iter().any(|m| m.effect(name).is_some_and(|e| e.on && !is_nearly_absent(e)));
     let covered =
         |name: &str| EFFECTS.iter().any(|by| by.profile.covers.contains(&name) && active(by.spec.name));
     let several = scenes.iter().any(|s| s.objects.len() > 1);
@@ -109,6 +112,17 @@ pub fn candidates(models: &[Model], scenes: &[Scene]) -> Vec<&'static EffectEntr
         !no_wall && e.is_candidate() && !active(name) && !covered(name) && !alone
     };
     EFFECTS.iter().filter(open).collect()
+}
+
+/// Whether a model expects a law to be absent, up to what is usual (a table that is not quite level): a search may then find
+/// much of it.
+fn is_nearly_absent(active: &ActiveEffect) -> bool {
+    let Some(entry) = effect(&active.name).filter(|e| e.profile.role == Role::Law) else { return false };
+    active
+        .parameters
+        .iter()
+        .take(entry.amplitudes)
+        .all(|p| p.means.iter().all(|mean| *mean == 0.0) && p.prior.sd > 0.0 && p.prior.sd < WIDE)
 }
 
 /// The box that all tracks lie in, and how long the films are.
@@ -130,11 +144,12 @@ pub fn region(scenes: &[Scene]) -> Region {
     region
 }
 
-/// The models with one more effect, its parameters free.
+/// The models with one more effect, its parameters free; what they expected of it does not count.
 pub fn with_effect(models: &[Model], entry: &EffectEntry, values: &[f64], region: &Region) -> Vec<Model> {
     let size = (region.high - region.low).norm().max(0.1);
     let one = |model: &Model| {
         let mut model = model.clone();
+        model.effects.retain(|e| e.name != entry.spec.name);
         let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
         for (k, (parameter, value)) in active.parameters.iter_mut().zip(values).enumerate() {
             let amplitude = k < entry.amplitudes;
@@ -256,13 +271,20 @@ fn columns(
     region: &Region,
 ) -> DMatrix<f64> {
     let mut columns = DMatrix::zeros(projector.residual.len(), entry.amplitudes);
-    for k in 0..entry.amplitudes {
-        let mut probe = seed.to_vec();
-        probe[..entry.amplitudes].fill(0.0);
-        probe[k] = PROBE;
-        let probed = with_effect(&stand.models, entry, &probe, region);
+    let mut probe = seed.to_vec();
+    probe[..entry.amplitudes].fill(0.0);
+    let residual = |probe: &[f64]| {
+        let probed = with_effect(&stand.models, entry, probe, region);
         let flats: Vec<Vec<f64>> = probed.iter().map(Model::flatten).collect();
-        columns.set_column(k, &((lens.residual(&probed, &flats) - &projector.residual) / PROBE));
+        lens.residual(&probed, &flats)
+    };
+    let is_lacking = stand.models.iter().all(|m| m.effect(entry.spec.name).is_none());
+    let absent = (!is_lacking).then(|| residual(&probe));
+    let absent = absent.as_ref().unwrap_or(&projector.residual);
+    for k in 0..entry.amplitudes {
+        probe[k] = PROBE;
+        columns.set_column(k, &((residual(&probe) - absent) / PROBE));
+        probe[k] = 0.0;
     }
     columns
 }
@@ -326,19 +348,33 @@ pub fn screen(
         .map(|(before, after)| before.0 - after.0)
         .collect();
     let most = falls.iter().copied().fold(0.0, f64::max);
+    // What the model expected of the law itself, where all tracks bend it.
+    let expected = base.free.iter().zip(&seen.values).filter(|(f, _)| of(f, entry));
+    let unbent: f64 = expected.map(|(f, value)| elementary::powi((value - f.mean) / f.sd, 2)).sum();
+    let values: Vec<f64> = added.iter().map(|&k| seen_with.values[k]).collect();
     Some(ForceCandidate {
         entry,
-        values: added.iter().map(|&k| seen_with.values[k]).collect(),
         sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
         added: added.len(),
         amplitudes: added.iter().filter(|&&k| amplitude(&free_with[k])).count(),
-        gain: seen.cost - seen_with.cost,
+        gain: seen.cost - seen_with.cost + constant_of_nature(entry, &values),
+        values,
         held_out,
         left_out,
-        gain_without_best_track: falls.iter().sum::<f64>() - most,
+        gain_without_best_track: falls.iter().sum::<f64>() - most + unbent,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })
+}
+
+/// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a
+/// vertical plane is a slope, and no wind that happens to be as strong.
+pub fn constant_of_nature(entry: &EffectEntry, values: &[f64]) -> f64 {
+    let Some(constant) = entry.profile.constant_of_nature else { return 0.0 };
+    let amplitudes = values.iter().take(entry.amplitudes);
+    let size = amplitudes.map(|a| a * a).sum::<f64>().sqrt();
+    let width = SAME_CONSTANT * constant;
+    if (size - constant).abs() < width { 2.0 * elementary::ln(WIDE / width) } else { 0.0 }
 }
 
 /// Looks for the same effect from what was believed, and keeps the better.

@@ -2,7 +2,8 @@
 
 use super::free::{FreeParameter, at_values, flats};
 use super::screen::{
-    ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, region, rescreen_from_prior, screen,
+    ForceCandidate, ScreenBase, ScreenSeed, beginnings, candidates, constant_of_nature, region,
+    rescreen_from_prior, screen, with_effect,
 };
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
 use crate::effects::{EffectEntry, ParamId};
@@ -95,15 +96,12 @@ impl FreeMotion {
         if !proven && self.found.len() == 1 {
             return vec![];
         }
-        let (unit, price) =
-            (self.unit().min(self.reduced_chi_square().max(1.0)), elementary::ln(self.degrees_of_freedom));
-        let (added, fall) = (self.added(), (self.base.cost - self.seen.cost) / unit);
+        let unit = self.unit().min(self.reduced_chi_square().max(1.0));
+        let constants: f64 = self.found.iter().map(|c| constant_of_nature(c.entry, &c.values)).sum();
+        let (added, fall) = (self.added(), (self.base.cost - self.seen.cost + constants) / unit);
         let rival = |c: &ForceCandidate| {
-            let (more, own) = (c.gain / unit - fall, c.added as f64 - added as f64);
-            // A richer law that explains no more than chance or than what engines make of a law has a number too many.
-            let superfluous = own > 0.0 && more < AKAIKE * own + REALISED * fall;
-            let simpler = uncertain && own < 0.0 && c.gain >= NEARLY * fall * unit;
-            simpler || (own * price - more < ALIKE && !superfluous && holds_elsewhere(lens, c))
+            let simpler = uncertain && c.added < added && c.gain >= NEARLY * fall * unit;
+            simpler || (self.as_likely(c.added, c.gain / unit, added, fall) && holds_elsewhere(lens, c))
         };
         let kinds: Vec<&str> = self.found.iter().map(|c| c.entry.kind).collect();
         let mut near = vec![(added, kinds.join("+"))];
@@ -114,6 +112,55 @@ impl FreeMotion {
         }
         near.sort_by_key(|(added, _)| *added);
         if near.len() > 1 { near.into_iter().map(|(_, kind)| kind).collect() } else { vec![] }
+    }
+
+    /// Whether a law of `numbers` parameters that gains so much has odds no worse than 20 to 1 against another.
+    fn as_likely(&self, numbers: usize, gain: f64, others: usize, other_gain: f64) -> bool {
+        let (more, own) = (gain - other_gain, numbers as f64 - others as f64);
+        // A richer law that explains no more than chance or than what engines make of a law has a number too many.
+        let superfluous = own > 0.0 && more < AKAIKE * own + REALISED * other_gain;
+        own * elementary::ln(self.degrees_of_freedom) - more < ALIKE && !superfluous
+    }
+
+    /// For each of several laws found that others could replace beside the rest: that law and those that do as well, with the
+    /// numbers that they have there. `models` are those without any law found.
+    pub fn substitutes(
+        &self,
+        lens: &WeakFormRegression,
+        models: &[Model],
+        stop: Stop,
+    ) -> Result<Vec<Vec<ForceCandidate>>, Stopped> {
+        let (mut all, region) = (vec![], region(lens.scenes));
+        if self.found.len() < 2 {
+            return Ok(all);
+        }
+        for (number, law) in self.found.iter().enumerate() {
+            stop(number as f64 / self.found.len() as f64)?;
+            let rest = self.found.iter().enumerate().filter(|(k, _)| *k != number).map(|(_, other)| other);
+            let mut beside = models.to_vec();
+            for other in rest.filter(|other| !other.entry.of_objects()) {
+                beside = with_effect(&beside, other.entry, &other.values, &region);
+            }
+            let (free, seen) = fit_forces(lens, &beside);
+            let base = ScreenBase::new(lens, &beside, free, seen);
+            let ranked = round(lens, &beside, &base, law.entry.spec.params.len(), PROMISING);
+            let is_law = |c: &&ForceCandidate| c.entry.spec.name == law.entry.spec.name;
+            let Some(own) = ranked.iter().map(|(_, c)| c).find(is_law) else { continue };
+            let unit = self.reduced_chi_square().max(1.0);
+            let near = |c: &ForceCandidate| {
+                c.entry.kind != own.entry.kind
+                    && c.certain()
+                    && self.as_likely(c.added, c.gain / unit, own.added, own.gain / unit)
+                    && holds_elsewhere(lens, c)
+            };
+            let mut alike = vec![own.clone()];
+            alike.extend(ranked.iter().map(|(_, c)| c).filter(|c| near(c)).cloned());
+            alike.sort_by_key(|c| c.added);
+            if alike.len() > 1 {
+                all.push(alike);
+            }
+        }
+        Ok(all)
     }
 
     /// Cost with the price of all added parameters.

@@ -9,7 +9,8 @@ use super::experiment::tell_apart;
 use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
-    FOLLOWED, contact_numbers, found, found_contact, ranked, reason, smallest, unfollowed,
+    FOLLOWED, contact_duration, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals,
+    ranked, reason, smallest, table_advice, unfollowed,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
 use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
@@ -188,6 +189,13 @@ pub fn conclude(
         law
     });
     proven = proven.or(whole.as_ref());
+    if let Some(c) = proven
+        && let Some(alone) = without_forces(lens, &base, &motion, c, &revisions, &options.fit, stop)?
+    {
+        motion = fewer(lens, &base, &motion, motion.found.len(), stop)?;
+        revisions.truncate(1);
+        revisions.push(alone);
+    }
     let last = &revisions[motion.found.len()];
     let mut effects: Vec<FoundEffect> = motion.found.iter().map(|c| found(lens, &motion, c, last)).collect();
     let mut rivals = motion.alike.clone();
@@ -251,8 +259,10 @@ pub fn conclude(
     if proven.is_none() {
         of_contact.clear();
     }
-    let ambiguous: Vec<Vec<String>> =
+    let substitutes = motion.substitutes(lens, &base, stop)?;
+    let mut ambiguous: Vec<Vec<String>> =
         [rivals.clone(), of_contact].into_iter().filter(|kinds| !kinds.is_empty()).collect();
+    ambiguous.extend(substitutes.iter().map(|alike| alike.iter().map(|c| c.entry.kind.into()).collect()));
     // What nobody saw may have struck where the lens took the motion for free: then the trajectories judge.
     // Engines do more at contacts than any law, and a video may be lost to chaos alone.
     let unseen = proven.is_some_and(|c| c.entry.uses(Hook::Bodies));
@@ -326,15 +336,26 @@ pub fn conclude(
         effects.iter().for_each(|effect| effect.widen(&mut last.fit));
     }
     let experiment = match verdict {
-        Verdict::Ambiguous => tell_apart(lens, &motion, &rivals),
+        Verdict::Ambiguous => {
+            tell_apart(lens, &motion, &rivals, substitutes.first().map_or(&[], Vec::as_slice))
+        }
         _ => None,
     };
     let left = match followed || unseen {
         true => format!("reduced chi-square {ended:.2}"),
-        false => format!("between contacts reduced chi-square {:.2}", motion.reduced_chi_square()),
+        false => {
+            let any = revisions.last().is_some_and(|last| has_contacts(lens, last, |_| true));
+            let part = if any { "between contacts" } else { "in free motion" };
+            format!("{part} reduced chi-square {:.2}", motion.reduced_chi_square())
+        }
     };
-    let reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), revisions.last());
-    let mut aside = revisions.last().map(unfollowed).unwrap_or_default();
+    let last = revisions.last().map(|last| (last, has_contacts(lens, last, proof::lost)));
+    let mut reason = reason(verdict, &motion, &left, &effects, &ambiguous, formula.is_some(), last);
+    if verdict == Verdict::Ambiguous {
+        reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
+    }
+    let duration = revisions.last().map_or(String::new(), |last| contact_duration(lens, last, &effects));
+    let mut aside = revisions.last().map(|last| unfollowed(lens, last)).unwrap_or_default();
     if verdict == Verdict::Adequate
         && ended > FOLLOWED
         && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())
@@ -348,7 +369,7 @@ pub fn conclude(
         aside += &departure(lens, last, &options.fit, stop)?.unwrap_or_default();
     }
     Ok(Discovery {
-        reason: reason + &strength + &aside,
+        reason: reason + &strength + &table_advice(&effects) + &duration + &aside,
         verdict,
         effects,
         ranked,
@@ -429,6 +450,25 @@ fn is_supported<'c>(
         motion = one;
     }
     Ok((revisions, motion, None))
+}
+
+/// The revision with a law of contact alone, where forces found in free motion bring nothing beside it: what pushes before it
+/// touches looks like a source where the objects met.
+fn without_forces(
+    lens: &WeakFormRegression,
+    base: &[Model],
+    motion: &FreeMotion,
+    law: &ContactCandidate,
+    revisions: &[Revision],
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<Revision>, FitError> {
+    let ([first, .., all], false) = (revisions, motion.found.is_empty()) else { return Ok(None) };
+    let models = with_contact(base, law.entry, &law.values, law.object, &region(lens.scenes));
+    let alone = revise(lens, &models, Some(law.entry.spec.name), options, stop)?;
+    let enough =
+        !proof::is_supported(&alone, all, motion.added()) && proof::is_supported(first, &alone, law.added);
+    Ok(enough.then_some(alone))
 }
 
 /// The law that explains most alone in place of several, where trajectories are as near to it and the price of the numbers that

@@ -176,7 +176,13 @@ impl<'a> WeakFormRegression<'a> {
             let integrated = integral(&self.scenes[scene], &s.frames, felt);
             let differences = s.measured.iter().zip(&integrated);
             let differences = differences.map(|(m, at)| field.true_position(s.body, m.position, m.yaw) - *at);
-            f(s, s.rows(differences, self.noises[scene].position));
+            // The noise is of the picture: what a camera draws together is no better known for it.
+            let middle = s.measured.get(s.measured.len() / 2);
+            let magnification = middle.map_or(1.0, |m| {
+                let position = field.true_position(s.body, m.position, m.yaw);
+                field.magnification(s.body, position, m.yaw)
+            });
+            f(s, s.rows(differences, self.noises[scene].position / magnification));
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::contact::ContactCandidate;
 use super::contact_law::{estimates_of, pooled, with_contact};
-use super::hidden_geometry::{HiddenPlace, discs_between, walls};
+use super::hidden_geometry::{HiddenPlace, discs_between, rectangle, walls};
 use super::intervals::FOLLOWED;
 use super::jackknife::{LawParameters, numbers_of};
 use super::negligible::{frame, is_slight, longest_contact};
@@ -364,6 +364,8 @@ fn unseen(lens: &WeakFormRegression, models: &[Model]) -> Vec<LawTrial> {
     };
     let mut all = trials(ObstacleForm::Wall, walls(&jumps, models));
     all.extend(trials(ObstacleForm::Disc, discs_between(&jumps, models)));
+    let around = rectangle(&jumps, models, &region(lens.scenes));
+    all.extend(trials(ObstacleForm::Rectangle, around.into_iter().collect()));
     all
 }
 

@@ -16,6 +16,7 @@ mod tests;
 
 mod camera {
     pub mod frame_rate;
+    pub mod lens_distortion;
     pub mod off_centre_marker;
     pub mod tilted_camera;
     pub mod wrong_scale;
@@ -26,6 +27,7 @@ mod contact {
     pub mod cushion;
     pub mod hidden_object;
     pub mod hidden_wall;
+    pub mod hidden_walls;
     pub mod restitution;
     pub mod soft_contact;
     pub mod speed_dependent_restitution;
@@ -34,13 +36,12 @@ mod contact {
 mod force {
     pub mod attractor_inverse_square;
     pub mod attractor_spring;
+    pub mod centrifugal;
     pub mod coriolis;
     pub mod cubic_drag;
     pub mod lateral;
     pub mod linear_drag;
     pub mod magnus;
-    pub mod pair_attraction;
-    pub mod pair_repulsion;
     pub mod quadratic_drag;
     pub mod tilt;
     pub mod time_periodic;
@@ -60,6 +61,11 @@ mod friction {
 mod matter {
     pub mod mass_change;
     pub mod wrong_size;
+}
+mod pair {
+    pub mod magnet_repulsion;
+    pub mod pair_attraction;
+    pub mod pair_repulsion;
 }
 
 pub use alike::alike;
@@ -97,13 +103,16 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<force::attractor_inverse_square::AttractorInverseSquare>(),
     EffectEntry::of::<force::vortex::Vortex>(),
     EffectEntry::of::<force::coriolis::Coriolis>(),
+    EffectEntry::of::<force::centrifugal::Centrifugal>(),
     EffectEntry::of::<force::lateral::Lateral>(),
     EffectEntry::of::<force::magnus::Magnus>(),
-    EffectEntry::of::<force::pair_attraction::PairAttraction>(),
-    EffectEntry::of::<force::pair_repulsion::PairRepulsion>(),
+    EffectEntry::of::<pair::pair_attraction::PairAttraction>(),
+    EffectEntry::of::<pair::pair_repulsion::PairRepulsion>(),
+    EffectEntry::of::<pair::magnet_repulsion::MagnetRepulsion>(),
     EffectEntry::of::<friction::friction_patch::FrictionPatch>(),
     EffectEntry::of::<force::time_periodic::TimePeriodic>(),
     EffectEntry::of::<contact::hidden_wall::HiddenWall>(),
+    EffectEntry::of::<contact::hidden_walls::HiddenWalls>(),
     EffectEntry::of::<contact::hidden_object::HiddenObject>(),
     EffectEntry::of::<contact::speed_dependent_restitution::SpeedDependentRestitution>(),
     EffectEntry::of::<contact::soft_contact::SoftContact>(),
@@ -112,6 +121,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<matter::wrong_size::WrongSize>(),
     EffectEntry::of::<camera::wrong_scale::WrongScale>(),
     EffectEntry::of::<camera::tilted_camera::TiltedCamera>(),
+    EffectEntry::of::<camera::lens_distortion::LensDistortion>(),
     EffectEntry::of::<camera::off_centre_marker::OffCentreMarker>(),
     EffectEntry::of::<camera::frame_rate::FrameRate>(),
 ];

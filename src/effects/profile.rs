@@ -52,6 +52,8 @@ pub enum ObstacleForm {
     Wall,
     /// Presence, centre x and y (m), radius (m), restitution.
     Disc,
+    /// Presence, left, right, bottom and top (m), restitution.
+    Rectangle,
 }
 
 /// Where a search starts an effect to which the derivative at "absent" does not lead.
@@ -97,6 +99,8 @@ pub struct Profile {
     pub holds_at_rest: bool,
     /// Its force or acceleration as a formula, up to a factor: the right sides for x and y of each part.
     pub formula_terms: &'static [[&'static str; 2]],
+    /// Size that its amplitudes have where nature gives it (in their unit).
+    pub constant_of_nature: Option<f64>,
     /// What people call it, where its name does not contain that word.
     pub common_name: Option<&'static str>,
 }
@@ -115,6 +119,7 @@ impl Profile {
         changes_after_contact: false,
         holds_at_rest: false,
         formula_terms: &[],
+        constant_of_nature: None,
         common_name: None,
     };
     /// What real tables and engines do beside the laws.

@@ -115,6 +115,7 @@ fn bodies<T: Scalar>(entry: &EffectEntry, p: &[T]) -> Vec<T> {
     let [x, y, z] = match o.outline {
         ObstacleShape::HalfPlane { offset, angle } => [offset, angle, T::zero()],
         ObstacleShape::Disc { center, radius } => [center.x, center.y, radius],
+        ObstacleShape::Inside { x, y } => return [x, y, [o.presence, o.restitution]].concat(),
     };
     vec![x, y, z, o.presence, o.restitution]
 }

@@ -119,6 +119,11 @@ impl<'m> AccelerationField<'m> {
     pub fn true_position(&self, i: usize, observed: Vec2, yaw: f64) -> Vec2 {
         self.observation.true_position(i, observed, yaw)
     }
+
+    /// How much larger the camera shows a small step of body `i` at this true position (m) and yaw (rad).
+    pub fn magnification(&self, i: usize, position: Vec2, yaw: f64) -> f64 {
+        self.observation.magnification(i, position, yaw)
+    }
 }
 
 #[cfg(test)]

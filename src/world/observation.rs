@@ -93,6 +93,17 @@ impl ObservationModel {
         position
     }
 
+    /// How much larger the camera shows a small step of body `i` than it is, at this position (m) and yaw (rad).
+    pub fn magnification(&self, i: usize, position: Vec2, yaw: f64) -> f64 {
+        if self.hooks[i].is_empty() {
+            return 1.0;
+        }
+        let at = |d: Vec2| self.observe(i, position + d, yaw).position;
+        let here = at(Vec2::zero());
+        let [by_x, by_y] = [vec2(STEP, 0.0), vec2(0.0, STEP)].map(|d| (at(d) - here).scaled(1.0 / STEP));
+        by_x.cross(by_y).abs().sqrt()
+    }
+
     /// Whether body `i` is observed in the same way in `other`, which is of the same model.
     pub(in crate::world) fn same(&self, other: &Self, i: usize) -> bool {
         self.hooks[i].iter().zip(&other.hooks[i]).all(|(a, b)| a.1 == b.1)
@@ -154,6 +165,17 @@ mod tests {
     use crate::world::tests::{body, model, seconds};
     use crate::world::trace;
     use proptest::prelude::*;
+
+    /// A step away from the middle of a lens grows by 1 + k r^2 across the radius and by 1 + 3 k r^2 along it.
+    #[test]
+    fn a_lens_magnifies_more_along_the_radius_than_across() {
+        let bodies = vec![body(0, Shape::Disc { radius: 0.2 }, vec2(0.0, 0.0), vec2(0.0, 0.0))];
+        let model = model(bodies, &[("lens_distortion", &[0.1, 0.0, 0.0])]);
+        let camera = ObservationModel::new(&model, &model.flatten());
+        let expected = ((1.0 + 0.1 * 0.25) * (1.0 + 0.3 * 0.25f64)).sqrt();
+        let found = camera.magnification(0, vec2(0.3, 0.4), 0.0);
+        assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+    }
 
     #[test]
     fn an_observed_trace_equals_the_observed_simulation() {

@@ -54,7 +54,7 @@ impl Connection {
             workers: target.threads,
             ..Flags::default()
         };
-        let config = Config::load(None, flags).map_err(|e| Failure::input(e.to_string()))?;
+        let config = Config::for_command(flags).map_err(|e| Failure::input(e.to_string()))?;
         let service = match data_folder::open(&config).await? {
             DataFolder::Own(engine) => start_with(&config, *engine).await?,
             DataFolder::Served(url) => {

@@ -1,7 +1,7 @@
 //! A fixed source that attracts with the inverse square of the distance.
 
-use super::pair_attraction::softened;
 use crate::body::{Body, Wrench};
+use crate::effects::pair::pair_attraction::softened;
 use crate::effects::{CENTER, Effect, EffectSpec, Hook, ParamSpec, Scope, Seed, Seeds, Symmetry};
 use crate::num::{Real, vec2};
 

@@ -1,13 +1,17 @@
 //! A table that is not level.
 
-use crate::body::{Body, Wrench};
+use crate::body::{Body, GRAVITY, Wrench};
 use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope, Symmetry};
 use crate::num::{Real, vec2};
 
 pub struct Tilt;
 
+/// Steepest slope (m/s^2): free fall in a vertical plane, and half of it again for a wrong scale.
+const STEEPEST: f64 = 15.0;
+
 const fn component(name: &'static str, doc: &'static str) -> ParamSpec {
-    ParamSpec { name, unit: "m/s^2", default: 0.0, min: -5.0, max: 5.0, scope: Scope::Setup, doc }
+    let (min, max) = (-STEEPEST, STEEPEST);
+    ParamSpec { name, unit: "m/s^2", default: 0.0, min, max, scope: Scope::Setup, doc }
 }
 
 impl Effect for Tilt {
@@ -21,7 +25,8 @@ impl Effect for Tilt {
             component("a_y", "downhill acceleration along y"),
         ],
     };
-    const PROFILE: Profile = Profile { formula_terms: &[["1", ""], ["", "1"]], ..Profile::LAW };
+    const PROFILE: Profile =
+        Profile { formula_terms: &[["1", ""], ["", "1"]], constant_of_nature: Some(GRAVITY), ..Profile::LAW };
     const AMPLITUDES: usize = 2;
     const SYMMETRY: Symmetry = Symmetry::Shifts;
 

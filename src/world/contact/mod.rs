@@ -1,6 +1,7 @@
 //! Contacts of bodies: geometry, time of impact, impulses, lasting contacts, bonds, and the islands that they form.
 
 pub(super) mod bonds;
+pub(super) mod compression;
 pub(super) mod contact_law;
 pub(super) mod contact_solver;
 pub(super) mod geometry;

@@ -6,6 +6,7 @@ use crate::num::{Vec2, elementary};
 use crate::scene::Shape;
 use crate::world::model::Model;
 use crate::world::motion::kinematics::Kinematics;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Half the side of the square that represents a half plane (m): larger than any scene.
 const HALF_PLANE: f64 = 100.0;
@@ -40,26 +41,36 @@ impl<T: Scalar> StaticBody<T> {
         for (active, entry, first) in model.active().filter(|(_, e, _)| e.uses(Hook::Bodies)) {
             let for_body = |body| (T::hooks(entry).bodies)(&active.values_for(first, flat, body, body));
             let is_there = |o: &Obstacle<T>| o.presence.value() > 0.0 || !o.presence.is_constant();
-            let each =
+            let each: Vec<(T, T)> =
                 model.bodies.iter().filter_map(for_body).map(|o| (o.presence, o.restitution)).collect();
-            all.extend(for_body(any).filter(is_there).map(|o| Self::of_obstacle(o, each)));
+            all.extend(for_body(any).filter(is_there).into_iter().flat_map(|o| Self::of_obstacle(o, &each)));
         }
         all
     }
 
-    fn of_obstacle(obstacle: Obstacle<T>, each: Vec<(T, T)>) -> Self {
-        let (shape, state, growth) = match obstacle.outline {
-            ObstacleShape::HalfPlane { offset, angle } => {
-                let centre = Vec2::from_angle(angle) * (offset - HALF_PLANE);
-                (Shape::Square { half_side: HALF_PLANE }, Kinematics::at_rest(centre, angle), T::zero())
-            }
+    fn of_obstacle(obstacle: Obstacle<T>, each: &[(T, T)]) -> Vec<Self> {
+        let half_plane = |offset: T, angle: T| {
+            let centre = Vec2::from_angle(angle) * (offset - HALF_PLANE);
+            (Shape::Square { half_side: HALF_PLANE }, Kinematics::at_rest(centre, angle), T::zero())
+        };
+        let parts = match obstacle.outline {
+            ObstacleShape::HalfPlane { offset, angle } => vec![half_plane(offset, angle)],
             ObstacleShape::Disc { center, radius } => {
                 let shape = Shape::Disc { radius: radius.value() };
                 let growth = (radius / radius.value()).infinitesimal();
-                (shape, Kinematics::at_rest(center, T::zero()), growth)
+                vec![(shape, Kinematics::at_rest(center, T::zero()), growth)]
+            }
+            // The normals point inwards.
+            ObstacleShape::Inside { x, y } => {
+                [(x[0], 0.0), (-x[1], PI), (y[0], FRAC_PI_2), (-y[1], -FRAC_PI_2)]
+                    .map(|(offset, angle)| half_plane(offset, T::constant(angle)))
+                    .to_vec()
             }
         };
-        let name = obstacle.name.to_string();
-        StaticBody { name, shape, state, growth, obstacle: Some(each) }
+        let body = |(shape, state, growth)| {
+            let name = obstacle.name.to_string();
+            StaticBody { name, shape, state, growth, obstacle: Some(each.to_vec()) }
+        };
+        parts.into_iter().map(body).collect()
     }
 }

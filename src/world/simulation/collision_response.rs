@@ -5,6 +5,7 @@
 //! `dt/dp = -(dg/dp) / g'`. A soft contact delays its impulse by the time that a spring and damper would need.
 
 use crate::effects::Scalar;
+use crate::world::contact::compression::Compression;
 use crate::world::contact::geometry::Proximity;
 use crate::world::contact::impulse::soft_response;
 use crate::world::contact::persistent_contact::PersistentContact;
@@ -27,13 +28,13 @@ impl<T: Scalar> Simulation<'_, T> {
         }
         self.record_motion(&saved);
         let (near, _) = self.facing_now(a, b);
-        if let Some(delay) = self.delay(a, b, &near) {
-            if delay.value() > 0.0 {
-                let time = self.bodies[a].since() + delay;
-                self.queue.delay(DelayedImpulse { time, a, b });
+        if let Some(contact) = self.compression(a, b, &near) {
+            if contact.delay.value() > 0.0 {
+                self.queue.delay(DelayedImpulse { time: contact.since + contact.delay, a, b });
+                self.recorder.record_compression(contact);
                 return self.resume(a, b);
             }
-            self.shift_both(a, b, delay);
+            self.shift_both(a, b, contact.delay);
         }
         self.resolve_collision(time, a, b);
     }
@@ -46,6 +47,7 @@ impl<T: Scalar> Simulation<'_, T> {
         self.record_motion(&saved);
         let (near, _) = self.facing_now(a, b);
         if self.approach_at(a, b, &near).value() <= 0.0 {
+            self.recorder.remove_compression(a, b);
             return self.resume(a, b);
         }
         self.resolve_collision(time.value(), a, b);
@@ -122,20 +124,43 @@ impl<T: Scalar> Simulation<'_, T> {
         }
     }
 
-    /// Time from touching to the impulse of a soft contact (s); `None` for hard contacts.
+    /// A soft contact that begins now; `None` for hard contacts.
     ///
     /// A linear spring and damper that never pulls reverses the share `e` of the approach speed after `duration` (Schwager and
-    /// Poeschel, Granular Matter 9 (2007) 465). The bodies move uniformly until the impulse, so that their motion after it is
-    /// the same.
-    fn delay(&self, a: usize, b: usize, near: &Proximity<T>) -> Option<T> {
+    /// Poeschel, Granular Matter 9 (2007) 465). The bodies move uniformly until the impulse, which is delayed so that their motion
+    /// after it is the same; where they are meanwhile, the record says.
+    fn compression(&self, a: usize, b: usize, near: &Proximity<T>) -> Option<Compression<T>> {
         let approach = self.approach_at(a, b, near);
         let law = self.contact_law(a, b, near, approach);
         if law.softness.value() == 0.0 && law.softness.is_constant() {
             return None;
         }
-        let (_, duration) = soft_response(&law, self.contact_mass(a, b, near));
-        let e = self.restitution(&law, a, b, near, approach);
-        Some(e * (duration + law.damping * law.softness * law.softness) / (e + 1.0))
+        let mass = self.contact_mass(a, b, near);
+        let (_, duration) = soft_response(&law, mass);
+        let restitution = self.restitution(&law, a, b, near, approach);
+        let compliance = law.softness * law.softness;
+        let delay = restitution * (duration + law.damping * compliance) / (restitution + 1.0);
+        let decay = law.damping / (mass * 2.0);
+        let [one, other] = [a, b].map(|i| self.collision_body(i).inverse_mass);
+        let shares = [one / (one + other), other / (one + other)];
+        Some(Compression {
+            a,
+            b,
+            since: self.bodies[a].since(),
+            delay,
+            duration,
+            normal: near.normal,
+            approach,
+            restitution,
+            decay,
+            // Of a contact without softness only the derivative counts: it takes no time.
+            square: if compliance.value() > 0.0 {
+                T::constant(1.0) / (mass * compliance) - decay * decay
+            } else {
+                T::zero()
+            },
+            shares,
+        })
     }
 
     /// Applies the impulse of two bodies that touch at `time` (s), with all that follows from it.

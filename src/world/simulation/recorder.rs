@@ -2,6 +2,7 @@
 
 use crate::effects::Scalar;
 use crate::num::Vec2;
+use crate::world::contact::compression::Compression;
 use crate::world::motion::kinematics::{Kinematics, Rates};
 use crate::world::motion::segment::{INSTANT, SegmentStart};
 use crate::world::trace::{Event, EventKind};
@@ -20,12 +21,13 @@ pub(in crate::world) struct Recorder<'m, T> {
     /// For each body, index of the next requested time.
     next: Vec<usize>,
     events: Vec<Event>,
+    compressions: Vec<Compression<T>>,
 }
 
 impl<'m, T: Scalar> Recorder<'m, T> {
     pub fn new(times: &'m [f64], bodies: usize) -> Self {
         let states = times.iter().map(|_| (0..bodies).map(|_| None).collect()).collect();
-        Recorder { times, states, next: vec![0; bodies], events: vec![] }
+        Recorder { times, states, next: vec![0; bodies], events: vec![], compressions: vec![] }
     }
 
     /// A body enters at `time` (s): it has no states before.
@@ -71,8 +73,32 @@ impl<'m, T: Scalar> Recorder<'m, T> {
         }
     }
 
+    /// Records that a soft contact begins.
+    pub fn record_compression(&mut self, contact: Compression<T>) {
+        self.compressions.push(contact);
+    }
+
+    /// The last soft contact of these two has given no impulse.
+    pub fn remove_compression(&mut self, a: usize, b: usize) {
+        if let Some(last) = self.compressions.iter().rposition(|c| (c.a, c.b) == (a, b)) {
+            self.compressions.remove(last);
+        }
+    }
+
     /// States and events.
-    pub fn finish(self) -> (RecordedStates<T>, Vec<Event>) {
+    pub fn finish(mut self) -> (RecordedStates<T>, Vec<Event>) {
+        for contact in &self.compressions {
+            let (first, last) = (contact.since.value(), (contact.since + contact.duration).value());
+            let frames =
+                self.times.partition_point(|&t| t <= first)..self.times.partition_point(|&t| t < last);
+            for frame in frames {
+                for body in [contact.a, contact.b] {
+                    if let Some(k) = self.states[frame].get_mut(body).and_then(Option::as_mut) {
+                        contact.apply(self.times[frame], body, k);
+                    }
+                }
+            }
+        }
         (self.states, self.events)
     }
 }

@@ -44,7 +44,7 @@ impl Effect for PairAttraction {
 }
 
 /// `d/(d^2 + eps^2)^1.5`: the inverse square along `d`, softened within `eps` (m).
-pub(super) fn softened<T: Real>(d: Vec2<T>, eps: T) -> Vec2<T> {
+pub(in crate::effects) fn softened<T: Real>(d: Vec2<T>, eps: T) -> Vec2<T> {
     let square = d.norm_squared() + eps * eps;
     d * (T::constant(1.0) / (square * square.sqrt()))
 }
