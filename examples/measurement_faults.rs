@@ -18,7 +18,7 @@ const FAULTS: [Fault; 9] = [
     ("whole pixels (step / noise)", FindingKind::Steps, [2.0, 4.0, 8.0], pixels),
     ("each n-th frame repeated", FindingKind::RepeatedFrames, [2.0, 3.0, 5.0], repeated),
     ("frames lost in one place", FindingKind::LostFrames, [1.0, 3.0, 8.0], lost),
-    ("identities exchanged (share of the film)", FindingKind::SwappedIdentities, [0.3, 0.5, 0.7], exchanged),
+    ("identities exchanged (share of the video)", FindingKind::SwappedIdentities, [0.3, 0.5, 0.7], exchanged),
     ("track on another object (share)", FindingKind::Leaps, [0.1, 0.3, 0.6], taken_over),
     ("(-1, -1) for not seen (share)", FindingKind::Leaps, [0.05, 0.1, 0.3], marked),
     ("mean of n frames", FindingKind::DependentNoise, [3.0, 5.0, 9.0], smoothed),
@@ -181,7 +181,7 @@ fn shaken(scene: &mut Scene, times: f64, random: &mut ChaCha8Rng) {
     let size = times * noise(scene);
     let shifts: Vec<Vec2> =
         scene.times.iter().map(|_| vec2(size * normal(random), size * normal(random))).collect();
-    each(scene, |s| s.position = s.position + shifts[s.frame]);
+    each(scene, |s| s.position += shifts[s.frame]);
 }
 
 fn bumped(scene: &mut Scene, times: f64, _: &mut ChaCha8Rng) {

@@ -145,7 +145,7 @@ fn begin_with(scene: &Scene, model: &mut Model) {
         let time = scene.time_of(first.frame);
         let earlier = body.start.time - time;
         let state = &mut body.start.state;
-        state.position = state.position - vec2(state.velocity.x, state.velocity.y).scaled(earlier);
+        state.position -= vec2(state.velocity.x, state.velocity.y).scaled(earlier);
         state.yaw -= state.spin * earlier;
         body.start.time = time;
     }

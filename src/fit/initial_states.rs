@@ -90,7 +90,7 @@ fn straight<'a>(scene: &Scene, track: &'a Track, sigma: f64) -> &'a [Sample] {
     if moves_evenly(scene, more, sigma) { more } else { samples }
 }
 
-/// Whether both halves of the samples move, and alike: what rests until it is struck does not.
+/// Whether both halves of the samples move, and alike: what rests until it is hit does not.
 fn moves_evenly(scene: &Scene, samples: &[Sample], sigma: f64) -> bool {
     let halves = samples.split_at(samples.len() / 2);
     let [(_, early, sd), (_, late, other_sd)] =

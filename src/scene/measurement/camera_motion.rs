@@ -15,7 +15,7 @@ use crate::scene::observation::Scene;
 const NEAR: usize = 7;
 /// Distances are cut off at so many deviations: contacts are no shake.
 const CUT: f64 = 3.0;
-/// Least correlation that is told, and deviations of what chance gives.
+/// Least correlation that is reported, and deviations of what chance gives.
 const LEAST: f64 = 0.2;
 const CERTAIN: f64 = 6.0;
 /// Takes out bumps, and says so.
@@ -29,7 +29,7 @@ pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
         let ([x, y], fall) = sides.displacement();
         if fall > PROOF && is_noise(sides.chi_square(0.0) - fall, sides.degrees_of_freedom() - 2.0) {
             for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).filter(|s| s.frame > frame) {
-                s.position = s.position - vec2(x, y);
+                s.position -= vec2(x, y);
             }
             frames.push(frame);
             squares += x * x + y * y;
@@ -73,7 +73,7 @@ pub fn take_out_shake(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
         }
     }
     for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
-        s.position = s.position - shakes[s.frame];
+        s.position -= shakes[s.frame];
     }
     let value = (total / f64::max(frames, 1.0)).sqrt();
     Some(TrackFinding { kind: FindingKind::MovingCamera, objects: vec![], frames: vec![], value })

@@ -21,7 +21,7 @@ const LAGS: std::ops::RangeInclusive<usize> = 4..=16;
 const BARTLETT: f64 = 2.31;
 /// Deviations beyond chance, for 13 lags.
 const CERTAIN: f64 = 4.0;
-/// Least correlation that is told: smoothing over three samples gives 0.33, over seven 0.5.
+/// Least correlation that is reported: smoothing over three samples gives 0.33, over seven 0.5.
 const LEAST: f64 = 0.15;
 /// Third differences are cut off at so many deviations.
 const CUT: f64 = 3.0;

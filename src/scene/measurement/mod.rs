@@ -1,5 +1,5 @@
 //! How the tracks were measured, examined before any physics: what is no measurement is left out or put right, and all that was
-//! found is told.
+//! found is reported.
 //!
 //! | part | finds |
 //! |---|---|

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 /// Samples on each side of a pair of frames, and fewest of them.
 const SIDE: usize = 6;
 const FEWEST: usize = 3;
-/// Fall of chi-square that shows an event: odds of 10^6 to 1 among all pairs of a film of 10,000 frames and some ten sizes.
+/// Fall of chi-square that shows an event: odds of 10^6 to 1 among all pairs of a video of 10,000 frames and some ten sizes.
 pub const PROOF: f64 = 52.0;
 /// A leap that is worth a look (deviations of the difference of three positions).
 const LEAP: f64 = 2.5;

@@ -64,11 +64,11 @@ fn kinds(scene: Scene) -> Vec<FindingKind> {
 #[test]
 fn good_tracks_show_nothing() {
     assert_eq!(kinds(two()), []);
-    // Nor do a collision, something struck from rest, and rest without any noise.
-    let struck = |t: f64| if t < 1.0 { vec2(0.0, 0.0) } else { vec2(1.5 * (t - 1.0), 0.3 * (t - 1.0)) };
-    assert_eq!(kinds(video(120, &[&struck, &|t| vec2(0.4 * t, 0.5)])), []);
-    let mut still = video(120, &[&struck]);
-    still.tracks[0].samples.iter_mut().for_each(|s| s.position = struck(s.frame as f64 / FPS));
+    // Nor do a collision, something hit at rest, and rest without any noise.
+    let hit = |t: f64| if t < 1.0 { vec2(0.0, 0.0) } else { vec2(1.5 * (t - 1.0), 0.3 * (t - 1.0)) };
+    assert_eq!(kinds(video(120, &[&hit, &|t| vec2(0.4 * t, 0.5)])), []);
+    let mut still = video(120, &[&hit]);
+    still.tracks[0].samples.iter_mut().for_each(|s| s.position = hit(s.frame as f64 / FPS));
     assert_eq!(kinds(still), []);
 }
 
@@ -194,7 +194,7 @@ fn what_all_objects_share_is_the_camera() {
     let moved = |shift: &dyn Fn(usize) -> Vec2| {
         let mut scene = scene();
         for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples) {
-            s.position = s.position + shift(s.frame);
+            s.position += shift(s.frame);
         }
         scene.validate().unwrap()
     };

@@ -31,8 +31,8 @@ pub fn not_better(before: &Revision, after: &Revision) -> Option<String> {
         ("other videos", before.left_out_rmse, after.left_out_rmse),
     ];
     // Of one video there are no others.
-    let told = if after.models.len() > 1 { &errors[..] } else { &errors[..1] };
-    if let Some((what, old, new)) = told.iter().find(|(_, old, new)| grown(*old, *new)) {
+    let shown = if after.models.len() > 1 { &errors[..] } else { &errors[..1] };
+    if let Some((what, old, new)) = shown.iter().find(|(_, old, new)| grown(*old, *new)) {
         return Some(format!(
             "the error on {what} does not fall with it but rises, from {} to {} mm",
             mm(*old),
