@@ -424,7 +424,8 @@ fn placed(entry: &EffectEntry, amplitude: f64) -> Vec<f64> {
         _ if k < entry.amplitudes => amplitude,
         "center_x" => 1.9,
         "center_y" => 1.2,
-        "offset" => 1.9,
+        "offset" | "left" => 1.9,
+        "right" | "top" => 9.0,
         "Omega" => 1.5,
         _ => q.default,
     };

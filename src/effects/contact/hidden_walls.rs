@@ -9,8 +9,8 @@ use crate::num::Real;
 
 pub struct HiddenWalls;
 
-const fn side(name: &'static str, doc: &'static str) -> ParamSpec {
-    ParamSpec { name, unit: "m", default: 0.0, min: -100.0, max: 100.0, scope: Scope::Setup, doc }
+const fn side(name: &'static str, default: f64, doc: &'static str) -> ParamSpec {
+    ParamSpec { name, unit: "m", default, min: -100.0, max: 100.0, scope: Scope::Setup, doc }
 }
 
 impl Effect for HiddenWalls {
@@ -29,10 +29,10 @@ impl Effect for HiddenWalls {
                 scope: Scope::Setup,
                 doc: "share of the impulse that it gives: 0 lets bodies through, 1 is solid",
             },
-            side("left", "x of the wall on the side of small x"),
-            side("right", "x of the wall on the side of large x"),
-            side("bottom", "y of the wall on the side of small y"),
-            side("top", "y of the wall on the side of large y"),
+            side("left", -1.0, "x of the wall on the side of small x"),
+            side("right", 1.0, "x of the wall on the side of large x"),
+            side("bottom", -1.0, "y of the wall on the side of small y"),
+            side("top", 1.0, "y of the wall on the side of large y"),
             ParamSpec {
                 name: "restitution",
                 unit: "1",
