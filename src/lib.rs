@@ -8,6 +8,8 @@
 //!
 //! - [`num`]: scalars with and without derivatives, plane vectors, numerical methods.
 //! - [`scene`]: what was observed: objects, tracks, camera and table; their files.
+//! - [`media`]: video files to frames with their times.
+//! - [`perception`]: frames to tracks: which bodies a video shows, and where they are.
 //! - [`body`]: what an effect may read and change.
 //! - [`effects`]: one law per file, and the table of all.
 //! - [`world`]: the model and its simulation with exact contacts.
@@ -52,7 +54,9 @@ pub mod discover;
 pub mod effects;
 pub mod engine;
 pub mod fit;
+pub mod media;
 pub mod num;
+pub mod perception;
 pub mod reason;
 pub mod recording;
 pub mod report;

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 /// Rooms from the ground up: a room may use those of lower steps only.
 const STEPS: [&[&str]; 14] = [
     &["num"],
-    &["scene"],
-    &["body"],
+    &["scene", "media"],
+    &["body", "perception"],
     &["effects"],
     &["world"],
     &["fit"],

@@ -1,10 +1,17 @@
 //! Videos: stored once under the digest of their content, read, listed and deleted.
 
 use super::error::EngineError;
+use super::pool::JobContext;
+use super::progress::Report;
 use super::state::Engine;
+use crate::fit::FitError;
+use crate::media::Video;
+use crate::num::Stop;
+use crate::perception::{Perception, PerceptionError, PerceptionOptions, PerceptionReport, perceive};
 use crate::scene::Scene;
 use crate::store::TableKind;
 use std::sync::Arc;
+use tokio_util::sync::CancellationToken;
 
 impl Engine {
     /// Stores the scene that `make` returns (it runs on the ingest pool) and returns its id. The id is a digest of the
@@ -20,6 +27,30 @@ impl Engine {
         let ((id, scene), _slot) = made.await?;
         self.store.put_video(&id, &scene).await?;
         Ok((id, Arc::new(scene)))
+    }
+
+    /// Finds the objects of a video file and stores their tracks. `token` stops the work.
+    pub async fn import_video(
+        &self,
+        bytes: Vec<u8>,
+        (setup, options): (Option<String>, PerceptionOptions),
+        token: CancellationToken,
+        progress: Arc<dyn Fn(Report) + Send + Sync>,
+    ) -> Result<(String, Arc<Scene>, PerceptionReport), EngineError> {
+        let context = JobContext { token, deadline: self.deadline(), progress };
+        let work = move |stop: Stop| {
+            let video = Video::open(bytes).map_err(|e| EngineError::invalid("data", e.to_string()))?;
+            let Perception { scene, report } = perceive(&video, &options, stop).map_err(|e| match e {
+                PerceptionError::Stopped(stopped) => FitError::Stopped(stopped).into(),
+                e => EngineError::invalid("data", e.to_string()),
+            })?;
+            let scene =
+                Scene { setup, ..scene }.validate().map_err(|e| EngineError::Invalid(e.violations))?;
+            Ok((scene.digest(), scene, report))
+        };
+        let ((id, scene, report), _slot) = self.pool.run(context, work).await?;
+        self.store.put_video(&id, &scene).await?;
+        Ok((id, Arc::new(scene), report))
     }
 
     pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {

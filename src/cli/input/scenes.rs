@@ -1,5 +1,6 @@
 //! Reads the scenes that a command is given.
 
+use super::videos::{VIDEO, VideoView, is_named_video, is_video_file, see};
 use crate::cli::error::Failure;
 use crate::cli::output;
 use crate::scene::{Outlier, Scene, SceneFile, TableDefaults, decoded, holds_positions, read_scene};
@@ -47,7 +48,8 @@ pub fn scenes(paths: &[PathBuf]) -> Result<Vec<Result<Scene, Failure>>, Failure>
 /// The scenes of a path, in natural order: a file, a folder with an observed.json, a folder of such folders, of tables or of
 /// CLEVRER's annotations, or a folder of folders of these annotations.
 pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
-    if is_regular_file(path)? || path.join(OBSERVED).is_file() {
+    let holds = |folder: &Path| folder.join(OBSERVED).is_file() || folder.join(VIDEO).is_file();
+    if is_regular_file(path)? || holds(path) {
         return Ok(vec![path.to_path_buf()]);
     }
     let within = |folder: &Path| -> Result<Vec<PathBuf>, Failure> {
@@ -57,7 +59,7 @@ pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
         Ok(all)
     };
     let is_scene =
-        |p: &PathBuf| p.join(OBSERVED).is_file() || (p.is_file() && (is_table(p) || is_annotation(p)));
+        |p: &PathBuf| holds(p) || is_named_video(p) || (p.is_file() && (is_table(p) || is_annotation(p)));
     let all = within(path)?;
     let mut found: Vec<PathBuf> = all.iter().filter(|p| is_scene(p)).cloned().collect();
     if found.is_empty() {
@@ -72,7 +74,7 @@ pub fn scene_paths(path: &Path) -> Result<Vec<PathBuf>, Failure> {
     }
     if found.is_empty() {
         return Err(Failure::input(format!(
-            "{}: neither this folder nor its subfolders hold an {OBSERVED}, a table (CSV or text) or a CLEVRER annotation \
+            "{}: neither this folder nor its subfolders hold an {OBSERVED}, a table (CSV or text), a video or a CLEVRER annotation \
              (annotation_*.json); give a scene file or folder",
             path.display()
         )));
@@ -130,14 +132,33 @@ pub fn scene(path: &Path) -> Result<Scene, Failure> {
         );
         return Err(Failure::input(message));
     }
+    if let Some(video) = video_of(path, &file) {
+        let seen = see(&video, &VideoView::default())?;
+        output::tell(&format!("{}: {}", seen.scene.name, seen.line()));
+        return Ok(accepted(seen.scene, vec![]));
+    }
     is_regular_file(&file)?;
     let bytes = std::fs::read(&file).map_err(|e| unreadable(&file, e))?;
     let name = name.unwrap_or("scene".into());
     let read = read_scene(&name, &bytes, &TableDefaults::default());
     let SceneFile { scene, assumed, .. } = read.map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    Ok(accepted(scene, assumed))
+}
+
+/// The video of a folder without tracks, or the file if it is one.
+fn video_of(path: &Path, file: &Path) -> Option<PathBuf> {
+    let inside = path.join(VIDEO);
+    match path.is_dir() && !file.is_file() && inside.is_file() {
+        true => Some(inside),
+        false => is_video_file(file).then(|| file.to_path_buf()),
+    }
+}
+
+/// Reports what was assumed of a scene, and what its tracks show.
+fn accepted(scene: Scene, assumed: Vec<String>) -> Scene {
     output::assumptions::add(&scene, assumed);
     outlier_message(&scene).iter().for_each(|line| output::tell(&format!("{}: {line}", scene.name)));
-    Ok(scene)
+    scene
 }
 
 /// A message that lists the tracking outliers of a scene, if there are any.

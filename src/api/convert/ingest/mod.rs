@@ -3,3 +3,4 @@
 pub mod camera;
 pub mod detections;
 pub mod new_video;
+pub mod video_file;

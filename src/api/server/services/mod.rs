@@ -2,6 +2,7 @@
 
 mod calls;
 mod comparison;
+mod import;
 mod models;
 mod operations;
 mod reasoning;

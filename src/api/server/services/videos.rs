@@ -1,6 +1,7 @@
 //! The service `Videos`.
 
-use super::{RpcResult, Services, calls, cut_page};
+use super::import::import_video;
+use super::{RpcResult, RpcStream, Services, calls, cut_page};
 use crate::api::convert::ingest::camera::{calibration, pairs, uncalibrated};
 use crate::api::convert::video::video_message;
 use crate::api::convert::violations::video_id;
@@ -8,7 +9,7 @@ use crate::api::convert::{listing, trace::timestamp};
 use crate::api::status::status;
 use crate::api::v1;
 use crate::scene::calibrate;
-use tonic::{Request, Response};
+use tonic::{Request, Response, Streaming};
 
 #[tonic::async_trait]
 impl v1::videos_server::Videos for Services {
@@ -16,6 +17,16 @@ impl v1::videos_server::Videos for Services {
         let owner = self.owner(&request);
         let video = calls::create_video(&owner, request.into_inner()).await.map_err(status)?;
         Ok(Response::new(video))
+    }
+
+    type ImportVideoStream = RpcStream<v1::ImportVideoResponse>;
+
+    async fn import_video(
+        &self,
+        request: Request<Streaming<v1::ImportVideoRequest>>,
+    ) -> RpcResult<Self::ImportVideoStream> {
+        let owner = self.owner(&request);
+        import_video(owner, request.into_inner()).await
     }
 
     async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> RpcResult<v1::Video> {

@@ -1,7 +1,7 @@
 //! `import`: converts files of other programs to scene folders.
 
 use crate::api;
-use crate::api::v1::{Box, Camera, CreateVideoRequest, Detection, Score, Video, detection};
+use crate::api::v1::{Box, CreateVideoRequest, Detection, Score, Video, detection};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress;
@@ -26,7 +26,8 @@ const FILE_FORMATS: &str = r#"The content of FILE decides its format; each file 
   table       text with columns id, t or frame, x, y, and optionally yaw, visible, shape, size, mass, material, color; a name
               may have a unit, as in `x [mm]`; lines above may set `# fps: 50`, `# unit: cm`, `# world: table`; also as
               spreadsheets, Tracker, DeepLabCut, SLEAP, TRex, idtracker.ai and trackpy write it
-  Tracker     a project of the program Tracker (.trk, .trz)"#;
+  Tracker     a project of the program Tracker (.trk, .trz)
+  video       MP4, MOV, MKV, WebM, AVI, GIF: its objects are found and followed; perception.json beside observed.json says how"#;
 
 #[derive(clap::Args)]
 #[command(after_help = FILE_FORMATS)]
@@ -37,7 +38,7 @@ pub struct ImportArgs {
     /// Folder for the scene folders.
     #[arg(long, value_name = "DIR", default_value = ".")]
     out: PathBuf,
-    /// Camera of detections: the JSON of `calibrate`, or one with `camera_matrix` and `image_size` [default: CLEVRER's]
+    /// Camera of detections or videos: the JSON of `calibrate`, or one with `camera_matrix` and `image_size` [default: CLEVRER's]
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
     /// Standard deviation of the edges of detections (px) [default: 1].
@@ -45,6 +46,8 @@ pub struct ImportArgs {
     noise: Option<f64>,
     #[command(flatten)]
     stated: StatedArgs,
+    #[command(flatten)]
+    view: input::ViewArgs,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -129,6 +132,9 @@ pub async fn run(target: &Target, args: ImportArgs) -> Result<(), Failure> {
 
 /// Name of the scene that a file becomes.
 pub fn name(path: &Path) -> String {
+    if input::is_video_file(path) {
+        return input::video_name(path);
+    }
     let name = match path.file_name().is_some_and(|f| f == input::OBSERVED) {
         true => path.parent().and_then(Path::file_name),
         false => path.file_stem(),
@@ -143,7 +149,11 @@ async fn one(
     (path, bytes): (&Path, &[u8]),
     name: &str,
 ) -> Result<(String, Value), Failure> {
-    let parsed = args.parsed(name, bytes)?;
+    let mut seen = None;
+    let parsed = match input::is_video_file(path) {
+        true => args.seen(path, seen.insert(args.see(path)?))?,
+        false => args.parsed(name, bytes)?,
+    };
     let video = connection.create(parsed.request).await?;
     let linking = video.linking;
     let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;
@@ -156,7 +166,13 @@ async fn one(
     }
     std::fs::create_dir_all(args.out.join(name))
         .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
-    output::file(&file, observed_json(&scene).to_string().as_bytes())?;
+    let mut observed = observed_json(&scene);
+    if let Some(seen) = &seen {
+        observed["times"] = json!(scene.times);
+        let report = args.out.join(name).join("perception.json");
+        output::file(&report, seen.report_json().to_string().as_bytes())?;
+    }
+    output::file(&file, observed.to_string().as_bytes())?;
     let (kind, file) = (parsed.kind, file.display().to_string());
     let (gaps, frames) = linking.map_or_else(|| gaps(&scene), |l| (l.gaps_bridged, l.frames_bridged));
     let (given, dropped) = linking.map_or((None, None), |l| (Some(l.detections), Some(l.detections_dropped)));
@@ -168,6 +184,7 @@ async fn one(
     if let (Some(given), Some(dropped)) = (given, dropped) {
         text += &format!(", {dropped} of {given} detections dropped");
     }
+    text.extend(seen.iter().map(|seen| format!("\n  {}", seen.line())));
     text += &object_lines(&scene);
     text.extend(input::outlier_message(&scene).map(|line| format!("\n  {line}")));
     let json = json!({
@@ -215,6 +232,26 @@ fn holds_detections(bytes: &[u8]) -> bool {
 }
 
 impl ImportArgs {
+    /// The tracks of a video.
+    fn see(&self, path: &Path) -> Result<input::SeenVideo, Failure> {
+        let view = input::VideoView {
+            args: self.view.clone(),
+            camera: self.camera.clone(),
+            scale: self.stated.scale,
+            size: self.stated.size,
+        };
+        input::see(path, &view)
+    }
+
+    fn seen(&self, path: &Path, seen: &input::SeenVideo) -> Result<ImportedFile, Failure> {
+        let unused = [("--fps", self.stated.fps.is_some()), ("--noise", self.noise.is_some())];
+        if let Some((flag, _)) = unused.into_iter().find(|(_, given)| *given) {
+            let message = format!("{flag} has no effect on a video; leave it out");
+            return Err(Failure::input(message).at(&path.display().to_string()));
+        }
+        Ok(ImportedFile { kind: "video", request: of_scene(&seen.scene) })
+    }
+
     fn parsed(&self, name: &str, bytes: &[u8]) -> Result<ImportedFile, Failure> {
         let bad = |e: crate::scene::SceneError| Failure::input(e.to_string());
         let (kind, request) = if holds_detections(bytes) {
@@ -253,7 +290,7 @@ fn of_scene(scene: &Scene) -> CreateVideoRequest {
 
 fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {
     let camera = match &args.camera {
-        Some(path) => camera(path)?,
+        Some(path) => api::camera_message(&input::camera(path)?),
         None => api::camera_message(&CLEVRER_CAMERA),
     };
     let proposals = parse_proposals(text, [camera.image_width, camera.image_height])
@@ -292,24 +329,6 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
         frame_count: proposals.frames as u32,
         ..Default::default()
     })
-}
-
-/// Reads a camera from a JSON file.
-fn camera(path: &Path) -> Result<Camera, Failure> {
-    let wrong = |what: &str| Failure::input(format!("--camera {}: {what}", path.display()));
-    let root: Value = serde_json::from_str(&input::text(path)?).map_err(|e| wrong(&e.to_string()))?;
-    let numbers = |value: &Value| -> Vec<f64> {
-        value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
-    };
-    let rows = root["camera_matrix"].as_array().map(Vec::as_slice).unwrap_or_default();
-    let matrix: Vec<f64> = rows.iter().take(3).flat_map(numbers).collect();
-    let [image_width, image_height] = numbers(&root["image_size"])[..] else {
-        return Err(wrong("image_size is missing; give [width, height] in pixels"));
-    };
-    if matrix.len() != 12 {
-        return Err(wrong("camera_matrix is not 3 rows of 4 numbers; give the JSON of `vrdp calibrate`"));
-    }
-    Ok(Camera { matrix, image_width, image_height, ..Default::default() })
 }
 
 /// Number of gaps in the tracks, and of frames in them.
