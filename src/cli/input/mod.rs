@@ -1,11 +1,13 @@
 //! Reads what a command is given: scenes, videos, models, formulas, and `ID=VALUE` pairs.
 
+mod files;
 mod models;
 mod pairs;
 mod scenes;
 mod videos;
 
+pub use files::{bytes, text};
 pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
-pub use scenes::{OBSERVED, bytes, outlier_message, scene, scene_paths, scenes, text};
+pub use scenes::{OBSERVED, outlier_message, scene, scene_paths, scenes};
 pub use videos::{SeenVideo, VideoView, ViewArgs, camera, is_video_file, see, video_name};

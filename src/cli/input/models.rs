@@ -1,6 +1,6 @@
 //! Reads the models and formulas that a command is given.
 
-use super::scenes::{MAX_FILE, last};
+use super::files::{MAX_FILE, last};
 use crate::api::v1::{Formula, ModelChoice, model_choice};
 use crate::cli::error::Failure;
 use crate::effects;

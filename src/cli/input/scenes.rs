@@ -1,9 +1,10 @@
 //! Reads the scenes that a command is given.
 
+use super::files::{is_regular_file, last, unreadable};
 use super::videos::{VIDEO, VideoView, is_named_video, is_video_file, see};
 use crate::cli::error::Failure;
 use crate::cli::output;
-use crate::scene::{Outlier, Scene, SceneFile, TableDefaults, decoded, holds_positions, read_scene};
+use crate::scene::{Outlier, Scene, SceneFile, TableDefaults, holds_positions, read_scene};
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
 use std::io::Read;
@@ -22,8 +23,6 @@ const BINARIES: [&str; 6] = ["h5", "hdf5", "parquet", "slp", "xlsx", "npy"];
 const TABLE_START: u64 = 1 << 16;
 /// Number of outliers that a message lists.
 const OUTLIERS_NAMED: usize = 4;
-/// Largest size of a scene file in bytes: the allowed objects and frames need less.
-pub const MAX_FILE: u64 = 1 << 30;
 
 /// Reads the scenes of the paths. A scene that cannot be read is an error of its own: the caller reports it after the others
 /// are done.
@@ -89,25 +88,6 @@ fn is_annotation(path: &Path) -> bool {
 
 fn is_named_annotation(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(ANNOTATION))
-}
-
-/// Whether the path is a file; false for a folder. Refuses anything else: a pipe may never end.
-fn is_regular_file(path: &Path) -> Result<bool, Failure> {
-    let found = path.metadata().map_err(|e| unreadable(path, e))?;
-    if found.is_file() && found.len() > MAX_FILE {
-        return Err(unreadable(
-            path,
-            format!("has {} bytes, more than the limit of {MAX_FILE}", found.len()),
-        ));
-    }
-    if !found.is_file() && !found.is_dir() {
-        return Err(unreadable(path, "is neither a file nor a folder"));
-    }
-    Ok(found.is_file())
-}
-
-fn unreadable(path: &Path, why: impl std::fmt::Display) -> Failure {
-    Failure::input(format!("{}: {why}; give a scene file or folder", path.display()))
 }
 
 /// One scene: a file, or a folder with an observed.json; named after the folder, or the file's stem.
@@ -190,23 +170,6 @@ fn starts_as_table(path: &Path) -> bool {
 
 fn has(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
-}
-
-/// The bytes of a file; refuses folders and pipes.
-pub fn bytes(path: &Path) -> Result<Vec<u8>, Failure> {
-    match is_regular_file(path)? {
-        true => std::fs::read(path).map_err(|e| unreadable(path, e)),
-        false => Err(unreadable(path, "is a folder")),
-    }
-}
-
-/// The text of a file, in any encoding.
-pub fn text(path: &Path) -> Result<String, Failure> {
-    decoded(&bytes(path)?).map_err(|e| Failure::input(e.to_string()))
-}
-
-pub fn last(name: Option<&std::ffi::OsStr>) -> Option<String> {
-    name.map(|name| name.to_string_lossy().into_owned())
 }
 
 /// Natural order: `scene_2` before `scene_10`.

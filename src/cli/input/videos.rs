@@ -1,6 +1,6 @@
 //! Reads video files: frames to tracks, with what the user knows of the view.
 
-use super::scenes::{bytes, last};
+use super::files::{bytes, last};
 use crate::cli::error::Failure;
 use crate::cli::output;
 use crate::media::{MAX_VIDEO_BYTES, MediaError, Video, VideoFrame, is_video};

@@ -120,7 +120,7 @@ fn magnets_that_push_before_they_touch_are_found_where_they_meet() {
     };
     let scenes = on_air(
         &[meeting(-0.02, 0.45), meeting(0.03, 0.5), meeting(0.0, 0.4)],
-        ("magnet_repulsion", &[("S", 5e-4), ("eps", 0.02)]),
+        ("magnet_repulsion", &[("S", 1.5e-3), ("eps", 0.02)]),
     );
     let found = found_in(&scenes);
     assert!(found.effects.iter().any(|e| e.kind == "pair_repulsion"), "{:?} {}", found.verdict, found.reason);
