@@ -225,3 +225,57 @@ fn tables_of_other_programs_go_into_every_command() {
     let (output, _, err) = run(&["fit", &tracks]);
     assert!(output.status.code() == Some(2) && err.contains("save_as_csv=True"), "{err}");
 }
+
+/// Position (m) of each object by frame, in a scene file, and what it looks like.
+fn objects(file: &str) -> Vec<(String, std::collections::BTreeMap<u64, [f64; 2]>)> {
+    let root: serde_json::Value = serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap();
+    let property = root["object_property"].as_array().unwrap();
+    let of = |object: &serde_json::Value| {
+        let look =
+            ["color", "material", "shape"].map(|key| object[key].as_str().unwrap().to_string()).join(" ");
+        let frames = root["motion_trajectory"].as_array().unwrap();
+        let at = |frame: &serde_json::Value| {
+            let seen = frame["objects"].as_array()?.iter().find(|o| o["object_id"] == object["object_id"])?;
+            let place = [seen["location"][0].as_f64()?, seen["location"][1].as_f64()?];
+            (seen["inside_camera_view"] == true).then_some((frame["frame_id"].as_u64()?, place))
+        };
+        (look, frames.iter().filter_map(at).collect())
+    };
+    property.iter().map(of).collect()
+}
+
+#[test]
+fn a_video_becomes_tracks_near_those_that_were_measured() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let video = root.join("videos/scene_00011/video.mp4").display().to_string();
+    let camera = root.join("videos/scene_00011/camera.json").display().to_string();
+    let scratch = Scratch::new("video");
+    let (done, out, err) = run(&["import", &video, "--camera", &camera, "--out", &scratch.path("seen")]);
+    assert!(done.status.success(), "{out}{err}");
+    assert!(out.contains("H.264 in MP4"), "{out}");
+    assert!(
+        fs::read_to_string(scratch.path("seen/scene_00011/perception.json")).unwrap().contains("unexplained")
+    );
+    let found = objects(&scratch.path("seen/scene_00011/observed.json"));
+    let known = objects(&root.join("clevrer/scene_00011/observed.json").display().to_string());
+    assert_eq!(found.len(), known.len());
+    for (look, places) in &found {
+        let (_, measured) = known.iter().find(|(other, _)| other == look).unwrap_or_else(|| panic!("{look}"));
+        let off = |(frame, at): (&u64, &[f64; 2])| {
+            measured.get(frame).map(|other| (other[0] - at[0]).abs().max((other[1] - at[1]).abs()))
+        };
+        let mut off: Vec<f64> = places.iter().filter_map(off).collect();
+        off.sort_by(f64::total_cmp);
+        // Measurements have a noise of 5 mm.
+        assert!(off.len() > 60 && off[off.len() / 2] < 0.015, "{look}: {:?}", off.get(off.len() / 2));
+    }
+    // A folder with a video is a scene; one that ends too soon says so.
+    let folder = root.join("videos/scene_00011").display().to_string();
+    let (done, out, err) = run(&["fit", &folder]);
+    assert!(done.status.success() && out.contains("reduced chi-square"), "{out}{err}");
+    let whole = fs::read(&video).unwrap();
+    let cut = scratch.path("cut.mp4");
+    fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    let (done, _, err) = run(&["import", &cut, "--out", &scratch.path("seen")]);
+    assert!(!done.status.success() && err.contains("cut.mp4") && err.contains("again"), "{err}");
+}

@@ -9,6 +9,7 @@ mod endure;
 mod flow;
 mod garbage;
 mod harness;
+mod import;
 mod listings;
 mod operations;
 mod pages;

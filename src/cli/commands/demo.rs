@@ -1,4 +1,4 @@
-//! `demo`: runs all steps on built-in scenes: fit, predict, answer, find a hidden effect, write a report.
+//! `demo`: runs all steps on a built-in video and built-in scenes: see, fit, predict, answer, find a hidden effect, write a report.
 
 use super::scene::{ask, fit, simulate};
 use super::study::{discover, report, revise};
@@ -10,9 +10,10 @@ use crate::api::v1::{
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress::{TaskProgress, during};
-use crate::cli::output::{self, revisions};
+use crate::cli::output::revisions;
+use crate::cli::{input, output};
 use crate::scene::{Scene, parse};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A scene that the Bullet engine simulated, as in CLEVRER; it is part of the program.
 const SCENE: &str = include_str!("../../../tests/data/clevrer/scene_00022/observed.json");
@@ -22,6 +23,10 @@ const PREDICTIVE: (&str, &[&str]) = (
 );
 const COUNTERFACTUAL: (&str, &[&str]) =
     ("What will happen if the gray cube is removed?", &["The red object collides with the sphere"]);
+
+/// A video of two objects with its camera; it is part of the program.
+const SEEN_VIDEO: &[u8] = include_bytes!("../../../tests/data/videos/scene_00011/video.mp4");
+const CAMERA: &str = include_str!("../../../tests/data/videos/scene_00011/camera.json");
 
 /// Four Bullet videos of one set-up with an effect that the model lacks.
 const SET_UP: [&str; 4] = [
@@ -50,17 +55,39 @@ pub async fn run(args: DemoArgs) -> Result<(), Failure> {
     if let Some(address) = connection.address() {
         output::print(&format!("The demo starts a service at {address} and calls it over gRPC.\n\n"))?;
     }
+    see(&args.out)?;
     let video = connection.post(&scene).await?;
     let mut demo = Demo { connection, out: args.out, traces: vec![] };
     demo.fit(&scene, &video).await?;
     demo.predict(&scene, &video).await?;
-    demo.ask(&video, 3, "predictive", PREDICTIVE).await?;
-    demo.ask(&video, 4, "counterfactual", COUNTERFACTUAL).await?;
+    demo.ask(&video, 4, "predictive", PREDICTIVE).await?;
+    demo.ask(&video, 5, "counterfactual", COUNTERFACTUAL).await?;
     let study = demo.study().await?;
     let found = demo.discover(study.clone()).await?;
     let revised = demo.add(&study, &found).await?;
     let places = demo.report(study, video).await?;
     demo.finish(&found, &revised, &places).await
+}
+
+/// Finds the objects of the built-in video; it is left in the folder, for the user's own trials.
+fn see(out: &Path) -> Result<(), Failure> {
+    announce(1, "See: finds the objects in a video, and follows them.")?;
+    let folder = out.join("video");
+    std::fs::create_dir_all(&folder).map_err(|e| Failure::other(format!("{}: {e}", folder.display())))?;
+    let file = folder.join("video.mp4");
+    output::file(&file, SEEN_VIDEO)?;
+    output::file(&folder.join("camera.json"), CAMERA.as_bytes())?;
+    let seen = input::see(&file, &input::VideoView::default())?;
+    let lines: String = seen
+        .scene
+        .objects
+        .iter()
+        .zip(&seen.scene.tracks)
+        .map(|(object, track)| {
+            format!("  {}: seen in {} frames\n", object.description(), track.samples.len())
+        })
+        .collect();
+    output::print(&format!("  {}: {}\n{lines}\n", file.display(), seen.line()))
 }
 
 /// The service, and what the steps leave behind.
@@ -79,7 +106,7 @@ impl Demo {
     async fn fit(&self, scene: &Scene, video: &str) -> Result<(), Failure> {
         let (objects, frames) = (scene.objects.len(), scene.times.len());
         announce(
-            1,
+            2,
             &format!("Fit: estimates the physics of a video of {objects} objects and {frames} frames."),
         )?;
         let bar = TaskProgress::new(1);
@@ -91,7 +118,7 @@ impl Demo {
     }
 
     async fn predict(&mut self, scene: &Scene, video: &str) -> Result<(), Failure> {
-        announce(2, "Predict: simulates what happens after the video ends.")?;
+        announce(3, "Predict: simulates what happens after the video ends.")?;
         let request = SimulateRequest { video: video.into(), ..Default::default() };
         let reply = during("simulating", self.connection.reasoning().simulate(request)).await?;
         let mut reply = reply.into_inner();
@@ -130,7 +157,7 @@ impl Demo {
     }
 
     async fn discover(&self, study: StudyRequest) -> Result<Discovery, Failure> {
-        announce(5, "Discover: finds the effect that the model lacks, in four videos of another set-up.")?;
+        announce(6, "Discover: finds the effect that the model lacks, in four videos of another set-up.")?;
         let request = DiscoverEffectsRequest { study: Some(study), ..Default::default() };
         let found = discover::search(&self.connection, request).await?;
         output::print(&format!("{}\n{}\n", discover::text(&found), discover::curve(&found)))?;
@@ -139,7 +166,7 @@ impl Demo {
 
     async fn add(&self, study: &StudyRequest, found: &Discovery) -> Result<RevisedModels, Failure> {
         announce(
-            6,
+            7,
             &format!(
                 "Add: adds the same effect to the first model, as a formula of your own: {TURNING_TABLE}"
             ),
@@ -155,7 +182,7 @@ impl Demo {
 
     /// Writes the report; returns lines that say where.
     async fn report(&self, study: StudyRequest, video: String) -> Result<String, Failure> {
-        announce(7, "Report: writes one HTML page with pictures of all this.")?;
+        announce(8, "Report: writes one HTML page with pictures of all this.")?;
         let request = WriteReportRequest {
             study: Some(study),
             questions: vec![ask::request(video, COUNTERFACTUAL.0, COUNTERFACTUAL.1)],
