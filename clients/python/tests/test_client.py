@@ -1,6 +1,8 @@
 """Against a running service, whose address is in VRDP_SERVER."""
+import json
 import math
 import os
+from pathlib import Path
 
 import grpc
 import pandas
@@ -85,6 +87,14 @@ def test_long_work_is_started_waited_for_and_cancelled(client):
         client.wait("operations/00")
     with pytest.raises(ValueError, match="cannot be started"):
         client.start(model)
+
+
+def test_a_video_file_becomes_tracks(client):
+    folder = Path(__file__).parents[3] / "tests" / "data" / "videos" / "scene_00011"
+    seen = client.see(folder / "video.mp4", camera=json.loads((folder / "camera.json").read_text()))
+    assert len(seen.video.objects) == 2 and seen.report.frames == 128
+    with pytest.raises(VrdpError, match="known kind"):
+        client.see(b"id,t,x,y")
 
 
 def test_a_refusal_names_the_field(client):

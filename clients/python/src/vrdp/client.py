@@ -190,6 +190,38 @@ class Client:
             warnings.warn("assumed, as the tracks do not state it: " + "; ".join(video.assumptions), stacklevel=2)
         return video.name
 
+    def see(
+        self,
+        file: str | os.PathLike[str] | bytes,
+        *,
+        camera: Mapping[str, Any] | None = None,
+        metres_per_pixel: float = 0.0,
+        ball_radius: float = 0.0,
+        size: float = 0.0,
+        name: str = "",
+        setup: str = "",
+    ) -> videos_pb2.ImportedVideo:
+        """Finds the objects of a video file and stores their tracks; ``video.name`` of the result names them.
+
+        ``camera`` is what ``vrdp calibrate --json`` writes (``camera_matrix``, ``image_size``); without it the camera stands
+        straight above, and ``metres_per_pixel`` or ``ball_radius`` (m) gives the scale. ``report`` says how objects were seen.
+        """
+        options = videos_pb2.ImportVideoOptions(
+            display_name=name, setup=setup, metres_per_pixel=metres_per_pixel, ball_radius=ball_radius, object_size=size
+        )
+        if camera is not None:
+            width, height = camera["image_size"]
+            matrix = [number for row in camera["camera_matrix"][:3] for number in row]
+            options.camera.CopyFrom(videos_pb2.Camera(matrix=matrix, image_width=width, image_height=height))
+        data = file if isinstance(file, bytes) else Path(file).read_bytes()
+
+        def parts() -> Iterable[videos_pb2.ImportVideoRequest]:
+            yield videos_pb2.ImportVideoRequest(options=options)
+            for start in range(0, len(data), 1 << 20):
+                yield videos_pb2.ImportVideoRequest(data=data[start : start + (1 << 20)])
+
+        return self._last(self._videos.ImportVideo, parts()).imported
+
     def fit(self, video: str, *, preset: str | None = None) -> models_pb2.Model:
         """Fits a model to the video and stores it."""
         return self._last(self._models.FitModel, _fit(video, preset=preset)).model
