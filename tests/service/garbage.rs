@@ -28,7 +28,7 @@ const BREAKS: &[(&str, Break)] = &[
     }),
     ("no position", |v| {
         v.objects[2].samples[0].place = None;
-        vec!["video.objects[2].samples[0].position".into(), "video.objects[2]".into()]
+        one("video.objects[2].samples[0].position")
     }),
     ("empty", |v| {
         *v = v1::Video::default();
