@@ -32,6 +32,8 @@ const FEW_TRACKS: usize = 4;
 pub struct WeakFormRegression<'a> {
     pub scenes: &'a [Scene],
     pub noises: Vec<Noise>,
+    /// By scene and object: standard deviation of a coordinate (m).
+    track_noises: Vec<Vec<f64>>,
     pub paths: Vec<Vec<SmoothTrack>>,
     /// For each scene, all bodies in each frame.
     instants: Vec<Vec<Snapshot>>,
@@ -55,6 +57,10 @@ pub struct LensFit {
 impl<'a> WeakFormRegression<'a> {
     pub fn new(scenes: &'a [Scene]) -> Self {
         let noises: Vec<Noise> = scenes.iter().map(estimate_noise).collect();
+        let own = |(scene, noise): (&Scene, &Noise)| -> Vec<f64> {
+            scene.tracks.iter().map(|track| noise.of_track(track).position).collect()
+        };
+        let track_noises = scenes.iter().zip(&noises).map(own).collect();
         let paths: Vec<Vec<SmoothTrack>> = scenes.iter().zip(&noises).map(|(s, n)| paths(s, n)).collect();
         let instants: Vec<Vec<Snapshot>> = scenes.iter().zip(&paths).map(|(s, p)| instants(s, p)).collect();
         let (mut stretches, mut row) = (vec![], 0);
@@ -69,6 +75,7 @@ impl<'a> WeakFormRegression<'a> {
         WeakFormRegression {
             scenes,
             noises,
+            track_noises,
             paths,
             instants,
             stretches,
@@ -182,7 +189,7 @@ impl<'a> WeakFormRegression<'a> {
                 let position = field.true_position(s.body, m.position, m.yaw);
                 field.magnification(s.body, position, m.yaw)
             });
-            f(s, s.rows(differences, self.noises[scene].position / magnification));
+            f(s, s.rows(differences, self.track_noises[scene][s.body] / magnification));
         }
     }
 
@@ -342,7 +349,7 @@ impl<'a> WeakFormRegression<'a> {
             };
             let felt = s.frames.iter().map(|&f| acceleration(f));
             let integrated = integral(&self.scenes[s.scene], &s.frames, felt);
-            let rows = s.rows(integrated.iter().map(|p| -*p), self.noises[s.scene].position);
+            let rows = s.rows(integrated.iter().map(|p| -*p), self.track_noises[s.scene][s.body]);
             out.rows_mut(s.first_row, rows.len()).copy_from(&rows);
         }
         out

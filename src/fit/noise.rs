@@ -10,8 +10,8 @@
 //! whose variance q^2 / 12 is taken off again. What remains is at least that of the rounding itself, q^2 / 12. Where errors of
 //! neighbouring frames depend on each other, the estimate is of fast errors; a fit meets the slow ones, and it is multiplied by their ratio.
 
-use crate::num::{NORMAL_MEDIAN_ABSOLUTE, Vec2, quantile, vec2};
-use crate::scene::{Covariance, FindingKind, Sample, Scene, Track};
+use crate::num::{NORMAL_MEDIAN_ABSOLUTE, Vec2, elementary, quantile, vec2};
+use crate::scene::{Covariance, FindingKind, Sample, Scene, Track, TrackFinding};
 
 /// Fewest second differences that make an estimate.
 const ENOUGH: usize = 12;
@@ -101,7 +101,7 @@ pub fn estimate(scene: &Scene) -> Noise {
     let shifted = standard_deviation(&mut positions).unwrap_or(assumed);
     let fast = (shifted * shifted - rounding * rounding).max(rounding * rounding).sqrt();
     let dependence = scene.finding(FindingKind::DependentNoise).unwrap_or(1.0);
-    let position = (dependence * fast).max(SMALLEST);
+    let position = elementary::hypot(dependence * fast, shake(scene)).max(SMALLEST);
     let any_yaw = scene
         .objects
         .iter()
@@ -109,6 +109,12 @@ pub fn estimate(scene: &Scene) -> Noise {
         .any(|(o, t)| !o.shape.is_ball() && t.samples.iter().any(|s| s.yaw.is_some()));
     let yaw = any_yaw.then(|| standard_deviation(&mut yaws).unwrap_or(2.0 * FALLBACK).max(SMALLEST));
     Noise { position, yaw, stated }
+}
+
+/// Deviation of what a shaking camera leaves in a coordinate (m): what is slow in it cannot be distinguished from motion.
+fn shake(scene: &Scene) -> f64 {
+    let shakes = |f: &&TrackFinding| f.kind == FindingKind::MovingCamera && f.frames.is_empty();
+    scene.findings.iter().find(shakes).map_or(0.0, |f| f.value / std::f64::consts::SQRT_2)
 }
 
 /// Absolute values of the whitened second differences of positions, in units of the mean stated deviation (`stated` is its

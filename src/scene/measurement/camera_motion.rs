@@ -13,16 +13,17 @@ use crate::scene::observation::Scene;
 
 /// Neighbours on each side that a parabola goes through.
 const NEAR: usize = 7;
-/// Distances are cut off at so many deviations: contacts are no shake.
+/// Farther distances (deviations), and those near them, do not count: contacts bend paths, and are no shake.
 const CUT: f64 = 3.0;
 /// Least correlation that is reported, and deviations of what chance gives.
 const LEAST: f64 = 0.2;
 const CERTAIN: f64 = 6.0;
 /// Takes out bumps, and says so.
 pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
+    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
     let (mut frames, mut squares) = (vec![], 0.0);
     for frame in 0..scene.times.len().saturating_sub(1) {
-        let sides = Sides::of(scene, frame, step);
+        let sides = Sides::of(scene, frame, &noises);
         if sides.len() < 2 || !sides.leap() {
             continue;
         }
@@ -93,7 +94,8 @@ fn repetition(off: &[Vec<Option<Vec2>>]) -> f64 {
     1.0 + 2.0 * correlations.map(|r| r * r).sum::<f64>()
 }
 
-/// Distances of a track's samples from parabolas through their neighbours (m), cut off; `None` where a neighbour was not seen.
+/// Distances of a track's samples from parabolas through their neighbours (m); `None` where a neighbour was not seen, or the path
+/// bends.
 fn distances(scene: &Scene, track: usize, noise: f64) -> Vec<Option<Vec2>> {
     let samples = &scene.tracks[track].samples;
     let weights = weights();
@@ -105,10 +107,14 @@ fn distances(scene: &Scene, track: usize, noise: f64) -> Vec<Option<Vec2>> {
         }
         let pair = |d: usize| (window[NEAR - d].position + window[NEAR + d].position).scaled(weights[d - 1]);
         let off = middle.position - (1..=NEAR).fold(Vec2::zero(), |sum, d| sum + pair(d));
-        let most = CUT * noise;
-        all[middle.frame] = Some(vec2(off.x.clamp(-most, most), off.y.clamp(-most, most)));
+        all[middle.frame] = Some(off);
     }
-    all
+    let most = CUT * noise;
+    let bends = |off: &Option<Vec2>| off.is_some_and(|off| off.x.abs().max(off.y.abs()) > most);
+    let bent: Vec<bool> = all.iter().map(bends).collect();
+    let near =
+        |frame: usize| bent[frame.saturating_sub(NEAR)..(frame + NEAR + 1).min(bent.len())].contains(&true);
+    (0..all.len()).map(|frame| all[frame].filter(|_| !near(frame))).collect()
 }
 
 /// Weights of the neighbours at distance 1, 2 and so on in a parabola's value at the middle, which has none itself (Savitzky and

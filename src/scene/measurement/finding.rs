@@ -23,6 +23,10 @@ pub enum FindingKind {
     Leaps,
     /// Errors of neighbouring frames depend on each other; `value`: deviation of slow errors over that of fast ones.
     DependentNoise,
+    /// Positions on straight lines between measured ones, which are left out; `value`: their share.
+    Interpolated,
+    /// The noise of an object is larger than that of another; `value`: by this factor. Each has its own.
+    UnevenNoise,
     /// All objects move together by chance; `value`: root mean square of that (m).
     MovingCamera,
 }
@@ -39,7 +43,7 @@ pub struct TrackFinding {
 }
 
 impl FindingKind {
-    const NAMES: [(&str, FindingKind); 8] = [
+    const NAMES: [(&str, FindingKind); 10] = [
         ("steps", FindingKind::Steps),
         ("repeated_frames", FindingKind::RepeatedFrames),
         ("repeated_positions", FindingKind::RepeatedPositions),
@@ -47,6 +51,8 @@ impl FindingKind {
         ("swapped_identities", FindingKind::SwappedIdentities),
         ("leaps", FindingKind::Leaps),
         ("dependent_noise", FindingKind::DependentNoise),
+        ("interpolated", FindingKind::Interpolated),
+        ("uneven_noise", FindingKind::UnevenNoise),
         ("moving_camera", FindingKind::MovingCamera),
     ];
 
@@ -100,9 +106,25 @@ impl fmt::Display for TrackFinding {
                  that were smoothed, filtered or interpolated; give raw positions. The noise is taken as large as the slow errors",
                 self.value
             ),
+            FindingKind::Interpolated => write!(
+                f,
+                "{objects}: {:.0} % of the positions are interpolated between others ({frames}); they are left out",
+                100.0 * self.value
+            ),
+            FindingKind::UnevenNoise => write!(
+                f,
+                "the noise of {objects} is {:.1} times that of the one that is measured best: each has its own",
+                self.value
+            ),
+            FindingKind::MovingCamera if self.frames.is_empty() => write!(
+                f,
+                "all objects move together by {} (root mean square), as of a camera that shakes: what is fast is taken out, and the \
+                 noise is as large",
+                length(self.value)
+            ),
             FindingKind::MovingCamera => write!(
                 f,
-                "all objects move together by {} (root mean square), as of a camera that moves; this is taken out",
+                "all objects leap by {} together after {frames}, as of a camera that was bumped; this is taken out",
                 length(self.value)
             ),
         }

@@ -5,6 +5,7 @@
 //! brings chi^2 down to the noise from far above it. A contact changes velocities, which no n explains.
 
 use super::finding::{FindingKind, TrackFinding};
+use super::position_sd;
 use super::sides::{PROOF, Sides, is_noise};
 use crate::num::quantile;
 use crate::scene::observation::Scene;
@@ -16,9 +17,10 @@ const MOST: usize = 25;
 pub fn take_in_lost_frames(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     let mut gaps: Vec<f64> = scene.times.windows(2).map(|w| w[1] - w[0]).collect();
     let frame_time = quantile(&mut gaps, 0.5)?;
+    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
     let (mut frames, mut total) = (vec![], 0);
     for frame in 0..scene.times.len().saturating_sub(1) {
-        let sides = Sides::of(scene, frame, step);
+        let sides = Sides::of(scene, frame, &noises);
         if !sides.leap() {
             continue;
         }

@@ -9,19 +9,25 @@
 //! | `lost_frames` | frames that are missing though numbers go on |
 //! | `camera_motion` | bumps and shakes of the camera, which all objects have in common |
 //! | `sides` | the samples of all objects beside a pair of frames, for the two before |
+//! | `markers`, `ends`, `interpolated` | values for "not seen"; a first or last position that is off; positions that were filled in |
 //! | `identities` | tracks that leap to something else, and exchanged identities |
+//! | `uneven_noise` | noise that differs by object |
 //! | `dependence` | errors of neighbouring frames that depend on each other |
 
 mod camera_motion;
 mod dependence;
+mod ends;
 mod finding;
 mod identities;
+mod interpolated;
 mod lost_frames;
+mod markers;
 mod repeats;
 mod sides;
 mod steps;
 #[cfg(test)]
 mod tests;
+mod uneven_noise;
 
 pub use dependence::dependence;
 pub use finding::{FindingKind, TrackFinding};
@@ -30,28 +36,39 @@ pub use steps::step;
 use crate::num::quantile;
 use crate::scene::observation::{Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
+use ends::leave_out_ends;
 use identities::put_identities_right;
+use interpolated::leave_out_interpolated;
 use lost_frames::take_in_lost_frames;
+use markers::leave_out_markers;
 use repeats::leave_out_repeats;
+use uneven_noise::state_uneven_noise;
 
 /// A step shows where it is larger than this share of the noise.
 const COARSE: f64 = 1.0;
 
 /// Examines a scene whose values are all in their bounds. What was found before, and leaves no trace, stays found.
 pub(in crate::scene) fn examine(scene: &mut Scene) {
+    let mut found = leave_out_markers(scene);
     let step = step(scene);
-    let mut found = leave_out_repeats(scene, step);
+    found.extend(leave_out_repeats(scene, step));
+    found.extend(leave_out_interpolated(scene, step));
     found.extend(take_in_lost_frames(scene, step));
     found.extend(take_out_bumps(scene, step));
     found.extend(put_identities_right(scene, step));
+    let ratio = dependence(scene);
+    if ratio <= 1.0 {
+        // Of dependent errors an end has others than the rest.
+        found.extend(leave_out_ends(scene, step));
+    }
     // Where one track is on another object, both have all in common.
     found.extend(take_out_shake(scene, step));
+    found.extend(state_uneven_noise(scene, step));
     let finding = |kind, value| TrackFinding { kind, objects: vec![], frames: vec![], value };
     let noise = scene.tracks.iter().map(|t| position_sd(&t.samples, 0.0)).fold(f64::INFINITY, f64::min);
     if step > COARSE * noise && is_rounded(scene, step) {
         found.push(finding(FindingKind::Steps, step));
     }
-    let ratio = dependence(scene);
     if ratio > 1.0 {
         found.push(finding(FindingKind::DependentNoise, ratio));
     }

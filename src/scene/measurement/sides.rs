@@ -1,6 +1,5 @@
 //! The samples of all objects on both sides of a pair of neighbouring frames, and what a parabola for each object leaves of them.
 
-use super::position_sd;
 use crate::num::elementary;
 use crate::scene::observation::{Sample, Scene};
 use nalgebra::{Matrix3, Vector3};
@@ -10,21 +9,24 @@ const SIDE: usize = 6;
 const FEWEST: usize = 3;
 /// Fall of chi-square that shows an event: odds of 10^6 to 1 among all pairs of a video of 10,000 frames and some ten sizes.
 pub const PROOF: f64 = 52.0;
+/// The same that one object must show of a displacement of all: odds of 1000 to 1.
+const SHOWS: f64 = 14.0;
 /// A leap that is worth a look (deviations of the difference of three positions).
 const LEAP: f64 = 2.5;
 
-/// Whether chance, and a noise that is a fifth too small, leave this chi-square.
+/// Whether chance, and a noise that is a tenth too small, leave this chi-square.
 pub fn is_noise(chi_square: f64, degrees: f64) -> bool {
-    chi_square < 1.5 * degrees + 4.0 * (2.0 * degrees).sqrt()
+    chi_square < 1.2 * degrees + 4.0 * (2.0 * degrees).sqrt()
 }
 
 /// Those of all objects that were seen on both sides.
 pub struct Sides(Vec<Side>);
 
 impl Sides {
-    pub fn of(scene: &Scene, frame: usize, step: f64) -> Sides {
-        let one = |samples: &[Sample]| Side::of(scene, samples, frame, step);
-        Sides(scene.tracks.iter().filter_map(|track| one(&track.samples)).collect())
+    /// `noises` are the deviations of the tracks (m).
+    pub fn of(scene: &Scene, frame: usize, noises: &[f64]) -> Sides {
+        let all = scene.tracks.iter().zip(noises);
+        Sides(all.filter_map(|(track, noise)| Side::of(scene, &track.samples, frame, *noise)).collect())
     }
 
     pub fn len(&self) -> usize {
@@ -45,11 +47,15 @@ impl Sides {
         self.0.iter().map(|side| side.chi_square(shift)).sum()
     }
 
-    /// The displacement of all later samples (m) that leaves least, and by how much it lowers chi-square.
+    /// The displacement of all later samples (m) that leaves least, and by how much it lowers chi-square; by nothing unless each object
+    /// shows one.
     pub fn displacement(&self) -> ([f64; 2], f64) {
         let (mut weight, mut shift, mut fall) = (0.0, [0.0; 2], 0.0);
         for side in &self.0 {
             let (own, along) = side.step_share();
+            if (along[0] * along[0] + along[1] * along[1]) / own.max(f64::MIN_POSITIVE) < SHOWS {
+                return ([0.0; 2], 0.0);
+            }
             weight += own / (side.noise * side.noise);
             (0..2).for_each(|c| shift[c] += along[c] / side.noise);
         }
@@ -72,7 +78,7 @@ struct Side {
 }
 
 impl Side {
-    fn of(scene: &Scene, samples: &[Sample], frame: usize, step: f64) -> Option<Side> {
+    fn of(scene: &Scene, samples: &[Sample], frame: usize, noise: f64) -> Option<Side> {
         let after = samples.partition_point(|s| s.frame <= frame);
         let (first, last) = (after.saturating_sub(SIDE), (after + SIDE).min(samples.len()));
         let near = |s: &Sample| s.frame + 2 * SIDE > frame && s.frame < frame + 2 * SIDE;
@@ -83,7 +89,6 @@ impl Side {
         {
             return None;
         }
-        let noise = position_sd(&samples[first.saturating_sub(SIDE)..(last + SIDE).min(samples.len())], step);
         let start = scene.time_of(frame);
         let point = |(k, s): (usize, &Sample)| {
             let at = s.position.scaled(1.0 / noise);

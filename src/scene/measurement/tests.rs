@@ -216,3 +216,66 @@ fn what_all_objects_share_is_the_camera() {
     assert_eq!((found.kind, found.frames.len()), (FindingKind::MovingCamera, 0));
     assert!(off(&shake) < 4e-4, "{}", off(&shake));
 }
+
+#[test]
+fn an_object_that_is_measured_worse_has_its_own_noise() {
+    let mut scene = two();
+    for s in &mut scene.tracks[1].samples {
+        s.position +=
+            vec2(random(7_000 + s.frame as u64), random(8_000 + s.frame as u64)).scaled(5.0 * NOISE);
+    }
+    let scene = scene.validate().unwrap();
+    let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+    assert_eq!((found.kind, &found.objects[..]), (FindingKind::UnevenNoise, &[1][..]));
+    assert!((4.0..6.5).contains(&found.value), "{found}");
+    let sd = |k: usize| scene.tracks[k].samples[0].covariance.unwrap().xx.sqrt();
+    assert!((sd(0) / NOISE - 1.0).abs() < 0.3 && (sd(1) / sd(0) - found.value).abs() < 1e-9);
+}
+
+#[test]
+fn markers_in_single_frames_are_left_out_though_they_are_many() {
+    let mut scene = two();
+    let hidden = |frame: usize| (frame * 7919) % 10 == 3;
+    for track in &mut scene.tracks {
+        for s in track.samples.iter_mut().filter(|s| hidden(s.frame)) {
+            s.position = vec2(-1.0, -1.0);
+        }
+    }
+    let scene = scene.validate().unwrap();
+    for track in &scene.tracks {
+        assert!(
+            track.samples.len() > 100 && track.samples.iter().all(|s| !hidden(s.frame)),
+            "{:?}",
+            scene.findings
+        );
+    }
+}
+
+#[test]
+fn interpolated_positions_are_left_out() {
+    let mut scene = two();
+    for track in &mut scene.tracks {
+        let raw = track.samples.clone();
+        for s in track.samples.iter_mut().filter(|s| s.frame < 116) {
+            let (before, share) = (s.frame / 4 * 4, (s.frame % 4) as f64 / 4.0);
+            s.position = raw[before].position.scaled(1.0 - share) + raw[before + 4].position.scaled(share);
+        }
+    }
+    let scene = scene.validate().unwrap();
+    assert!(scene.findings.iter().all(|f| f.kind == FindingKind::Interpolated), "{:?}", scene.findings);
+    assert!(scene.tracks[0].samples.iter().filter(|s| s.frame < 115).all(|s| s.frame % 4 == 0));
+}
+
+#[test]
+fn a_first_or_last_position_that_is_off_is_left_out() {
+    for frame in [0, 119] {
+        let mut scene = two();
+        scene.tracks[1].samples[frame].position += vec2(0.0, 40.0 * NOISE);
+        let scene = scene.validate().unwrap();
+        let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+        assert_eq!(
+            (found.kind, &found.objects[..], &found.frames[..]),
+            (FindingKind::Leaps, &[1][..], &[frame][..])
+        );
+    }
+}

@@ -12,8 +12,12 @@ pub(super) fn is_absent(cell: &str) -> bool {
 /// A finite number; its decimal sign is a comma where the table has those.
 pub(super) fn number(cell: &str, decimal_commas: bool) -> Option<f64> {
     // What `parse` reads beside numbers, such as "infinity", begins with a letter.
-    let is_number =
-        cell.trim_start_matches(['+', '-']).starts_with(|c: char| c.is_ascii_digit() || ".,".contains(c));
+    let is_number = cell
+        .trim_start_matches(['+', '-', '\u{2212}'])
+        .starts_with(|c: char| c.is_ascii_digit() || ".,".contains(c));
+    // Fortran's exponent, and the minus sign of typesetters.
+    let plain = cell.replace('\u{2212}', "-").replace(['D', 'd'], "e");
+    let cell = plain.as_str();
     let value = match decimal_commas && cell.contains(',') {
         true => cell.replace(',', ".").parse::<f64>(),
         false => cell.parse::<f64>(),
