@@ -96,7 +96,7 @@ impl fmt::Display for TrackFinding {
             }
             FindingKind::Leaps => write!(
                 f,
-                "{objects} leaps away at {frames}: {:.0} positions are not its own (the tracker followed something else, or wrote a value for "not seen") and are \
+                "{objects} leaps away at {frames}: {:.0} positions are not its own (the tracker followed something else, or wrote a value for what it did not see) and are \
                  left out",
                 self.value
             ),
