@@ -24,7 +24,7 @@ pub fn leave_out_markers(scene: &mut Scene) -> Vec<TrackFinding> {
             continue;
         }
         let samples = std::mem::take(&mut scene.tracks[object].samples);
-        let is_marker = |s: &Sample| markers.iter().any(|m| *m == s.position);
+        let is_marker = |s: &Sample| markers.contains(&s.position);
         let (gone, kept): (Vec<Sample>, Vec<Sample>) = samples.into_iter().partition(is_marker);
         let frames = gone.iter().map(|s| s.frame).collect();
         let (objects, value) = (vec![scene.objects[object].id], gone.len() as f64);
