@@ -10,8 +10,9 @@ use std::collections::BTreeSet;
 
 /// Share of the positions that is on the line: less is chance, and more is motion without noise.
 const SHARE: std::ops::Range<f64> = 0.25..0.95;
-/// On the line to so many steps, which three rounded positions are; the others are beside it by so many times more.
-const ON: f64 = 2.5;
+/// On the line to so many steps: rounding moves the sum of three positions by two steps in each coordinate. The others are beside it by
+/// so many times more.
+const ON: f64 = 3.0;
 const BESIDE: f64 = 10.0;
 
 /// Moves such samples to the outliers, and says so.
