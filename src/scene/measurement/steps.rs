@@ -9,7 +9,7 @@ use crate::scene::observation::Scene;
 /// Remainders up to this share of a step are round-off.
 const TOLERANCE: f64 = 1e-2;
 /// A step that is this much smaller than the spread of the values cannot be distinguished from round-off.
-const FINEST: f64 = 1e-7;
+const FINEST: f64 = 1e-8;
 /// Different values that tell a step: of fewer, any has one.
 const FEWEST: usize = 8;
 
