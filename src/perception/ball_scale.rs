@@ -12,7 +12,10 @@ use crate::perception::image::ground::Ground;
 use crate::perception::outlines::depth_order::Owners;
 use crate::perception::outlines::outline::BodyForm;
 use crate::perception::outlines::viewpoint::{Viewpoint, top_camera};
+use std::cell::Cell;
 
+/// Outline fits a frame: 20 isolated balls at nine places each.
+const MAX_FITS: usize = 200;
 /// Least ratio of a component's area to that of its box: a disc has pi/4.
 const LEAST_ROUND: f64 = 0.65;
 /// Largest ratio of the sides of its box.
@@ -42,6 +45,7 @@ pub(super) fn ball_scale(frames: &[VideoFrame], ground: &Ground, radius: f64) ->
             forms: &[BodyForm::Ball],
             taken: &[],
             least_inside: 1.0,
+            fits_left: Cell::new(MAX_FITS),
         };
         for component in components(&evidence, &owners, &nothing) {
             let [left, top, right, bottom] = component.bounds;

@@ -1,9 +1,12 @@
 //! One body through the video: where it was in each frame, what it looks like, and where it is expected next.
 
 use super::appearance::Appearance;
+use super::candidates::{LEAST_SUPPORT, MAX_RMS};
 use crate::num::wrap_angle;
 use crate::perception::image::colour_histogram::{ColourHistogram, Likelihoods, likelihoods};
+use crate::perception::outlines::contour_fit::ContourFit;
 use crate::perception::outlines::outline::{BodyForm, FORMS, Pose};
+use crate::perception::outlines::viewpoint::Viewpoint;
 use crate::scene::Covariance;
 
 /// Where a body is in one frame.
@@ -16,16 +19,26 @@ pub(super) struct Placement {
     pub whole: usize,
     /// Root mean square distance of the image's edges from the outline (px).
     pub rms: f64,
+    /// Share of the outline's free points that have a fitting edge.
+    pub support: f64,
     /// Share of the visible pixels that look like the body.
     pub likeness: f64,
 }
 
 impl Placement {
+    /// Whether the outline fits as that of a new body must.
+    pub fn is_outlined(&self) -> bool {
+        self.support >= LEAST_SUPPORT && self.rms <= MAX_RMS
+    }
+
     pub fn visible_share(&self) -> f64 {
         self.visible as f64 / self.whole.max(1) as f64
     }
 }
 
+/// Deviation of the image of a body's centre that all its edges share (px): contact shadows, mirrored neighbours, rounded edges.
+/// Measured on 48 bodies of rendered videos: it makes the mean of the squared normalised errors 1.
+const SHARED_SIGMA: f64 = 0.12;
 /// Frames over which the velocity is the mean one.
 const VELOCITY_FRAMES: usize = 3;
 /// Frames of which the histogram remembers about so many.
@@ -126,9 +139,18 @@ pub(super) fn nearest_yaw(yaw: f64, expected: f64) -> f64 {
     expected + 0.25 * wrap_angle(4.0 * (yaw - expected))
 }
 
-/// Covariance of x and y.
-pub(super) fn plane_covariance(c: &nalgebra::Matrix3<f64>) -> Covariance {
-    Covariance { xx: c[(0, 0)], xy: c[(0, 1)], yy: c[(1, 1)] }
+/// Covariance of x and y: of the fit, and of what all edges share.
+pub(super) fn plane_covariance(view: &Viewpoint, fit: &ContourFit) -> Covariance {
+    let (c, pose) = (&fit.covariance, &fit.pose);
+    let shared =
+        shifted_covariance(view, pose, SHARED_SIGMA).unwrap_or(Covariance { xx: 0.0, xy: 0.0, yy: 0.0 });
+    Covariance { xx: c[(0, 0)] + shared.xx, xy: c[(0, 1)] + shared.xy, yy: c[(1, 1)] + shared.yy }
+}
+
+/// Covariance of a body's place whose image is shifted with this deviation of each coordinate (px).
+pub(super) fn shifted_covariance(view: &Viewpoint, pose: &Pose, sigma: f64) -> Option<Covariance> {
+    let pixel = view.pixel([pose.at.x, pose.at.y, pose.size])?;
+    view.camera.locate(pixel, pose.size, [sigma; 2]).ok().map(|found| found.1)
 }
 
 #[cfg(test)]

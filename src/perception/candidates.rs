@@ -12,9 +12,10 @@ use crate::perception::outlines::contour_fit::{COARSE, ContourFit, FINE, FitTarg
 use crate::perception::outlines::depth_order::{NOBODY, Owners, Silhouette};
 use crate::perception::outlines::outline::{BodyForm, FORMS, Pose};
 use crate::perception::outlines::viewpoint::Viewpoint;
+use std::cell::Cell;
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_8};
 
-/// Fewest pixels of a component that may be a body: of any, and as a share of the silhouette of a body there.
+/// Fewest pixels of a component that may be a body: of any in an image of 480 x 320, and as a share of the silhouette of a body there.
 const LEAST_PIXELS: usize = 12;
 const LEAST_SHARE: f64 = 0.12;
 /// Least radius of a body (px): below, edges of opposite sides blur into each other.
@@ -26,8 +27,12 @@ const MAX_PLACES: usize = 60;
 /// Least share of a silhouette's pixels that show a body, and of its outline that has a fitting edge; largest distance of the
 /// edges (px): wrong forms leave 1.5 px and more.
 const LEAST_FILLED: f64 = 0.8;
-const LEAST_SUPPORT: f64 = 0.5;
-const MAX_RMS: f64 = 1.0;
+pub(super) const LEAST_SUPPORT: f64 = 0.5;
+pub(super) const MAX_RMS: f64 = 1.0;
+/// The same share after the coarse fit: a fifth of what the fine fit must reach.
+const LEAST_COARSE_SUPPORT: f64 = 0.2 * LEAST_SUPPORT;
+/// Largest radius of a body of unknown size as a share of the smaller side of the image: larger is a part of the scene.
+const MAX_RADIUS_SHARE: f64 = 0.2;
 /// Least distance between the centres of two bodies as a share of the sum of their radii: less is inside each other.
 const LEAST_SEPARATION: f64 = 0.85;
 /// Deviation of the prior of a new body: of x, y and an unknown size as multiples of the size, of yaw in rad.
@@ -67,6 +72,7 @@ pub(super) struct Candidate {
 /// Components of unexplained pixels, at least `LEAST_PIXELS` large, that are not within two pixels of a silhouette.
 pub(super) fn components(evidence: &Evidence, owners: &Owners, explained: &[bool]) -> Vec<Component> {
     let [width, height] = evidence.size;
+    let least = LEAST_PIXELS * (width * height / (480 * 320)).max(1);
     let is_open = |k: usize| evidence.codes[k] & IS_BODY != 0 && owners.pixels[k] == NOBODY && !explained[k];
     let mut seen = vec![false; evidence.codes.len()];
     let (mut found, mut stack) = (vec![], vec![]);
@@ -95,7 +101,7 @@ pub(super) fn components(evidence: &Evidence, owners: &Owners, explained: &[bool
                 }
             }
         }
-        if component.pixels.len() >= LEAST_PIXELS {
+        if component.pixels.len() >= least {
             found.push(component);
         }
     }
@@ -139,6 +145,8 @@ pub(super) struct Search<'a> {
     pub taken: &'a [Vec2],
     /// Least share of the silhouette inside the image.
     pub least_inside: f64,
+    /// Fits that may still be made.
+    pub fits_left: Cell<usize>,
 }
 
 impl Search<'_> {
@@ -159,6 +167,9 @@ impl Search<'_> {
         let diameter = 2.0 * (whole as f64 / std::f64::consts::PI).sqrt();
         let mut best: Option<(f64, Candidate)> = None;
         for place in self.places(component, PLACE_STEP * diameter) {
+            if self.fits_left.get() < YAWS.len() + FORMS.len() - 1 {
+                break;
+            }
             let histogram = self.histogram_around(component, place, 0.2 * diameter);
             let likelihoods = likelihoods(&histogram.shares(), self.ground);
             let Some(at) = self.view.locate(place, size) else { continue };
@@ -176,7 +187,8 @@ impl Search<'_> {
         let radius = (component.pixels.len() as f64 / std::f64::consts::PI).sqrt();
         let at = self.view.locate(component.middle(), 0.0)?;
         let magnification = self.view.magnification([at.x, at.y, 0.0]);
-        (magnification > 0.0).then(|| radius / magnification)
+        let largest = MAX_RADIUS_SHARE * self.evidence.size[0].min(self.evidence.size[1]) as f64;
+        (magnification > 0.0 && radius <= largest).then(|| radius / magnification)
     }
 
     /// Pixels of a grid inside the component, and its middle first.
@@ -251,10 +263,14 @@ impl Search<'_> {
             owners: self.owners,
             own: u8::MAX,
         };
+        self.fits_left.set(self.fits_left.get().saturating_sub(1));
         let [shift, turn, growth] = WIDE;
         let growth = if self.size.is_none() { growth * start.size } else { 0.0 };
         let deviations = [shift * start.size, shift * start.size, turn, growth];
         let coarse = target.fit(&PosePrior { pose: *start, deviations }, start, COARSE, 6)?;
+        if coarse.support < LEAST_COARSE_SUPPORT {
+            return None;
+        }
         let prior = PosePrior { pose: coarse.pose, deviations };
         target.fit(&prior, &coarse.pose, FINE, 6)
     }

@@ -7,6 +7,7 @@
 //! | `viewpoint`, `outline`, `depth_order` | projection; outlines of balls, cylinders and cubes; who hides whom |
 //! | `region_search`, `contour_fit`, `frame_fit` | coarse fit by pixels, fine fit to edges, all bodies of a frame together |
 //! | `candidates`, `body_track`, `tracking` | new bodies; one body through the video; the loop over frames |
+//! | `camera_shake` | the common motion of resting bodies is the camera's |
 //! | `ball_scale`, `perceive` | the scale of a view from above; a video to a scene and a report |
 //! | `appearance`, `attributes`, `report` | colour, material; what was seen and what was not |
 
@@ -14,6 +15,7 @@ mod appearance;
 mod attributes;
 mod ball_scale;
 mod body_track;
+mod camera_shake;
 mod candidates;
 mod image;
 mod outlines;

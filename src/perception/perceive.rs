@@ -28,8 +28,8 @@ pub enum View {
     Above { scale: Option<f64> },
 }
 
-/// Deviation of ln L from a smooth ground that is reported: bodies must differ by five of it.
-const TEXTURED: f64 = 0.1;
+/// Deviation of ln L over time from which a ground with a pattern cannot be the median: bodies differ by 1, and must by five of it.
+const MOVING: f64 = 0.2;
 /// Unexplained regions a frame that are reported.
 const MANY_UNEXPLAINED: f64 = 5.0;
 
@@ -78,6 +78,11 @@ pub enum PerceptionError {
     NoScale,
     #[error("has a single frame; give a video")]
     SingleFrame,
+    #[error(
+        "the ground has a pattern (ln L deviates by {pattern:.2}) that moves or changes: give --background PICTURE of the empty table, and \
+         a camera at rest"
+    )]
+    Pattern { pattern: f64 },
     #[error("shows no body in enough frames{hint}")]
     NoBody { hint: String },
 }
@@ -104,6 +109,9 @@ pub fn perceive(
     let frame_bytes = 3 * info.size[0] * info.size[1];
     let past = (PAST_BYTES / frame_bytes).max(LEAST_PAST);
     let (ground, sample, kept) = find_ground(video, options, past, stop)?;
+    if let Some(pattern) = ground.pattern.filter(|_| ground.deviation > MOVING) {
+        return Err(PerceptionError::Pattern { pattern });
+    }
     let camera = camera_of(options, &ground, &sample)?;
     let view = Viewpoint::new(camera);
     let setting =
@@ -263,6 +271,7 @@ fn described(
         BodyForm::Cube => Shape::Square { half_side: size },
     };
     let mut residuals: Vec<f64> = track.placements.iter().flatten().map(|p| p.rms).collect();
+    let mut supports: Vec<f64> = track.placements.iter().flatten().map(|p| p.support).collect();
     let first = track.first_frame().unwrap_or(0);
     let last = track.placements.iter().rposition(Option::is_some).unwrap_or(0);
     let object = Object { id, color: color.into(), material: material.into(), shape, mass: None };
@@ -278,6 +287,7 @@ fn described(
         last_frame: last,
         frames_placed: track.placed_frames(),
         outline_residual: median(&mut residuals).unwrap_or(0.0),
+        outline_support: median(&mut supports).unwrap_or(0.0),
         form_costs: track.form_costs,
         appearance: features,
     };
@@ -301,8 +311,8 @@ fn warnings(tracker: &Tracker, video: &Video) -> Vec<String> {
     let counts = &tracker.counts;
     if let (Some(first), count @ 1..) = (counts.covered_frames.first(), counts.covered_frames.len()) {
         warnings.push(format!(
-            "{count} frames from {first} on differ from the ground almost everywhere: the camera moved or the video was cut; cut the video \
-             there"
+            "{count} frames from {first} on show another scene than the rest (a title, a cut or a camera that moved) and are ignored; cut \
+             the video there; if it has no cuts, the ground has a pattern: give --background PICTURE of the empty table"
         ));
     }
     let spread = |c: usize| {
@@ -315,11 +325,18 @@ fn warnings(tracker: &Tracker, video: &Video) -> Vec<String> {
             "the exposure or the white balance drifts; it is corrected, but a locked exposure is more accurate".into(),
         );
     }
-    let deviation = tracker.setting.ground.deviation;
-    if deviation > TEXTURED {
+    if let Some(pattern) = tracker.setting.ground.pattern {
         warnings.push(format!(
-            "the ground is not even (ln L deviates by {deviation:.2}): bodies of its colour are not seen; give a picture of the empty \
-             ground as background"
+            "the ground has a pattern (ln L deviates by {pattern:.2}) or little of it shows: what rests through most of the video is taken as ground; give \
+             --background PICTURE of the empty table"
+        ));
+    }
+    if let Some(shake) = tracker.shake {
+        warnings.push(format!(
+            "the camera moves: it shakes by {:.2} px; the common motion of bodies at rest was taken off in {} of {} frames",
+            shake.rms,
+            shake.corrected,
+            video.info().times.len()
         ));
     }
     let unexplained = counts.unexplained.len() as f64 / video.info().times.len() as f64;

@@ -256,3 +256,70 @@ fn equal_videos_give_equal_bytes() {
     };
     assert_eq!(text(), text());
 }
+
+/// Frames from above of a ball that moves over a ground, whose light is multiplied by `texture(u, v, frame)`.
+fn textured_frames(texture: impl Fn(usize, usize, usize) -> f64) -> Vec<VideoFrame> {
+    let view = Viewpoint::new(top_camera(0.004, [480.0, 320.0]));
+    let ball =
+        |k: usize| Pose { form: BodyForm::Ball, size: 0.06, at: vec2(-0.6 + 0.05 * k as f64, 0.1), yaw: 0.0 };
+    let mut frames: Vec<VideoFrame> = (0..24).map(|k| frame(&view, k, &[(ball(k), RED)])).collect();
+    for (k, frame) in frames.iter_mut().enumerate() {
+        let mut inside = vec![false; SIZE[0] * SIZE[1]];
+        for (row, a, b) in Silhouette::new(&view, &ball(k)).spans.clipped(SIZE) {
+            inside[row * SIZE[0] + a..row * SIZE[0] + b].fill(true);
+        }
+        for (pixel, rgb) in frame.rgb.chunks_exact_mut(3).enumerate().filter(|(p, _)| !inside[*p]) {
+            let factor = texture(pixel % SIZE[0], pixel / SIZE[0], k);
+            rgb.iter_mut().for_each(|c| *c = (f64::from(*c) * factor) as u8);
+        }
+    }
+    frames
+}
+
+fn above() -> PerceptionOptions {
+    let view = View::Above { scale: Some(0.004) };
+    PerceptionOptions {
+        size: Some(0.06),
+        forms: vec![BodyForm::Ball],
+        world: WorldKind::Billiards,
+        ..options(view)
+    }
+}
+
+#[test]
+fn a_ground_with_a_pattern_is_the_median_over_time_or_is_refused() {
+    let pattern = |u: usize, v: usize| 0.4 + 0.1 * ((u / 7 * 31 + v / 5 * 17) % 7) as f64;
+    let frames = textured_frames(|u, v, _| pattern(u, v));
+    let seen = super::perceive(&video(&frames), &above(), &crate::num::never).unwrap();
+    assert_eq!(seen.scene.objects.len(), 1, "{:?}", seen.report.objects);
+    assert!(seen.report.warnings.iter().any(|w| w.contains("--background")), "{:?}", seen.report.warnings);
+    let frames = textured_frames(|u, v, k| pattern(u + 5 * k, v));
+    let refused = super::perceive(&video(&frames), &above(), &crate::num::never);
+    assert!(matches!(refused, Err(super::PerceptionError::Pattern { .. })), "{refused:?}");
+}
+
+#[test]
+fn a_title_is_no_part_of_the_scene() {
+    let mut frames = textured_frames(|_, _, _| 1.0);
+    for frame in &mut frames[..4] {
+        frame.rgb.fill(12);
+        (0..3000).for_each(|k| frame.rgb[150_000 + k] = 240);
+    }
+    let seen = super::perceive(&video(&frames), &above(), &crate::num::never).unwrap();
+    assert_eq!(seen.scene.objects.len(), 1, "{:?}", seen.report.objects);
+    assert!(seen.scene.tracks[0].samples.iter().all(|s| s.frame >= 4));
+    assert!(seen.report.warnings[0].contains("another scene"), "{:?}", seen.report.warnings);
+}
+
+#[test]
+fn evidence_of_a_part_is_that_of_the_whole_there() {
+    let frames = textured_frames(|_, _, _| 1.0);
+    let ground = Ground::fit(&frames).unwrap();
+    let whole = Evidence::new(&frames[5], &ground);
+    let part = Evidence::within(&frames[5], &ground, whole.exposure, [40, 30, 200, 190]);
+    for k in 0..SIZE[0] * SIZE[1] {
+        let inside = (40..200).contains(&(k % SIZE[0])) && (30..190).contains(&(k / SIZE[0]));
+        let expected = if inside { (whole.codes[k], whole.luma[k]) } else { (0, 0.0) };
+        assert_eq!((part.codes[k], part.luma[k]), expected);
+    }
+}

@@ -1,9 +1,10 @@
 //! Frames to tracks: predict, fit together, find new bodies, and follow each new one back to where it came into view.
 
 use super::body_track::{BodyTrack, Placement, nearest_yaw, plane_covariance};
+use super::camera_shake::{Shake, remove_shake};
 use super::candidates::{Candidate, Component, Search, components, form_cost, near_silhouettes};
 use crate::media::VideoFrame;
-use crate::num::Vec2;
+use crate::num::{Vec2, median};
 use crate::perception::image::colour_histogram::{ColourHistogram, Likelihoods};
 use crate::perception::image::evidence::{CODE_MASK, Evidence, IS_BODY};
 use crate::perception::image::ground::Ground;
@@ -13,7 +14,9 @@ use crate::perception::outlines::depth_order::{MAX_BODIES_IN_FRAME, NOBODY, Owne
 use crate::perception::outlines::frame_fit::{FrameFit, FramedBody};
 use crate::perception::outlines::outline::{BodyForm, FORMS, Pose};
 use crate::perception::outlines::viewpoint::Viewpoint;
+use std::cell::Cell;
 use std::collections::VecDeque;
+use std::rc::Rc;
 
 /// Least visible pixels of a body that is placed, and least share of its silhouette in the image.
 const LEAST_VISIBLE: usize = 25;
@@ -38,12 +41,21 @@ const FORM_STRIDE: usize = 5;
 /// Visible share from which a frame says something of form and look.
 const CLEAR_SHARE: f64 = 0.9;
 const PARTIAL_SHARE: f64 = 0.4;
+/// Turn of a cube (in quarter turns) from which its fit is started again, and share of the cost below which another pose is taken.
+const CUBE_RESTART: f64 = 0.1;
+const CLEARLY_BETTER: f64 = 0.7;
 /// Least size of a body as a share of the largest one, where sizes are fitted: less is a piece of a shadow or of a reflection.
 const LEAST_SIZE_SHARE: f64 = 0.35;
 /// Deviation of a fitted size as a share of the size.
 const SIZE_SHARE: f64 = 0.2;
 /// Frames in which a new body must be seen to be one.
-const LEAST_FRAMES: usize = 4;
+const LEAST_FRAMES: usize = 6;
+/// Share of its frames in which its outline must fit; and frames, where a ground with a pattern has many edges.
+const OUTLINED_SHARE: f64 = 0.3;
+/// Least median share of a body's outline with fitting edges where sizes are free, which fit more: bodies have 0.93 and more, pieces of
+/// a cluttered scene 0.57 to 0.9.
+const LEAST_FREE_SUPPORT: f64 = 0.85;
+const LEAST_FRAMES_ON_PATTERN: usize = 12;
 /// Share of a silhouette inside the image from which a body at the border is taken up: less is ambiguous. It is followed back to
 /// where it entered. A component that stays, or one of the last frame, is taken up with less.
 const INSIDE: f64 = 0.88;
@@ -51,10 +63,20 @@ const LEAST_INSIDE: f64 = 0.35;
 const STAYING: usize = 12;
 /// Most components of one frame that are examined, the largest first: more are texture, not bodies.
 const MAX_EXAMINED: usize = 8;
+/// Outline fits of candidates: a frame earns so many, at most so many are saved, and a component is examined with at least so many
+/// (all forms at two places). A fit takes 0.1 to 0.3 ms; a scene of eight bodies that is seen first takes about 1,000.
+const FITS_PER_FRAME: usize = 60;
+const MAX_FITS: usize = 3000;
+const LEAST_FITS: usize = 12;
+/// Pixels around a body's silhouette that its fit reads: the largest shift and the widest search for edges.
+const FIT_MARGIN: f64 = 48.0;
 /// A component that stays is examined every so many frames.
 const RETRIAL: usize = 4;
 /// Share of the image that bodies cover at most: more means that the camera moved or the scene was cut.
 const MAX_BODY_SHARE: f64 = 0.4;
+/// Change of ln L of a frame's ground that automatic exposure (a stop and a half) and white balance explain.
+const MAX_EXPOSURE: f32 = 1.0;
+const MAX_BALANCE: f32 = 0.4;
 
 /// What the tracker works with.
 pub(super) struct Setting {
@@ -81,11 +103,23 @@ pub(super) struct Tracker {
     pub setting: Setting,
     pub tracks: Vec<BodyTrack>,
     pub counts: Counts,
+    /// Of the camera; found at the end.
+    pub shake: Option<Shake>,
     ground_histogram: ColourHistogram,
     ground_shares: Vec<f32>,
     /// The last frames, for following new bodies back.
-    past: VecDeque<(usize, VideoFrame)>,
+    past: VecDeque<PastFrame>,
     past_limit: usize,
+    /// Outline fits of candidates that may be made now.
+    fits_left: usize,
+}
+
+/// A frame that was taken, and its exposure against the ground.
+#[derive(Clone)]
+struct PastFrame {
+    index: usize,
+    frame: Rc<VideoFrame>,
+    exposure: [f32; 3],
 }
 
 impl Tracker {
@@ -95,27 +129,31 @@ impl Tracker {
             setting,
             tracks: vec![],
             counts: Counts::default(),
+            shake: None,
             ground_histogram: ColourHistogram::default(),
             ground_shares: vec![],
             past: VecDeque::new(),
             past_limit,
+            fits_left: MAX_FITS,
         }
     }
 
     /// Takes the next frame.
     pub fn step(&mut self, index: usize, frame: VideoFrame) {
         let evidence = Evidence::new(&frame, &self.setting.ground);
-        self.counts.exposure.push(evidence.exposure);
-        if evidence.body_share() > MAX_BODY_SHARE {
+        let other = self.setting.ground.other_share;
+        let is_full = evidence.body_share() > other + MAX_BODY_SHARE * (1.0 - other);
+        if is_full || is_other_scene(evidence.exposure) {
             self.counts.covered_frames.push(index);
             return;
         }
+        self.counts.exposure.push(evidence.exposure);
         if self.ground_shares.is_empty() {
             self.learn_ground(&evidence, None);
         }
         let owners = self.place_all(index, &frame, &evidence);
         let found = self.find_new(index, &frame, &evidence, owners);
-        self.past.push_back((index, frame));
+        self.past.push_back(PastFrame { index, frame: Rc::new(frame), exposure: evidence.exposure });
         while self.past.len() > self.past_limit {
             self.past.pop_front();
         }
@@ -249,46 +287,36 @@ impl Tracker {
         let mut found = vec![];
         let mut refused: Vec<Component> = vec![];
         let mut examined = 0;
-        loop {
+        self.fits_left = (self.fits_left + FITS_PER_FRAME).min(MAX_FITS);
+        // Each found body changes which pixels are open.
+        while painting.silhouettes.len() < MAX_BODIES_IN_FRAME {
             let near = near_silhouettes(&painting.silhouettes, evidence.size);
             let open = components(evidence, &painting.owners, &near);
             if open.is_empty() && index.is_multiple_of(10) {
                 self.learn_ground(evidence, Some((&painting.owners, &near)));
             }
-            let known = |c: &Component| {
-                refused.iter().any(|r| r.bounds == c.bounds && r.pixels.len() == c.pixels.len())
-            };
-            let Some(component) = open.into_iter().find(|c| !known(c)) else { break };
-            let last = index + 1 == self.setting.times.len();
-            let stays = last || self.stays(&component, index);
-            let wait =
-                (component.touches_border(evidence.size) && !stays) || self.was_refused(&component, index);
-            examined += usize::from(!wait);
-            if wait || examined > MAX_EXAMINED {
+            let mut candidate = None;
+            for component in open {
+                if refused
+                    .iter()
+                    .any(|r| r.bounds == component.bounds && r.pixels.len() == component.pixels.len())
+                {
+                    continue;
+                }
+                let stays = index + 1 == self.setting.times.len() || self.stays(&component, index);
+                let wait = (component.touches_border(evidence.size) && !stays)
+                    || self.was_refused(&component, index)
+                    || self.fits_left < LEAST_FITS;
+                examined += usize::from(!wait);
+                if !wait && examined <= MAX_EXAMINED {
+                    candidate = self.examine(index, (frame, evidence), &painting, &component, stays);
+                }
+                if candidate.is_some() {
+                    break;
+                }
                 refused.push(component);
-                continue;
             }
-            if painting.silhouettes.len() >= MAX_BODIES_IN_FRAME {
-                break;
-            }
-            let depths: Vec<f64> = painting.silhouettes.iter().map(|s| s.depth).collect();
-            let taken: Vec<Vec2> = self.placed(index);
-            let search = Search {
-                view: &self.setting.view,
-                frame,
-                evidence,
-                owners: &painting.owners,
-                ground: &self.ground_shares,
-                size: self.setting.size,
-                depths: &depths,
-                forms: &self.setting.forms,
-                taken: &taken,
-                least_inside: if stays { LEAST_INSIDE } else { INSIDE },
-            };
-            let Some(candidate) = search.best(&component) else {
-                refused.push(component);
-                continue;
-            };
+            let Some(candidate) = candidate else { break };
             let track = self.start(index, candidate);
             found.push(track);
             if let Some(Some(placement)) = self.tracks[track].placements.get(index) {
@@ -300,6 +328,35 @@ impl Tracker {
             self.counts.unexplained.push((index, component.bounds, component.pixels.len()));
         }
         found
+    }
+
+    /// The best body in a component of a frame.
+    fn examine(
+        &mut self,
+        index: usize,
+        (frame, evidence): (&VideoFrame, &Evidence),
+        painting: &FramePainting,
+        component: &Component,
+        stays: bool,
+    ) -> Option<Candidate> {
+        let depths: Vec<f64> = painting.silhouettes.iter().map(|s| s.depth).collect();
+        let taken: Vec<Vec2> = self.placed(index);
+        let search = Search {
+            view: &self.setting.view,
+            frame,
+            evidence,
+            owners: &painting.owners,
+            ground: &self.ground_shares,
+            size: self.setting.size,
+            depths: &depths,
+            forms: &self.setting.forms,
+            taken: &taken,
+            least_inside: if stays { LEAST_INSIDE } else { INSIDE },
+            fits_left: Cell::new(self.fits_left),
+        };
+        let candidate = search.best(component);
+        self.fits_left = search.fits_left.get();
+        candidate
     }
 
     /// Ground positions of the bodies placed in a frame.
@@ -349,10 +406,11 @@ impl Tracker {
         });
         let placement = Placement {
             pose: fit.pose,
-            covariance: plane_covariance(&fit.covariance),
+            covariance: plane_covariance(&self.setting.view, &fit),
             visible: 1,
             whole: 1,
             rms: fit.rms,
+            support: fit.support,
             likeness: 1.0,
         };
         let track = match revived {
@@ -377,15 +435,16 @@ impl Tracker {
     /// Follows a new body through the kept frames back to where it is not seen.
     fn follow_back(&mut self, track: usize, index: usize) {
         let mut unseen = 0;
-        let mut at = self.past.iter().rposition(|(k, _)| *k == index);
+        let mut at = self.past.iter().rposition(|p| p.index == index);
         while let Some(place) = at {
-            let Some((k, frame)) = self.past.get(place).cloned() else { break };
+            let Some(PastFrame { index: k, frame, exposure }) = self.past.get(place).cloned() else { break };
             at = place.checked_sub(1);
             if k != index && self.tracks[track].placements[k].is_some() {
                 break;
             }
-            let evidence = Evidence::new(&frame, &self.setting.ground);
             let mut bodies = self.bodies_around(track, k, k == index);
+            let part = self.part_around(&bodies);
+            let evidence = Evidence::within(&frame, &self.setting.ground, exposure, part);
             self.fit_and_record(k, (&frame, &evidence), &mut bodies, true);
             unseen = if self.tracks[track].missed > 0 { unseen + 1 } else { 0 };
             self.tracks[track].missed = 0;
@@ -393,6 +452,27 @@ impl Tracker {
                 break;
             }
         }
+    }
+
+    /// The part of the image that fits of the free bodies read: left, top, right, bottom.
+    fn part_around(&self, bodies: &[FramedBody]) -> [usize; 4] {
+        let mut part = [f64::INFINITY, f64::INFINITY, 0.0, 0.0];
+        for body in bodies.iter().filter(|b| b.is_free) {
+            let spans = Silhouette::new(&self.setting.view, &body.pose).spans;
+            let at = [body.pose.at.x, body.pose.at.y, body.pose.size];
+            let margin = FIT_MARGIN + body.path * self.setting.view.magnification(at);
+            let left = spans.rows.iter().map(|r| r[0]).min().unwrap_or(0);
+            let right = spans.rows.iter().map(|r| r[1]).max().unwrap_or(0);
+            let bottom = spans.top + spans.rows.len() as i32;
+            for (k, low) in [left, spans.top].into_iter().enumerate() {
+                part[k] = part[k].min(f64::from(low) - margin);
+            }
+            for (k, high) in [right, bottom].into_iter().enumerate() {
+                part[k + 2] = part[k + 2].max(f64::from(high) + margin);
+            }
+        }
+        // Casts from numbers below 0 give 0.
+        part.map(|p| p as usize)
     }
 
     /// A new body in an earlier frame, or in its first one, and the others there. Those near it were fitted without it, and are
@@ -416,7 +496,24 @@ impl Tracker {
 
     /// Ends the work: drops what was seen too briefly and decides the forms.
     pub fn finish(&mut self) {
-        self.tracks.retain(|t| t.placed_frames() >= LEAST_FRAMES);
+        let has_pattern = self.setting.ground.pattern.is_some();
+        let least = if has_pattern { LEAST_FRAMES_ON_PATTERN } else { LEAST_FRAMES };
+        let least = least.min(self.setting.times.len());
+        // What is never seen whole may have any size.
+        let is_whole = |p: &Placement| self.setting.size.is_some() || p.visible_share() >= CLEAR_SHARE;
+        let is_free = self.setting.size.is_none();
+        let is_body = |t: &BodyTrack| {
+            let mut supports: Vec<f64> = t.placements.iter().flatten().map(|p| p.support).collect();
+            if is_free && median(&mut supports).is_none_or(|s| s < LEAST_FREE_SUPPORT) {
+                return false;
+            }
+            let placed = t.placements.iter().flatten();
+            let outlined = placed.filter(|p| p.is_outlined() && is_whole(p)).count();
+            outlined >= least.max((OUTLINED_SHARE * t.placed_frames() as f64).ceil() as usize)
+        };
+        let (bodies, others) = std::mem::take(&mut self.tracks).into_iter().partition(is_body);
+        self.tracks = bodies;
+        self.report_unexplained(others);
         if self.setting.size.is_none() {
             let largest = self.tracks.iter().map(|t| t.size).fold(0.0, f64::max);
             self.tracks.retain(|t| t.size >= LEAST_SIZE_SHARE * largest);
@@ -424,7 +521,32 @@ impl Tracker {
         for track in &mut self.tracks {
             track.form = track.best_form();
         }
+        self.shake = remove_shake(&mut self.tracks, &self.setting.view);
     }
+
+    /// Counts what was followed but is no body as unexplained.
+    fn report_unexplained(&mut self, tracks: Vec<BodyTrack>) {
+        let size = self.setting.view.size();
+        for track in tracks {
+            for (frame, placement) in track.placements.iter().enumerate() {
+                let Some(placement) = placement else { continue };
+                let spans = Silhouette::new(&self.setting.view, &placement.pose).spans;
+                let mut bounds = [size[0], size[1], 0, 0];
+                for (row, a, b) in spans.clipped(size) {
+                    bounds = [bounds[0].min(a), bounds[1].min(row), bounds[2].max(b), bounds[3].max(row + 1)];
+                }
+                self.counts.unexplained.push((frame, bounds, spans.area_within(size)));
+            }
+        }
+        // The sort is stable.
+        self.counts.unexplained.sort_by_key(|u| u.0);
+    }
+}
+
+/// Whether the ground's light or its colour differs too much from that of the other frames for an exposure or a white balance.
+fn is_other_scene(exposure: [f32; 3]) -> bool {
+    let mean = exposure.iter().sum::<f32>() / 3.0;
+    mean.abs() > MAX_EXPOSURE || exposure.iter().any(|e| (e - mean).abs() > MAX_BALANCE)
 }
 
 /// The silhouettes of a frame and the owners of its pixels.
@@ -457,10 +579,11 @@ fn placement(
     pose.yaw = if pose.form == BodyForm::Cube { nearest_yaw(pose.yaw, body.predicted.yaw) } else { pose.yaw };
     Some(Placement {
         pose,
-        covariance: plane_covariance(&fit.covariance),
+        covariance: plane_covariance(fitting.view, &fit),
         visible,
         whole,
         rms: fit.rms,
+        support: fit.support,
         likeness,
     })
 }
@@ -510,10 +633,10 @@ fn compare_forms(track: &mut BodyTrack, index: usize, fitting: &FrameFit, k: usi
     let mut fits = [None; 3];
     for (slot, form) in FORMS.iter().enumerate().filter(|(_, f)| setting.forms.contains(f)) {
         let quarter = std::f64::consts::FRAC_PI_2;
-        let starts: &[f64] = if *form == BodyForm::Cube && placement.pose.form != BodyForm::Cube {
-            &[0.0, 0.25, 0.5, 0.75]
-        } else {
-            &[0.0]
+        let starts: &[f64] = match (*form, placement.pose.form) {
+            (BodyForm::Cube, BodyForm::Cube) => &[0.0, CUBE_RESTART, -CUBE_RESTART],
+            (BodyForm::Cube, _) => &[0.0, 0.25, 0.5, 0.75],
+            _ => &[0.0],
         };
         for turn in starts {
             let pose = Pose { form: *form, yaw: placement.pose.yaw + turn * quarter, ..placement.pose };
@@ -538,12 +661,19 @@ fn compare_forms(track: &mut BodyTrack, index: usize, fitting: &FrameFit, k: usi
         // The mean of all frames so far.
         track.size += (fit.pose.size - track.size) / (track.form_frames + 1) as f64;
     }
-    if best != track.form {
+    let own = target_cost(&placement);
+    let is_better = fits[slot].is_some_and(|(cost, _)| cost < CLEARLY_BETTER * own);
+    if best != track.form || (best == BodyForm::Cube && is_better && track.form_frames <= FIRST_FORM_FRAMES) {
         track.form = best;
         if let (Some((_, fit)), Some(p)) = (fits[slot], &mut track.placements[index]) {
             p.pose = fit.pose;
         }
     }
+}
+
+/// Cost of the outline of a placed body.
+fn target_cost(placement: &Placement) -> f64 {
+    placement.rms * placement.rms + 2.0 * (1.0 - placement.support)
 }
 
 /// Whether the pixels of a candidate look like a track's body.

@@ -41,30 +41,66 @@ pub(in crate::perception) const CODE_MASK: u16 = CODES as u16 - 1;
 
 impl Evidence {
     pub fn new(frame: &VideoFrame, ground: &Ground) -> Evidence {
-        let (_, ln) = &*LIGHT;
-        let exposure = exposure(frame, ground);
-        let chroma_limit = LEAST_CHROMA.max(TEXTURE * 0.5 * ground.deviation as f32);
-        let texture = TEXTURE * ground.deviation as f32;
-        let (darker, lighter) = (DARKER.min(-texture), LIGHTER.max(texture));
-        let code = |(pixel, ground): (&[u8], &[f32; 3])| {
-            let d: [f32; 3] = std::array::from_fn(|c| ln[usize::from(pixel[c])] - ground[c] - exposure[c]);
-            let lightness = (d[0] + d[1] + d[2]) * (1.0 / 3.0);
-            let (red, blue) = (d[0] - lightness, d[2] - lightness);
-            let chroma_squared = red * red + blue * blue + red * blue;
-            let is_body =
-                chroma_squared > chroma_limit * chroma_limit || lightness < darker || lightness > lighter;
-            let index =
-                (cell(lightness, 1.2) * CELLS as u16 + cell(red, 0.75)) * CELLS as u16 + cell(blue, 0.75);
-            index | if is_body { IS_BODY } else { 0 }
-        };
-        let codes = frame.rgb.chunks_exact(3).zip(&ground.ln_light).map(code).collect();
-        Evidence { size: frame.size, codes, luma: luma_light(frame), exposure }
+        let [width, height] = frame.size;
+        Evidence::within(frame, ground, exposure(frame, ground), [0, 0, width, height])
+    }
+
+    /// Of a part of the image alone: left, top, right, bottom, the latter two exclusive. Codes and light elsewhere are 0.
+    pub fn within(frame: &VideoFrame, ground: &Ground, exposure: [f32; 3], part: [usize; 4]) -> Evidence {
+        let [width, height] = frame.size;
+        let coder = PixelCoder::new(ground, exposure);
+        let (mut codes, mut luma) = (vec![0; width * height], vec![0.0; width * height]);
+        let (left, right) = (part[0].min(width), part[2].min(width));
+        for row in part[1]..part[3].min(height) {
+            let range = row * width + left..row * width + right.max(left);
+            let Some(rgb) = frame.rgb.get(3 * range.start..3 * range.end) else { continue };
+            let at = ground.ln_light.get(range.clone()).unwrap_or(&[]);
+            for ((code, pixel), at) in codes[range.clone()].iter_mut().zip(rgb.chunks_exact(3)).zip(at) {
+                *code = coder.code(pixel, at);
+            }
+            luma[range].iter_mut().zip(rgb.chunks_exact(3)).for_each(|(l, p)| *l = luma_light(p));
+        }
+        Evidence { size: frame.size, codes, luma, exposure }
     }
 
     /// Share of the image that shows bodies.
     pub fn body_share(&self) -> f64 {
         let count = self.codes.iter().filter(|c| **c & IS_BODY != 0).count();
         count as f64 / self.codes.len().max(1) as f64
+    }
+}
+
+/// Codes pixels against one ground and exposure.
+struct PixelCoder {
+    exposure: [f32; 3],
+    chroma_limit: f32,
+    darker: f32,
+    lighter: f32,
+}
+
+impl PixelCoder {
+    fn new(ground: &Ground, exposure: [f32; 3]) -> PixelCoder {
+        let texture = TEXTURE * ground.deviation as f32;
+        PixelCoder {
+            exposure,
+            chroma_limit: LEAST_CHROMA.max(0.5 * texture),
+            darker: DARKER.min(-texture),
+            lighter: LIGHTER.max(texture),
+        }
+    }
+
+    #[inline]
+    fn code(&self, pixel: &[u8], ground: &[f32; 3]) -> u16 {
+        let (_, ln) = &*LIGHT;
+        let d: [f32; 3] = std::array::from_fn(|c| ln[usize::from(pixel[c])] - ground[c] - self.exposure[c]);
+        let lightness = (d[0] + d[1] + d[2]) * (1.0 / 3.0);
+        let (red, blue) = (d[0] - lightness, d[2] - lightness);
+        let chroma_squared = red * red + blue * blue + red * blue;
+        let is_body = chroma_squared > self.chroma_limit * self.chroma_limit
+            || lightness < self.darker
+            || lightness > self.lighter;
+        let index = (cell(lightness, 1.2) * CELLS as u16 + cell(red, 0.75)) * CELLS as u16 + cell(blue, 0.75);
+        index | if is_body { IS_BODY } else { 0 }
     }
 }
 

@@ -9,6 +9,8 @@
 //! light falls off faster than a polynomial can, the ground is recognised by its soft border: components of large residuals
 //! belong to the ground if they have the ground's chroma and the light changes by more than `STEEP` hardly anywhere in them and
 //! at their border. A body's edge is a step. Then each pixel's mean over the frames in which it is near the ground so far corrects it (texture, vignetting).
+//! A ground that deviates from the polynomial by more than `TEXTURED`, or that covers little of the image, has a pattern: each pixel's median over the frames is taken
+//! in its stead. Bodies that rest through most of the video are then part of it.
 //! Source: Rousseeuw and Leroy, Robust Regression and Outlier Detection (1987), chapter 4 (concentration steps).
 
 use crate::media::VideoFrame;
@@ -44,21 +46,33 @@ const GREY_LIGHT: f64 = 0.25;
 /// Deviations of the texture within which a pixel is taken as ground for the correction.
 const NEAR_GROUND: f64 = 3.0;
 
+/// Deviation of ln L from a smooth ground from which it has a pattern: bodies must differ by five of it.
+pub(in crate::perception) const TEXTURED: f64 = 0.1;
+/// Share of the image that differs from the smooth ground from which the median over time is the better ground: bodies cover less,
+/// and so do the rails of a table (a third).
+const MAX_OTHER_SHARE: f64 = 0.45;
+/// Every so many pixels the deviation from the median is measured; no divisor of usual widths.
+const DEVIATION_STRIDE: usize = 37;
+
 /// Natural logarithm of the light of the empty ground.
 #[derive(Debug, Clone)]
 pub(in crate::perception) struct Ground {
     pub size: [usize; 2],
     /// ln L of red, green and blue of each pixel.
     pub ln_light: Vec<[f32; 3]>,
-    /// Robust deviation of ln L from a smooth ground: texture and noise.
+    /// Robust deviation of ln L from this ground: texture and noise.
     pub deviation: f64,
+    /// Deviation from a smooth ground, where that is too large and the median over time is taken.
+    pub pattern: Option<f64>,
+    /// Share of the image that never shows the ground: surroundings and resting bodies.
+    pub other_share: f64,
 }
 
 impl Ground {
     /// From a picture of the empty ground.
     pub fn of_picture(frame: &VideoFrame) -> Ground {
         let ln_light = frame.rgb.chunks_exact(3).map(ln_of).collect();
-        Ground { size: frame.size, ln_light, deviation: LEAST_DEVIATION }
+        Ground { size: frame.size, ln_light, deviation: LEAST_DEVIATION, pattern: None, other_share: 0.0 }
     }
 
     /// From frames of one size; `None` without any.
@@ -66,10 +80,50 @@ impl Ground {
         let size = frames.first()?.size;
         let grid = GroundGrid::new(frames, size);
         let (coefficients, deviation) = trimmed_fit(&grid.points);
-        let mut ground = Ground { size, ln_light: evaluate(&coefficients, size), deviation };
+        let ln_light = evaluate(&coefficients, size);
+        let mut ground = Ground { size, ln_light, deviation, pattern: None, other_share: 0.0 };
+        if deviation > TEXTURED {
+            ground.take_median(frames);
+            return Some(ground);
+        }
         grid.add_soft_residuals(&coefficients, &mut ground);
+        if ground.other_share > MAX_OTHER_SHARE {
+            ground.take_median(frames);
+            ground.other_share = 0.0;
+            return Some(ground);
+        }
         ground.correct(frames);
         Some(ground)
+    }
+
+    /// Takes each pixel's median over the frames as the ground, and the median of the deviations from it.
+    fn take_median(&mut self, frames: &[VideoFrame]) {
+        let (_, ln) = &*LIGHT;
+        let mut bytes: Vec<u8> = vec![];
+        let mut deviations = vec![];
+        for (k, at) in self.ln_light.iter_mut().enumerate() {
+            let mut spread = 0.0;
+            for (c, value) in at.iter_mut().enumerate() {
+                bytes.clear();
+                bytes.extend(frames.iter().filter_map(|f| f.rgb.get(3 * k + c)));
+                let middle = bytes.len() / 2;
+                if middle >= bytes.len() {
+                    continue;
+                }
+                *value = ln[usize::from(*bytes.select_nth_unstable(middle).1)];
+                if k.is_multiple_of(DEVIATION_STRIDE) {
+                    let mut far: Vec<f64> =
+                        bytes.iter().map(|b| f64::from((ln[usize::from(*b)] - *value).abs())).collect();
+                    spread = f64::max(spread, median(&mut far).unwrap_or(0.0));
+                }
+            }
+            if k.is_multiple_of(DEVIATION_STRIDE) {
+                deviations.push(spread);
+            }
+        }
+        self.pattern = Some(self.deviation);
+        let typical = median(&mut deviations).unwrap_or(0.0) / NORMAL_MEDIAN_ABSOLUTE;
+        self.deviation = typical.max(LEAST_DEVIATION);
     }
 
     /// Lightness and chroma (red, blue) of a coloured ground against a grey one under white light; `None` of a grey ground, which
@@ -203,11 +257,14 @@ impl GroundGrid {
                 component.iter().for_each(|&k| residuals[k] = [0.0; 3]);
             }
         }
+        let mut others = 0usize;
         for (k, r) in residuals.iter_mut().enumerate() {
             if is_large[k] && !member[k] {
                 *r = [0.0; 3];
+                others += 1;
             }
         }
+        ground.other_share = others as f64 / residuals.len().max(1) as f64;
         self.add_interpolated(&residuals, ground);
     }
 

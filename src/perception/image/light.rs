@@ -21,11 +21,12 @@ pub(in crate::perception) static LIGHT: LazyLock<([f32; 256], [f32; 256])> = Laz
     (linear, std::array::from_fn(|k| elementary::ln(light(k) + DARKEST) as f32))
 });
 
-/// Light of each pixel's luma, `Y = 0.299 R + 0.587 G + 0.114 B`. Video stores luma at every pixel and colour at every fourth.
-pub(in crate::perception) fn luma_light(frame: &VideoFrame) -> Vec<f32> {
+/// Light of a pixel's luma, `Y = 0.299 R + 0.587 G + 0.114 B`. Video stores luma at every pixel and colour at every fourth.
+#[inline]
+pub(in crate::perception) fn luma_light(p: &[u8]) -> f32 {
     let (linear, _) = &*LIGHT;
-    let luma = |p: &[u8]| (77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2]) + 128) >> 8;
-    frame.rgb.chunks_exact(3).map(|p| linear[luma(p) as usize & 255]).collect()
+    let luma = (77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2]) + 128) >> 8;
+    linear[luma as usize & 255]
 }
 
 /// Value of a plane at a point of the image, interpolated between the four pixels around it.

@@ -26,6 +26,8 @@ use nalgebra::{SMatrix, SVector};
 
 /// Distance between points of the outline (px): about the blur of a camera with 4:2:0 chroma.
 const POINT_STEP: f64 = 1.6;
+/// Most points of an outline, those of a radius of 56 px; larger outlines have points farther apart.
+const MAX_POINTS: f64 = 220.0;
 /// Deviation of an edge's place apart from noise (px): sampling and compression. Colour has half the resolution of luma.
 const EDGE_SIGMA: f64 = 0.2;
 const COLOUR_EDGE_SIGMA: f64 = 0.5;
@@ -34,8 +36,8 @@ const LIGHT_NOISE: f64 = 0.01;
 /// Least difference of light between inside and outside (share of full scale) that makes an edge.
 const LEAST_CONTRAST: f64 = 0.02;
 const LEAST_LUMA_CONTRAST: f64 = 0.04;
-/// Points along which errors are alike: the blur covers two.
-const CORRELATED_POINTS: f64 = 3.0;
+/// Length of the outline along which errors are alike (px): three points, as the blur covers two.
+const CORRELATED_LENGTH: f64 = 3.0 * POINT_STEP;
 /// Least deviation at which the loss begins to level off (px).
 const LEAST_LOSS_SCALE: f64 = 1.0;
 /// Least number of points with an edge.
@@ -126,13 +128,15 @@ impl FitTarget<'_> {
         let range = range.within(radius);
         for round in 0..rounds {
             let outline = Outline::new(self.view, &pose)?;
-            let points = outline.points(self.view, POINT_STEP);
+            let spacing = POINT_STEP.max(outline.length() / MAX_POINTS);
+            let points = outline.points(self.view, spacing);
             let edges: Vec<Option<Edge>> = points.iter().map(|p| self.edge(p, range)).collect();
             let possible = points.iter().filter(|p| self.is_free(p)).count();
             if edges.iter().flatten().count() < LEAST_POINTS {
                 return last;
             }
-            let (step, fit) = solve(&points, &edges, &pose, prior, possible);
+            let correlated = (CORRELATED_LENGTH / spacing).max(1.0);
+            let (step, fit) = solve(&points, &edges, (&pose, prior), possible, correlated);
             last = Some(fit);
             if round + 1 == rounds {
                 break;
@@ -240,9 +244,9 @@ fn steepest(range: EdgeRange, rise: impl Fn(usize) -> f32, sigma: f64) -> Option
 fn solve(
     points: &[OutlinePoint],
     edges: &[Option<Edge>],
-    pose: &Pose,
-    prior: &PosePrior,
+    (pose, prior): (&Pose, &PosePrior),
     possible: usize,
+    correlated: f64,
 ) -> (Parameters, ContourFit) {
     let frozen: [bool; 4] =
         std::array::from_fn(|i| prior.deviations[i] <= 0.0 || (i == 2 && pose.form != BodyForm::Cube));
@@ -265,7 +269,7 @@ fn solve(
     }
     let mean_square = squares / f64::max(weights, 1e-9);
     // The information of the edges alone, before the prior.
-    let inflation = CORRELATED_POINTS * (mean_square / (EDGE_SIGMA * EDGE_SIGMA)).max(1.0);
+    let inflation = correlated * (mean_square / (EDGE_SIGMA * EDGE_SIGMA)).max(1.0);
     let mut scaled = normal / inflation;
     let at = [pose.at.x, pose.at.y, pose.yaw, pose.size];
     let expected = [prior.pose.at.x, prior.pose.at.y, prior.pose.yaw, prior.pose.size];

@@ -80,6 +80,13 @@ impl Outline {
         (corners.len() > 2).then_some(Outline { pose: *pose, corners })
     }
 
+    /// Length of the polygon (px).
+    pub fn length(&self) -> f64 {
+        let next = self.corners.iter().cycle().skip(1);
+        let side = |((a, _), (b, _)): (&Corner, &Corner)| elementary::hypot(b[0] - a[0], b[1] - a[1]);
+        self.corners.iter().zip(next).map(side).sum()
+    }
+
     /// Points of the outline `step` px apart, away from its sharp corners by half a step.
     pub fn points(&self, view: &Viewpoint, step: f64) -> Vec<OutlinePoint> {
         let mut points = vec![];
