@@ -12,7 +12,7 @@ use crate::fit::{FitError, FitOptions, StartPoint, estimate_each};
 use crate::num::Stop;
 use std::collections::BTreeMap;
 
-/// Videos of which one can be told from the others.
+/// Fewest videos of which one can be distinguished from the others.
 const FEWEST: usize = 3;
 /// Deviations from the others: odds beyond 10^6 to 1 for some hundred numbers.
 const FAR: f64 = 6.0;
@@ -33,8 +33,8 @@ pub fn departure(
     let alone = estimate_each(lens.scenes, &revision.fit.models(), &near, stop)?;
     let mut numbers: BTreeMap<&str, Vec<Number>> = BTreeMap::new();
     for (video, fit) in alone.iter().enumerate().filter(|(_, fit)| !proof::loses(fit)) {
-        let told = fit.posterior.estimates.iter().filter(|e| e.scene.is_none() && e.identified);
-        for e in told.filter(|e| is_size(&e.name)) {
+        let identified = fit.posterior.estimates.iter().filter(|e| e.scene.is_none() && e.identified);
+        for e in identified.filter(|e| is_size(&e.name)) {
             numbers.entry(&e.name).or_default().push(Number { video, value: e.value, sd: e.sd });
         }
     }

@@ -6,7 +6,7 @@
 
 use super::revise::Revision;
 use crate::fit::estimate_noise;
-use crate::num::{Vec2, quantile, vec2};
+use crate::num::{Vec2, quantile};
 use crate::scene::{Covariance, Sample, Scene, Track};
 use crate::world::{Model, Preset};
 use std::borrow::Cow;
@@ -44,7 +44,7 @@ impl Resampled<'_> {
         self.frames.get(scene).and_then(|frames| frames.get(frame)).copied().unwrap_or(frame)
     }
 
-    /// The models for these scenes: a preset's is made anew, so that it is known as one.
+    /// The models for these scenes: a preset's is made again, so that it is known as one.
     pub fn models(&self, given: &[Scene], models: &[Model]) -> Vec<Model> {
         let one = |((model, given), scene): ((&Model, &Scene), &Scene)| {
             let preset = Preset::named(&model.preset).filter(|preset| preset.model(given) == *model);
@@ -145,7 +145,7 @@ fn begin_with(scene: &Scene, model: &mut Model) {
         let time = scene.time_of(first.frame);
         let earlier = body.start.time - time;
         let state = &mut body.start.state;
-        state.position -= vec2(state.velocity.x, state.velocity.y).scaled(earlier);
+        state.position -= state.velocity.scaled(earlier);
         state.yaw -= state.spin * earlier;
         body.start.time = time;
     }
@@ -155,6 +155,7 @@ fn begin_with(scene: &Scene, model: &mut Model) {
 mod tests {
     use super::super::tests::{DISC, film};
     use super::*;
+    use crate::num::vec2;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};

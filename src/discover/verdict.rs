@@ -420,8 +420,8 @@ fn is_supported<'c>(
     if let [.., before, after] = &revisions[..]
         && !blind
         && let own = motion.found.last().map_or(0, |c| c.added)
-        && let begun = stands(before, after, proof::is_supported(before, after, own))
-        && let Some(nearer) = begun_again(lens, &motion.models, begun, after, options, stop)?
+        && let starts = stands(before, after, proof::is_supported(before, after, own))
+        && let Some(nearer) = search_again(lens, &motion.models, starts, after, options, stop)?
         && let Some(last) = revisions.last_mut()
     {
         *last = nearer;
@@ -518,16 +518,16 @@ fn stands<'r>(before: &'r Revision, after: &'r Revision, supported: bool) -> Opt
     Some(scenes.map(|((b, a), &farther)| Some(if farther || !mixed { &b.model } else { &a.model })).collect())
 }
 
-/// The revision `after` anew from there: a search that lost its way says nothing against the law. `None` where that is not nearer.
-fn begun_again(
+/// The revision `after`, searched again from there: a search that lost its way says nothing against the law. `None` where that is not nearer.
+fn search_again(
     lens: &WeakFormRegression,
     models: &[Model],
-    begun: Option<Vec<Option<&Model>>>,
+    starts: Option<Vec<Option<&Model>>>,
     after: &Revision,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<Revision>, FitError> {
-    let Some(begun) = begun else { return Ok(None) };
-    let again = revise_from(lens, models, &begun, after.effect.as_deref(), options, stop)?;
+    let Some(starts) = starts else { return Ok(None) };
+    let again = revise_from(lens, models, &starts, after.effect.as_deref(), options, stop)?;
     Ok((proof::deviance(&again.fit) < proof::deviance(&after.fit)).then_some(again))
 }

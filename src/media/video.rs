@@ -102,6 +102,11 @@ impl Video {
         }
     }
 
+    /// The first frame of a video, or a picture.
+    pub fn first_frame(bytes: Vec<u8>) -> Result<VideoFrame, MediaError> {
+        Video::open(bytes)?.frames().next().unwrap_or(Err(MediaError::Empty))
+    }
+
     /// A video of PNG or JPEG files, each with its time (s). The shorter of the two lists counts.
     pub fn of_pictures(files: Vec<Vec<u8>>, times: &[f64]) -> Result<Video, MediaError> {
         let total = files.iter().map(Vec::len).fold(0usize, usize::saturating_add);

@@ -10,7 +10,7 @@ use crate::num::{Stop, Stopped, median, wrap_angle};
 use crate::perception::image::ground::{GROUND_FRAMES, Ground};
 use crate::perception::outlines::outline::{BodyForm, FORMS};
 use crate::perception::outlines::viewpoint::{Viewpoint, top_camera};
-use crate::scene::{Camera, Object, Sample, Scene, Shape, Table, Track, WorldKind};
+use crate::scene::{Camera, DEFAULT_SIZE, Object, Sample, Scene, Shape, Table, Track, WorldKind};
 
 /// Bytes of frames that are kept for following new bodies back.
 const PAST_BYTES: usize = 192 << 20;
@@ -46,6 +46,29 @@ pub struct PerceptionOptions {
     pub table: Option<Table>,
     /// A picture of the empty ground, of the video's size.
     pub background: Option<VideoFrame>,
+}
+
+impl PerceptionOptions {
+    /// What follows of the view, of the balls' radius where all objects are balls, and of the size of other objects (m).
+    pub fn of_view(
+        name: String,
+        view: View,
+        ball_radius: Option<f64>,
+        size: Option<f64>,
+    ) -> PerceptionOptions {
+        let above = matches!(view, View::Above { .. });
+        let forms = match ball_radius {
+            Some(_) => vec![BodyForm::Ball],
+            None => vec![BodyForm::Ball, BodyForm::Cylinder, BodyForm::Cube],
+        };
+        let world = match (ball_radius, above) {
+            (Some(_), _) => WorldKind::Billiards,
+            (None, true) => WorldKind::Table,
+            (None, false) => WorldKind::Clevrer,
+        };
+        let size = ball_radius.or(size).or((!above).then_some(DEFAULT_SIZE));
+        PerceptionOptions { name, view, size, forms, world, table: None, background: None }
+    }
 }
 
 /// What was perceived.

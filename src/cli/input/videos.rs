@@ -5,10 +5,8 @@ use crate::cli::error::Failure;
 use crate::cli::output;
 use crate::media::{MAX_VIDEO_BYTES, MediaError, Video, VideoFrame, is_video};
 use crate::num::Stopped;
-use crate::perception::{
-    BodyForm, Perception, PerceptionError, PerceptionOptions, PerceptionReport, View, perceive,
-};
-use crate::scene::{CLEVRER_CAMERA, Camera, DEFAULT_SIZE, Scene, Table, WorldKind};
+use crate::perception::{Perception, PerceptionError, PerceptionOptions, PerceptionReport, View, perceive};
+use crate::scene::{CLEVRER_CAMERA, Camera, Scene, Table};
 use serde_json::{Value, json};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -221,32 +219,14 @@ impl VideoView {
             (false, None) => View::Calibrated(CLEVRER_CAMERA),
         };
         let background = self.args.background.as_deref().map(picture).transpose()?;
-        let balls = radius.is_some();
-        Ok(PerceptionOptions {
-            name: video_name(path),
-            view,
-            size: radius.or(self.size).or((!above).then_some(DEFAULT_SIZE)),
-            forms: if balls {
-                vec![BodyForm::Ball]
-            } else {
-                vec![BodyForm::Ball, BodyForm::Cylinder, BodyForm::Cube]
-            },
-            world: match (balls, above) {
-                (true, _) => WorldKind::Billiards,
-                (false, true) => WorldKind::Table,
-                (false, false) => WorldKind::Clevrer,
-            },
-            table: self.args.table,
-            background,
-        })
+        let usual = PerceptionOptions::of_view(video_name(path), view, radius, self.size);
+        Ok(PerceptionOptions { table: self.args.table, background, ..usual })
     }
 }
 
 fn picture(path: &Path) -> Result<VideoFrame, Failure> {
     let at = |e: MediaError| Failure::input(format!("--background {}: {e}", path.display()));
-    let video = Video::open(bytes(path)?).map_err(at)?;
-    let first = video.frames().next().unwrap_or(Err(MediaError::Empty));
-    first.map_err(at)
+    Video::first_frame(bytes(path)?).map_err(at)
 }
 
 /// Reads a camera from a JSON file.

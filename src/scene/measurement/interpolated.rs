@@ -4,8 +4,9 @@
 //! line to within the rounding step, and the others are beside it by far more, the former were not measured.
 
 use super::finding::{FindingKind, TrackFinding};
+use super::leave_out;
 use crate::num::quantile;
-use crate::scene::observation::{Outlier, Sample, Scene};
+use crate::scene::observation::{Sample, Scene};
 use std::collections::BTreeSet;
 
 /// Share of the positions that is on the line: less is chance, and more is motion without noise.
@@ -23,11 +24,8 @@ pub fn leave_out_interpolated(scene: &mut Scene, step: f64) -> Vec<TrackFinding>
         if frames.is_empty() {
             continue;
         }
-        let samples = std::mem::take(&mut scene.tracks[object].samples);
-        let value = frames.len() as f64 / samples.len() as f64;
-        let (gone, kept) = samples.into_iter().partition(|s: &Sample| frames.contains(&s.frame));
-        scene.tracks[object].samples = kept;
-        scene.outliers.extend(gone.into_iter().map(|sample| Outlier { object, sample, distance: 0.0 }));
+        let value = frames.len() as f64 / scene.tracks[object].samples.len() as f64;
+        leave_out(scene, object, |s| frames.contains(&s.frame));
         let (objects, frames) = (vec![scene.objects[object].id], frames.into_iter().collect());
         found.push(TrackFinding { kind: FindingKind::Interpolated, objects, frames, value });
     }

@@ -5,8 +5,9 @@
 //! nearer to each other.
 
 use super::finding::{FindingKind, TrackFinding};
+use super::leave_out;
 use crate::num::Vec2;
-use crate::scene::observation::{Outlier, Sample, Scene};
+use crate::scene::observation::{Sample, Scene};
 use std::collections::BTreeMap;
 
 /// Runs that show a value that stands for something else.
@@ -23,14 +24,9 @@ pub fn leave_out_markers(scene: &mut Scene) -> Vec<TrackFinding> {
         if markers.is_empty() {
             continue;
         }
-        let samples = std::mem::take(&mut scene.tracks[object].samples);
-        let is_marker = |s: &Sample| markers.contains(&s.position);
-        let (gone, kept): (Vec<Sample>, Vec<Sample>) = samples.into_iter().partition(is_marker);
-        let frames = gone.iter().map(|s| s.frame).collect();
-        let (objects, value) = (vec![scene.objects[object].id], gone.len() as f64);
+        let frames = leave_out(scene, object, |s| markers.contains(&s.position));
+        let (objects, value) = (vec![scene.objects[object].id], frames.len() as f64);
         found.push(TrackFinding { kind: FindingKind::Leaps, objects, frames, value });
-        scene.tracks[object].samples = kept;
-        scene.outliers.extend(gone.into_iter().map(|sample| Outlier { object, sample, distance: 0.0 }));
     }
     found
 }

@@ -34,7 +34,7 @@ pub use finding::{FindingKind, TrackFinding};
 pub use steps::step;
 
 use crate::num::quantile;
-use crate::scene::observation::{Sample, Scene};
+use crate::scene::observation::{Outlier, Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
 use ends::leave_out_ends;
 use identities::put_identities_right;
@@ -76,6 +76,16 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     let lost = |old: &TrackFinding| found.iter().all(|new| new != old);
     let earlier: Vec<TrackFinding> = known.into_iter().filter(lost).collect();
     scene.findings = [earlier, found].concat();
+}
+
+/// Moves samples that are no measurement to the outliers; they are at no distance from anything. Returns their frames.
+fn leave_out(scene: &mut Scene, object: usize, is_none: impl Fn(&Sample) -> bool) -> Vec<usize> {
+    let samples = std::mem::take(&mut scene.tracks[object].samples);
+    let (gone, kept): (Vec<Sample>, Vec<Sample>) = samples.into_iter().partition(is_none);
+    let frames = gone.iter().map(|s| s.frame).collect();
+    scene.tracks[object].samples = kept;
+    scene.outliers.extend(gone.into_iter().map(|sample| Outlier { object, sample, distance: 0.0 }));
+    frames
 }
 
 /// Whether positions lie beside a line through their neighbours as rounding to the step makes them, and uniform motion by

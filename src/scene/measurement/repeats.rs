@@ -6,8 +6,9 @@
 //! uniform motion through it leads: what is at rest without any noise is no repeat.
 
 use super::finding::{FindingKind, TrackFinding};
+use super::leave_out;
 use crate::num::{Vec2, quantile};
-use crate::scene::observation::{Outlier, Sample, Scene};
+use crate::scene::observation::{Sample, Scene};
 use std::collections::BTreeSet;
 
 /// Samples before and after a run that tell how its object moves.
@@ -34,7 +35,7 @@ pub fn leave_out_repeats(scene: &mut Scene, step: f64) -> Vec<TrackFinding> {
         let value = whole.len() as f64 / scene.times.len().max(1) as f64;
         let frames = whole.iter().copied().collect();
         found.push(TrackFinding { kind: FindingKind::RepeatedFrames, objects: vec![], frames, value });
-        (0..scene.tracks.len()).for_each(|k| leave_out(scene, k, &whole));
+        (0..scene.tracks.len()).for_each(|k| _ = leave_out(scene, k, |s| whole.contains(&s.frame)));
     }
     for (k, frames) in held.iter().enumerate() {
         let seen = scene.tracks[k].samples.len();
@@ -47,7 +48,7 @@ pub fn leave_out_repeats(scene: &mut Scene, step: f64) -> Vec<TrackFinding> {
                 frames: frames_of,
                 value,
             });
-            leave_out(scene, k, frames);
+            leave_out(scene, k, |s| frames.contains(&s.frame));
         }
     }
     found
@@ -117,11 +118,4 @@ fn goes_on(scene: &Scene, samples: &[Sample], at: usize, run: usize, change: f64
     let mean = speeds.iter().fold(Vec2::zero(), |sum, v| sum + *v).scaled(1.0 / speeds.len() as f64);
     let way = mean.scaled(time(next) - time(here));
     (next.position - here.position - way).norm() < f64::max(0.5 * way.norm(), NEAR * change)
-}
-
-fn leave_out(scene: &mut Scene, object: usize, frames: &BTreeSet<usize>) {
-    let samples = std::mem::take(&mut scene.tracks[object].samples);
-    let (gone, kept) = samples.into_iter().partition(|s: &Sample| frames.contains(&s.frame));
-    scene.tracks[object].samples = kept;
-    scene.outliers.extend(gone.into_iter().map(|sample| Outlier { object, sample, distance: 0.0 }));
 }

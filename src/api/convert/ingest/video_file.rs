@@ -5,9 +5,9 @@ use crate::api::convert::video::world;
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
-use crate::media::{MediaError, Video, VideoFrame};
-use crate::perception::{BodyForm, PerceptionOptions, PerceptionReport, View};
-use crate::scene::{DEFAULT_SIZE, SIZE_RANGE, Table, WorldKind};
+use crate::media::Video;
+use crate::perception::{PerceptionOptions, PerceptionReport, View};
+use crate::scene::{SIZE_RANGE, Table};
 
 /// Sizes of a pixel (m).
 const PIXEL_RANGE: [f64; 2] = [1e-6, 10.0];
@@ -18,7 +18,6 @@ pub fn options(
     background: &[u8],
 ) -> Result<(Option<String>, PerceptionOptions), EngineError> {
     let mut r = Violations::default();
-    let above = given.camera.is_none();
     let camera = given.camera.and_then(|given| camera(&mut r, given));
     let number = |r: &mut Violations, name: &str, value: f64, [low, high]: [f64; 2]| -> Option<f64> {
         if value != 0.0 && !(low..=high).contains(&value) {
@@ -30,31 +29,21 @@ pub fn options(
     let radius = number(&mut r, "ball_radius", given.ball_radius, SIZE_RANGE);
     let size = number(&mut r, "object_size", given.object_size, SIZE_RANGE);
     let stated = (given.world != 0).then(|| world(&mut r, "options.world", given.world));
-    let usual = match (radius.is_some(), above) {
-        (true, _) => WorldKind::Billiards,
-        (false, true) => WorldKind::Table,
-        (false, false) => WorldKind::Clevrer,
-    };
-    let background = (!background.is_empty()).then(|| picture(background));
+    let background = (!background.is_empty()).then(|| Video::first_frame(background.to_vec()));
     let background = background.transpose().unwrap_or_else(|e| {
         r.add("background", e.to_string());
         None
     });
-    let all = vec![BodyForm::Ball, BodyForm::Cylinder, BodyForm::Cube];
+    let name = if given.display_name.is_empty() { "video".into() } else { given.display_name };
+    let view = camera.map_or(View::Above { scale }, View::Calibrated);
+    let usual = PerceptionOptions::of_view(name, view, radius, size);
     let options = PerceptionOptions {
-        name: if given.display_name.is_empty() { "video".into() } else { given.display_name },
-        view: camera.map_or(View::Above { scale }, View::Calibrated),
-        size: radius.or(size).or((!above).then_some(DEFAULT_SIZE)),
-        forms: if radius.is_some() { vec![BodyForm::Ball] } else { all },
-        world: stated.unwrap_or(usual),
+        world: stated.unwrap_or(usual.world),
         table: given.table.map(|t| Table { x: [t.x_min, t.x_max], y: [t.y_min, t.y_max] }),
         background,
+        ..usual
     };
     r.finish((Some(given.setup).filter(|s| !s.is_empty()), options))
-}
-
-fn picture(bytes: &[u8]) -> Result<VideoFrame, MediaError> {
-    Video::open(bytes.to_vec())?.frames().next().unwrap_or(Err(MediaError::Empty))
 }
 
 pub fn report_message(report: &PerceptionReport) -> v1::PerceptionReport {
