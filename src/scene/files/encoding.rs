@@ -19,11 +19,15 @@ const BINARY: [(&[u8], &str, &str); 11] = [
     (b"PAR1", "a Parquet file", "write CSV: `pandas.read_parquet(FILE).to_csv(\"tracks.csv\", index=False)`"),
     (
         b"\x93NUMPY",
-        "a NumPy array",
+        "a NumPy array of this kind",
         "write CSV: `numpy.savetxt(\"tracks.csv\", array, delimiter=\",\", header=\"id,frame,x,y\", comments=\"\")`",
     ),
-    (b"PK\x03\x04", "an archive or a spreadsheet", "save it as CSV, or unpack it first"),
-    (b"\xd0\xcf\x11\xe0", "an Excel file", "save it as CSV"),
+    (
+        b"PK\x03\x04",
+        "an archive without a workbook, arrays or a Tracker project",
+        "unpack it, and give the file with the tracks",
+    ),
+    (b"\xd0\xcf\x11\xe0", "an Excel file of before 2007", "save it as .xlsx or CSV"),
     (b"\x1f\x8b", "compressed with gzip", "unpack it first: gunzip FILE"),
     (b"\x28\xb5\x2f\xfd", "compressed with zstd", "unpack it first: zstd -d FILE"),
     (b"\x80\x04", "a Python pickle", "write CSV: `pandas.read_pickle(FILE).to_csv(\"tracks.csv\")`"),
@@ -123,7 +127,7 @@ mod tests {
         for (bytes, cure) in [
             (&b"\x89HDF\r\n\x1a\n"[..], "save_as_csv=True"),
             (b"PAR1\x15\x04", "read_parquet(FILE).to_csv"),
-            (b"PK\x03\x04\x14\x00", "save it as CSV"),
+            (b"PK\x03\x04\x14\x00", "unpack it"),
             (b"\x00\x01\x02\x03abcdefgh", "is no text"),
         ] {
             let message = decode(bytes).unwrap_err().to_string();

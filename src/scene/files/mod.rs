@@ -1,6 +1,7 @@
 //! Readers of the files that users give (bytes in, scene or detections out), and the writer of scene files.
 
 mod annotation;
+mod archive;
 mod assumptions;
 mod csv;
 mod encoding;
@@ -9,6 +10,7 @@ mod observed_json;
 mod point_pairs;
 mod proposals;
 mod read;
+mod records;
 #[cfg(test)]
 mod tests;
 mod tracker_project;

@@ -168,7 +168,7 @@ fn a_refusal_says_what_to_write() {
     };
     check(
         "0,0.1,0.2\n1,0.2,0.3\n",
-        "header: is missing; put a line in front that names the columns, such as `id,t",
+        "header: is missing, and its lines do not tell what they hold; put a line in front that names the columns, such as `id,t",
     );
     check(
         "t,x,y\n0,04,1,5,2,5\n0,08,1,6,2,6\n",

@@ -4,72 +4,25 @@
 //! (px per unit of length); y points up.
 
 use crate::num::elementary;
+use crate::scene::files::archive;
+use crate::scene::files::encoding::decode;
 use crate::scene::violations::SceneError;
 use roxmltree::{Document, Node, ParsingOptions};
 
-/// Largest project (bytes), unpacked.
-const MAX_PROJECT: usize = 64 << 20;
 /// Duration of a frame where a project states none (ms): that of a camera with 30 frames/s.
 const DEFAULT_STEP_MS: f64 = 1000.0 / 30.0;
 
 pub(super) fn is_archive(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"PK\x03\x04") && entries(bytes).iter().any(|entry| entry.name.ends_with(b".trk"))
-}
-
-/// A file in an archive: its name, whether it is compressed, and where its local header stands.
-struct ArchiveEntry<'a> {
-    name: &'a [u8],
-    is_compressed: bool,
-    packed: usize,
-    header: usize,
-}
-
-fn number(bytes: &[u8], at: usize, size: usize) -> Option<usize> {
-    let part = bytes.get(at..at.checked_add(size)?)?;
-    Some(part.iter().rev().fold(0, |sum, byte| sum << 8 | usize::from(*byte)))
-}
-
-/// The files that the directory of a zip archive lists.
-fn entries(bytes: &[u8]) -> Vec<ArchiveEntry<'_>> {
-    let mut found = vec![];
-    let end = bytes.windows(4).rposition(|w| w == b"PK\x05\x06");
-    let mut at = end.and_then(|end| number(bytes, end + 16, 4));
-    while let Some(start) = at.filter(|at| bytes.get(*at..).is_some_and(|b| b.starts_with(b"PK\x01\x02"))) {
-        let entry = || {
-            let [name, extra, comment] = [28, 30, 32].map(|offset| number(bytes, start + offset, 2));
-            let (name, extra, comment) = (name?, extra?, comment?);
-            let method = number(bytes, start + 10, 2)?;
-            let entry = ArchiveEntry {
-                name: bytes.get(start + 46..start + 46 + name)?,
-                is_compressed: method == 8,
-                packed: number(bytes, start + 20, 4)?,
-                header: number(bytes, start + 42, 4)?,
-            };
-            Some((entry, start + 46 + name + extra + comment))
-        };
-        let Some((entry, next)) = entry() else { break };
-        found.push(entry);
-        at = Some(next);
-    }
-    found
+    archive::is_archive(bytes) && archive::entries(bytes).iter().any(|entry| entry.name.ends_with(b".trk"))
 }
 
 /// The XML of the project in an archive.
 pub(super) fn unpacked(bytes: &[u8]) -> Result<String, SceneError> {
     let wrong =
         || SceneError::single("(file)", "is a damaged Tracker archive; unpack it and give its .trk file");
-    let all = entries(bytes);
+    let all = archive::entries(bytes);
     let entry = all.iter().find(|entry| entry.name.ends_with(b".trk")).ok_or_else(wrong)?;
-    let content = || {
-        let [name, extra] = [26, 28].map(|offset| number(bytes, entry.header + offset, 2));
-        let start = entry.header.checked_add(30 + name? + extra?)?;
-        let packed = bytes.get(start..start.checked_add(entry.packed)?)?;
-        let plain = match entry.is_compressed {
-            true => miniz_oxide::inflate::decompress_to_vec_with_limit(packed, MAX_PROJECT).ok()?,
-            false => packed.to_vec(),
-        };
-        String::from_utf8(plain).ok()
-    };
+    let content = || Some(decode(&entry.content(bytes)?).ok()?.text);
     content().ok_or_else(wrong)
 }
 

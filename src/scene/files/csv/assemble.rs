@@ -16,7 +16,7 @@ const MAX_SPEED: f64 = 500.0;
 
 /// The scene of a file, and what was assumed of its rows, a line each.
 pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<(Scene, Vec<String>), SceneError> {
-    let CsvRows { timed, mut rows, names, mut assumed, .. } = rows;
+    let CsvRows { timed, mut rows, names, has_ids, mut assumed, .. } = rows;
     assumed.extend(shift_to_start(timed, &mut rows));
     let (times, fps) = frame_times(notes, timed, &rows)?;
     let mut r = SceneViolations::of_rows();
@@ -24,7 +24,7 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<(Scene, 
         true => times.partition_point(|t| *t <= when).saturating_sub(1),
         false => when as usize,
     };
-    let (objects, tracks, repeats) = objects_and_tracks(notes, (rows, &names), frame_of, &mut r);
+    let (objects, tracks, repeats) = objects_and_tracks(notes, (rows, &names, has_ids), frame_of, &mut r);
     if repeats > 0 {
         assumed.push(format!("one row in place of several equal ones ({repeats} rows are ignored)"));
     }
@@ -65,7 +65,7 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<(Scene, 
 /// Objects by id and their tracks, and the number of rows that are as another one.
 fn objects_and_tracks(
     notes: &Notes,
-    (rows, names): (Vec<Row>, &ObjectNames),
+    (rows, names, has_ids): (Vec<Row>, &ObjectNames, bool),
     frame_of: impl Fn(f64) -> usize,
     r: &mut SceneViolations,
 ) -> (Vec<Object>, Vec<Track>, usize) {
@@ -87,6 +87,13 @@ fn objects_and_tracks(
         let samples = &mut object.track.samples;
         match samples.binary_search_by_key(&frame, |s| s.frame) {
             Ok(known) if samples.get(known) == Some(&sample) => repeats += 1,
+            Ok(_) if !has_ids => r.add(
+                format!("line {}", row.line),
+                format!(
+                    "is the second position at this time, after line {first}, and no column tells objects apart; add a column \
+                     `id`, or link the detections into tracks first"
+                ),
+            ),
             Ok(_) => r.add(
                 format!("line {}", row.line),
                 format!(

@@ -2,7 +2,7 @@
 
 use crate::scene::files::csv::dialect::TableHeader;
 use crate::scene::files::csv::names::{
-    ColumnName, CsvColumn, checked_names, column_name, measures_images, stem, usual_name,
+    ColumnName, CsvColumn, checked_names, column_name, measures_images, stem, unit_of, usual_name,
 };
 use crate::scene::files::csv::notes::Notes;
 use crate::scene::files::csv::vocabulary::{ANGLES, LENGTHS, MASSES, PIXELS, TIMES, size_of};
@@ -11,7 +11,7 @@ use crate::scene::violations::SceneViolations;
 use std::collections::BTreeMap;
 
 /// Size of a pixel (m) where a tracker's table does not state it: a usual one of a table from above.
-const ASSUMED_PIXEL: f64 = 1e-3;
+pub(super) const ASSUMED_PIXEL: f64 = 1e-3;
 
 /// The columns of a row: for each its index, and the size of its unit in SI units.
 pub(super) type ColumnPlaces = BTreeMap<CsvColumn, (usize, f64)>;
@@ -33,13 +33,23 @@ struct NamedColumn {
     name: ColumnName,
 }
 
-/// Finds the columns. Unknown ones, such as a speed, are ignored; misspelt ones are reported.
-pub(super) fn columns(header: &TableHeader, notes: &Notes, r: &mut SceneViolations) -> ColumnMap {
+/// Finds the columns. Unknown ones, such as a speed, are ignored; misspelt ones are reported. `beyond_metres`: positions are
+/// too large for metres.
+pub(super) fn columns(
+    header: &TableHeader,
+    notes: &Notes,
+    beyond_metres: bool,
+    r: &mut SceneViolations,
+) -> ColumnMap {
     let stems: Vec<String> = header.names.iter().map(stem).collect();
     let of_image = measures_images(&stems);
+    let names_pixels =
+        header.names.iter().any(|name| unit_of(name).is_some_and(|unit| PIXELS.contains(&unit.as_str())));
     // What a tracker finds in images has pixels for lengths.
-    let in_pixels = of_image && notes.scale.is_none() && notes.unit.is_none();
-    let scaled = Notes { scale: Some(ASSUMED_PIXEL), ..notes.clone() };
+    let in_pixels =
+        (of_image || names_pixels || beyond_metres) && notes.scale.is_none() && notes.unit.is_none();
+    let unit = Some("px".to_string()).filter(|_| beyond_metres);
+    let scaled = Notes { scale: Some(ASSUMED_PIXEL), unit, ..notes.clone() };
     let notes = if in_pixels { &scaled } else { notes };
     let mut found = vec![];
     for (index, header) in header.names.iter().enumerate() {
@@ -83,10 +93,15 @@ pub(super) fn columns(header: &TableHeader, notes: &Notes, r: &mut SceneViolatio
     };
     share(&mut map, found.iter().filter(is_shared), (header, notes), r);
     if in_pixels {
-        map.renamed.push(format!(
-            "pixels, taken as {} mm each, so that lengths and forces are relative (`# scale: 0.002` gives m per pixel)",
-            1e3 * ASSUMED_PIXEL
-        ));
+        let pixel = 1e3 * ASSUMED_PIXEL;
+        map.renamed.push(match of_image || names_pixels {
+            true => format!(
+                "pixels, taken as {pixel} mm each, so that lengths and forces are relative (`# scale: 0.002` gives m per pixel)"
+            ),
+            false => format!(
+                "no unit, and numbers too large for metres, taken as pixels of {pixel} mm or as mm (`# scale: 0.002` gives m per pixel, `# unit: cm` a unit)"
+            ),
+        });
     }
     map
 }
@@ -117,10 +132,12 @@ fn share<'a>(
             }
         }
     }
+    let has_time = chosen.contains_key(&CsvColumn::Time);
     for (kind, column) in chosen {
         map.shared.insert(kind, place(column, of, r));
         let (written, usual) = (of.0.names.get(column.index).unwrap_or_default(), usual_name(kind));
-        if !stem(written).eq_ignore_ascii_case(usual) {
+        let is_used = kind != CsvColumn::Frame || !has_time;
+        if is_used && !stem(written).eq_ignore_ascii_case(usual) {
             map.renamed.push(format!("column `{}` as {usual}", written.trim()));
         }
     }

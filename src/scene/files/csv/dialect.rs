@@ -1,8 +1,10 @@
 //! The dialect of a text table: what separates its columns, its decimal sign, and where its header stands. Each separator is
 //! scored on the first lines.
 
-use crate::scene::files::csv::cell_values::number;
-use crate::scene::files::csv::names::names_positions;
+use crate::scene::files::csv::cell_values::{is_absent, number, ungrouped};
+use crate::scene::files::csv::layout::boxes::{BoxColumns, box_columns};
+use crate::scene::files::csv::layout::{headerless, planes, tail};
+use crate::scene::files::csv::names::{CsvColumn, column_name, names_positions, stem};
 use crate::scene::files::csv::vocabulary::is_unit;
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use std::borrow::Cow;
@@ -46,6 +48,13 @@ pub(super) struct TextTable<'a> {
     pub decimal_commas: bool,
     /// What separates columns.
     pub separators: &'static str,
+    boxes: Option<BoxColumns>,
+    /// What was taken of the columns, a line each.
+    pub taken: Vec<String>,
+    /// Why the columns of a table without a header are not known.
+    pub needs_header: Option<String>,
+    /// Whether the last line has no end.
+    is_open: bool,
 }
 
 /// One line that is not empty.
@@ -90,9 +99,22 @@ fn filled(cells: &[String]) -> usize {
     cells.iter().rposition(|cell| !cell.is_empty()).map_or(0, |at| at + 1)
 }
 
+/// The boxes that columns with these names hold.
+fn boxes<'a>(names: impl Iterator<Item = &'a str> + Clone) -> Option<BoxColumns> {
+    let stems: Vec<String> = names.clone().map(stem).collect();
+    let is_id = |name| column_name(name).is_some_and(|c| c.column == CsvColumn::Id && c.object.is_none());
+    box_columns(&stems, names.into_iter().any(is_id))
+}
+
+/// Whether a line of these cells is a header.
+pub(super) fn is_header(cells: &[String]) -> bool {
+    let names = || cells.iter().map(String::as_str);
+    names_positions(names()) || boxes(names()).is_some()
+}
+
 fn scored(lines: &[SampleLine], separator: (Option<char>, &'static str)) -> ScoredDialect {
     let split: Vec<Vec<String>> = lines.iter().map(|line| cells(line.text, separator.0)).collect();
-    let names = |at: &usize| split.get(*at).is_some_and(|c| names_positions(c.iter().map(String::as_str)));
+    let names = |at: &usize| split.get(*at).is_some_and(|cells| is_header(cells));
     let of_kind = |comment: bool| {
         lines.iter().enumerate().filter(move |(_, l)| l.is_comment == comment).map(|(at, _)| at)
     };
@@ -139,7 +161,72 @@ pub(super) fn find(text: &str) -> TextTable<'_> {
         Some(_) => best.separator,
         None => lines.get(at).and_then(|line| guess(line.text)).unwrap_or(best.separator),
     };
-    table(text, &lines, at, ScoredDialect { separator, ..best })
+    let dialect = ScoredDialect { separator, ..best };
+    match dialect.header.is_none()
+        && lines.get(at).is_some_and(|line| cells(line.text, separator.0).iter().all(|cell| is_value(cell)))
+    {
+        true => headless(text, &lines, at, dialect),
+        false => table(text, &lines, at, dialect),
+    }
+}
+
+/// Whether a cell is a number, or stands for one.
+fn is_value(cell: &str) -> bool {
+    is_absent(cell) || number(cell, false).is_some() || number(cell, true).is_some()
+}
+
+/// A table without a header, whose first row is the line `at`.
+fn headless<'a>(text: &'a str, lines: &[SampleLine], at: usize, dialect: ScoredDialect) -> TextTable<'a> {
+    let separator = dialect.separator.0;
+    let below = after_line(text, lines.get(at).map_or(0, |line| line.number));
+    let texts = || below.lines().filter(|line| !line.trim().is_empty() && !is_comment(line));
+    let sample: Vec<Vec<String>> = texts().take(SAMPLE_LINES).map(|line| cells(line, separator)).collect();
+    let commas = has_decimal_commas(&sample, separator);
+    let values = |line| cells(line, separator).iter().map(|cell| number(cell, commas)).collect();
+    let mut found = table(text, lines, at, dialect);
+    match headerless::guessed(texts().map(values)) {
+        Ok(names) => {
+            found.header = TableHeader { owners: vec![None; names.len()], names: StringRecord::from(names) };
+            found.boxes = boxes(found.header.names.iter());
+            found.header_line = lines.get(at).map_or(0, |line| line.number) as u64;
+            found.body = body(below, separator);
+            (found.has_header, found.decimal_commas) = (true, commas);
+            let taken =
+                found.header.names.iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
+            found.taken.push(format!("no header: the columns are taken as {taken} (a header names them)"));
+        }
+        Err(why) => found.needs_header = Some(why),
+    }
+    found
+}
+
+/// The text below the header, with tabs in place of spaces.
+fn body(rest: &str, separator: Option<char>) -> Cow<'_, str> {
+    match separator {
+        Some(_) => Cow::Borrowed(rest),
+        None => Cow::Owned(tabbed(rest)),
+    }
+}
+
+/// Whether the decimal sign of these cells is a comma. Numbers that can be read in one way only decide.
+fn has_decimal_commas(rows: &[Vec<String>], separator: Option<char>) -> bool {
+    let count = |sign: char, other: char, commas: bool| {
+        let has_sign = |cell: &&String| cell.contains(sign) && number(cell, commas).is_some();
+        let found: Vec<&String> = rows.iter().flatten().filter(has_sign).collect();
+        let both = found.iter().filter(|cell| cell.contains(other)).count();
+        let sure =
+            found.iter().filter(|cell| cell.contains(other) || ungrouped(cell, sign).is_none()).count();
+        [both, sure, found.len()]
+    };
+    let ([commas, sure_commas, all_commas], [points, sure_points, all_points]) =
+        (count(',', '.', true), count('.', ',', false));
+    match (commas != points, separator) {
+        (true, _) => commas > points,
+        // A comma in a cell between commas is quoted, and separates thousands.
+        (_, Some(',')) => false,
+        _ if sure_commas != sure_points => sure_commas > sure_points,
+        _ => all_commas > all_points,
+    }
 }
 
 /// The table whose header is the line `at`.
@@ -180,21 +267,19 @@ fn table<'a>(text: &'a str, lines: &[SampleLine], at: usize, dialect: ScoredDial
         names.insert(0, String::new());
         owners.insert(0, None);
     }
-    let data = || rows.iter().flatten();
-    let with_comma = data().filter(|cell| cell.contains(',') && number(cell, true).is_some()).count();
-    let with_point = data().filter(|cell| cell.contains('.') && number(cell, false).is_some()).count();
     let rest = after_line(text, header_line);
     TextTable {
+        boxes: dialect.header.and_then(|_| boxes(names.iter().map(String::as_str))),
         header: TableHeader { names: StringRecord::from(names), owners },
         has_header: dialect.header.is_some(),
-        body: match separator {
-            Some(_) => Cow::Borrowed(rest),
-            None => Cow::Owned(tabbed(rest)),
-        },
+        body: body(rest, separator),
         header_line: header_line as u64,
         delimiter: separator.map_or(b'\t', |separator| separator as u8),
-        decimal_commas: separator != Some(',') && with_comma > with_point,
+        decimal_commas: has_decimal_commas(&rows, separator),
         separators,
+        needs_header: None,
+        taken: vec![],
+        is_open: !text.ends_with('\n'),
     }
 }
 
@@ -238,8 +323,9 @@ fn tabbed(text: &str) -> String {
 }
 
 impl TextTable<'_> {
-    /// The rows, each with the number of its line.
-    pub fn records(&self) -> impl Iterator<Item = Result<(u64, StringRecord), ::csv::Error>> + '_ {
+    /// The rows, each with the number of its line; then the header has names for what the reader adds. What was taken or left
+    /// out is told in `taken`.
+    pub fn records(&mut self) -> Result<Vec<(u64, StringRecord)>, ::csv::Error> {
         let reader = ReaderBuilder::new()
             .delimiter(self.delimiter)
             .comment(Some(b'#'))
@@ -247,9 +333,50 @@ impl TextTable<'_> {
             .flexible(true)
             .has_headers(false)
             .from_reader(self.body.as_bytes());
-        reader.into_records().map(|record| {
+        let (columns, mut records, mut comments) = (self.header.names.len(), vec![], vec![]);
+        for record in reader.into_records() {
             let record = record?;
-            Ok((record.position().map_or(0, |p| p.line()) + self.header_line, record))
-        })
+            let line = record.position().map_or(0, |p| p.line()) + self.header_line;
+            match tail::without_comment(&record, columns) {
+                Some((_, comment)) if record.iter().all(|cell| !comment.is_empty() && cell.is_empty()) => {}
+                Some((record, comment)) => {
+                    comments.push((line, comment));
+                    records.push((line, record));
+                }
+                None => records.push((line, record)),
+            }
+        }
+        if let Some((line, first)) = comments.first() {
+            let count = comments.len();
+            self.taken.push(format!(
+                "comments behind rows are left out ({count}, the first in line {line}: {first:?})"
+            ));
+        }
+        let (records, left_out) = tail::without_tail(records, columns, (self.is_open, self.decimal_commas));
+        self.taken.extend(left_out);
+        Ok(self.with_boxes(records))
+    }
+
+    /// The records with the middles of their boxes.
+    fn with_boxes(&mut self, records: Vec<(u64, StringRecord)>) -> Vec<(u64, StringRecord)> {
+        let Some(boxes) = self.boxes else { return records };
+        let columns = self.header.names.len();
+        self.taken.push(boxes.in_words(&self.header.names));
+        self.header.names = boxes.renamed(&self.header.names);
+        self.header.owners.resize(columns + 2, None);
+        let commas = self.decimal_commas;
+        let longer = |(line, record): (u64, StringRecord)| match record.len() <= columns {
+            true => (line, boxes.with_middle(&record, columns, commas)),
+            false => (line, record),
+        };
+        records.into_iter().map(longer).collect()
+    }
+
+    /// Takes the two of three coordinates that move most.
+    pub fn choose_plane(&mut self, spread: impl Fn(usize) -> f64) {
+        if let Some((names, words)) = planes::plane(&self.header.names, spread) {
+            self.header.names = names;
+            self.taken.push(words);
+        }
     }
 }

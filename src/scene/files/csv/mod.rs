@@ -7,9 +7,11 @@ mod columns;
 mod dialect;
 mod frame_times;
 mod ids;
+mod layout;
 mod names;
 mod notes;
 mod rows;
+mod survey;
 #[cfg(test)]
 mod tests;
 mod vocabulary;
@@ -20,10 +22,12 @@ use crate::scene::observation::Scene;
 use crate::scene::violations::{SceneError, SceneViolations, readable};
 use assemble::scene;
 use assumed_size::shrink_to_fit;
+pub(super) use cell_values::clock;
 use notes::Notes;
 pub use notes::TableDefaults;
 use rows::{CsvRows, rows};
 use std::collections::BTreeSet;
+pub(super) use vocabulary::is_unit;
 pub use write::written_csv;
 
 /// Reads the text of a CSV file of tracks.
@@ -42,6 +46,11 @@ pub fn parse_csv(name: &str, text: &str) -> Result<Scene, SceneError> {
     Ok(read_table(name, text, &TableDefaults::default())?.0)
 }
 
+/// Whether a table with these columns has positions.
+pub(super) fn names_positions(names: &[String]) -> bool {
+    dialect::is_header(names)
+}
+
 /// Whether a text has a header that names positions.
 pub(super) fn is_table(text: &str) -> bool {
     dialect::find(text).has_header
@@ -55,10 +64,13 @@ pub(super) fn read_table(
     defaults: &TableDefaults,
 ) -> Result<(Scene, Vec<String>), SceneError> {
     let mut r = SceneViolations::of_rows();
-    let notes = Notes::read(text, defaults, &mut r);
+    let mut notes = Notes::read(text, defaults, &mut r);
     let rows = rows(text, &notes, &mut r);
     r.finish()?;
     let mut rows = rows?;
+    if let Some(size) = rows.measured_size {
+        (notes.size, notes.has_size) = (size, true);
+    }
     let (mut stated, timed) = (stated(&notes, &rows), rows.timed);
     let sized = notes.has_size || rows.rows.iter().any(|row| row.size.is_some());
     let mut dialect = std::mem::take(&mut rows.dialect);

@@ -44,8 +44,15 @@ const COLUMNS: [(CsvColumn, &[&str]); 14] = [
             "bodypart",
             "body",
             "instance",
+            "trajectory",
             "name",
             "label",
+            "instance_id",
+            "person_id",
+            "target_id",
+            "cell_id",
+            "player_id",
+            "tid",
         ],
     ),
     (
@@ -62,6 +69,7 @@ const COLUMNS: [(CsvColumn, &[&str]); 14] = [
             "elapsed_time",
             "datetime",
             "position_t",
+            "stamp",
         ],
     ),
     (
@@ -81,6 +89,14 @@ const COLUMNS: [(CsvColumn, &[&str]); 14] = [
             "image",
             "slice",
             "coords",
+            "image_id",
+            "image_number",
+            "imagenumber",
+            "frameno",
+            "timepoint",
+            "time_index",
+            "timestep",
+            "step",
         ],
     ),
     (CsvColumn::X, &["x", "cx", "xc", "xpos", "posx", "xcoord", "xcenter", "xcentroid", "xposition"]),
@@ -120,7 +136,7 @@ const FILLERS: [&str; 17] = [
     "axis",
 ];
 /// Words beside an axis that make it something else than a position.
-const NOT_POSITIONS: [&str; 18] = [
+const NOT_POSITIONS: [&str; 36] = [
     "v",
     "vel",
     "velocity",
@@ -139,6 +155,29 @@ const NOT_POSITIONS: [&str; 18] = [
     "min",
     "max",
     "flow",
+    "orientation",
+    "rotation",
+    "rot",
+    "quaternion",
+    "quat",
+    "q",
+    "twist",
+    "linear",
+    "angular",
+    "gyro",
+    "accel",
+    "magnetometer",
+    "direction",
+    "dir",
+    "normal",
+    "gravity",
+    "covariance",
+    "torque",
+];
+/// Words in front of a time or frame that make it another one.
+const NOT_CLOCKS: [&str; 14] = [
+    "delta", "dt", "exposure", "reaction", "since", "total", "max", "min", "first", "last", "start", "end",
+    "lost", "to",
 ];
 /// Characters between the words of a name.
 const SEPARATORS: [char; 8] = ['_', '.', '-', ' ', '/', ':', '#', '\''];
@@ -202,6 +241,20 @@ fn axis_and_object(word: &str) -> Option<(&str, &str)> {
     (names_object(first) && ["x", "y"].contains(&rest)).then_some((rest, first))
 }
 
+/// The column that the last words of a name mean, as in `cmso_frame_id` or `header.stamp`.
+fn clock_or_id(words: &[&str]) -> Option<CsvColumn> {
+    let is_other = words.iter().any(|word| NOT_CLOCKS.contains(&word.to_lowercase().as_str()));
+    (1..words.len()).find_map(|from| {
+        let (column, _) = listed(&joined(words.get(from..)?))?;
+        let is_single = words.len() - from == 1;
+        match column {
+            CsvColumn::Time | CsvColumn::Frame => (!is_other).then_some(column),
+            CsvColumn::Id => (!is_single).then_some(column),
+            _ => None,
+        }
+    })
+}
+
 /// What a column holds; `None`: nothing of use.
 pub(super) fn column_name(header: &str) -> Option<ColumnName> {
     if header.contains([',', ';', '\t', '|', '"']) {
@@ -211,6 +264,9 @@ pub(super) fn column_name(header: &str) -> Option<ColumnName> {
     let name = joined(&words);
     if let Some((column, rank)) = listed(&name) {
         return Some(ColumnName { column, object: None, rank, unit });
+    }
+    if let Some(column) = clock_or_id(&words) {
+        return Some(ColumnName { column, object: None, rank: LAST_RANK, unit });
     }
     let split = |word| axis_and_object(word).map_or(vec![word], |(axis, object)| vec![axis, object]);
     let words: Vec<&str> = words.into_iter().flat_map(split).collect();
@@ -228,6 +284,11 @@ pub(super) fn column_name(header: &str) -> Option<ColumnName> {
     }
     let object = (!object.is_empty()).then(|| object.join("_"));
     Some(ColumnName { column, object, rank: LAST_RANK + fillers.len(), unit })
+}
+
+/// The unit that a name states.
+pub(super) fn unit_of(header: &str) -> Option<String> {
+    words_and_unit(header).1
 }
 
 /// The name, without its unit, to look for typing errors in.

@@ -1,23 +1,24 @@
 //! The rows of a table in SI units; what is wrong with a cell is reported with line and column.
 
-use crate::scene::files::csv::cell_values::{clock, is_absent, number};
-use crate::scene::files::csv::columns::{ColumnMap, ColumnPlaces, columns};
+use crate::scene::files::csv::cell_values::{clock, image_number, is_absent, number};
+use crate::scene::files::csv::columns::{ASSUMED_PIXEL, ColumnMap, ColumnPlaces, columns};
 use crate::scene::files::csv::dialect::{TextTable, find};
 use crate::scene::files::csv::ids::ObjectNames;
 use crate::scene::files::csv::names::CsvColumn;
 use crate::scene::files::csv::notes::Notes;
+use crate::scene::files::csv::survey::{MAX_COORDINATE, TableCells};
 use crate::scene::files::csv::vocabulary::{MAX_SIZE, SHAPES, ShapeKind, shape_kind};
 use crate::scene::limits::{MASS_RANGE, SIZE_RANGE};
 use crate::scene::violations::{SceneError, SceneViolations, readable};
 use ::csv::StringRecord;
 use std::collections::BTreeMap;
 
-/// Largest coordinate (m): longer than any pitch, rink or lane. Larger numbers are in another unit.
-const MAX_COORDINATE: f64 = 200.0;
 /// A valid start of a file, for messages.
 const EXAMPLE_HEADER: &str = "id,t [s],x [mm],y [mm]";
 /// Least likelihood of a position that counts: the default of DeepLabCut.
 const LEAST_LIKELIHOOD: f64 = 0.6;
+/// Cells at the start of a row that the path of an image takes, at most: folders and name.
+const MAX_PATH_CELLS: usize = 3;
 
 /// One row in SI units.
 pub(super) struct Row {
@@ -42,10 +43,14 @@ pub(super) struct CsvRows {
     pub timed: bool,
     pub rows: Vec<Row>,
     pub names: ObjectNames,
+    /// Whether ids or names of columns tell objects apart.
+    pub has_ids: bool,
     /// How the table differs from our own, in a few words each.
     pub dialect: Vec<String>,
     /// What was assumed of the rows, a line each.
     pub assumed: Vec<String>,
+    /// Median of a size that is measured in each row (m).
+    pub measured_size: Option<f64>,
 }
 
 /// Where the time of a row stands; `None`: rows are frames.
@@ -62,25 +67,29 @@ pub(super) fn rows(text: &str, notes: &Notes, r: &mut SceneViolations) -> Result
         r.add("(file)", format!("has no rows; begin with a header such as `{EXAMPLE_HEADER}`, {form}"));
         return Ok(found);
     }
-    let table = find(text);
-    let mut map = columns(&table.header, notes, r);
-    let clock = row_clock(&table, &mut map);
+    let mut table = find(text);
+    let records = match table.records() {
+        Ok(records) => records,
+        Err(error) => {
+            r.add("(file)", error.to_string());
+            return Ok(found);
+        }
+    };
+    let mut map = surveyed(&mut table, &records, notes, (&mut found, r));
+    let clock = row_clock(&table, &records, &mut map);
     found.timed = clock == Some(CsvColumn::Time);
+    if clock.is_some() {
+        let names = &table.header.names;
+        TableCells { names, records: &records, decimal_commas: table.decimal_commas }.check_ids(&map, r);
+    }
     // Rows cannot be judged without these columns.
     if !has_required_columns(&table, &map, clock, r) {
         return Ok(found);
     }
     let mut reader =
         TableReader { table: &table, map: &map, clock, stated: Stated::new(), counts: RowCounts::default() };
-    for record in table.records() {
-        let (line, record) = match record {
-            Ok(record) => record,
-            Err(error) => {
-                r.add("(file)", error.to_string());
-                break;
-            }
-        };
-        reader.take(line, &record, &mut found, r);
+    for (line, record) in &records {
+        reader.take(*line, record, &mut found, r);
     }
     let counts = reader.counts;
     if found.rows.is_empty() && r.is_empty() {
@@ -91,25 +100,56 @@ pub(super) fn rows(text: &str, notes: &Notes, r: &mut SceneViolations) -> Result
         found.dialect.push(format!("{}{commas}", table.separators));
     }
     found.dialect.append(&mut map.renamed);
-    found.assumed = counts.in_words();
+    found.assumed.extend(std::mem::take(&mut table.taken));
+    found.assumed.extend(counts.in_words());
     if clock.is_none() {
         found.assumed.push("one row for each frame (a column `frame` or `t [s]`)".into());
     }
-    if map.objects.is_empty() && !map.shared.contains_key(&CsvColumn::Id) {
+    found.has_ids = !map.objects.is_empty() || map.shared.contains_key(&CsvColumn::Id);
+    if !found.has_ids {
         found.assumed.push("one object, with id 0 (a column `id`)".into());
     }
     found.assumed.extend(found.names.in_words());
     Ok(found)
 }
 
+/// The columns, chosen by what all rows hold; reports numbers that may be read in two ways.
+fn surveyed(
+    table: &mut TextTable,
+    records: &[(u64, StringRecord)],
+    notes: &Notes,
+    (found, r): (&mut CsvRows, &mut SceneViolations),
+) -> ColumnMap {
+    let names = table.header.names.clone();
+    let cells = TableCells { names: &names, records, decimal_commas: table.decimal_commas };
+    table.choose_plane(|at| cells.spread(at));
+    let names = table.header.names.clone();
+    let cells = TableCells { names: &names, ..cells };
+    let rough = columns(&table.header, notes, false, &mut SceneViolations::default());
+    cells.check_signs(&rough, r);
+    let has_unit = notes.unit.is_some() || notes.scale.is_some();
+    let mut map =
+        columns(&table.header, notes, !has_unit && cells.is_beyond_metres(&rough, ASSUMED_PIXEL), r);
+    if let Some(size) = cells.measured_size(&map)
+        && let Some((at, unit)) = map.shared.remove(&CsvColumn::Size)
+    {
+        let name = names.get(at).unwrap_or_default();
+        found.measured_size = Some(size * unit);
+        found
+            .assumed
+            .push(format!("the median of `{name}`, which differs from row to row, as radius or half side"));
+    }
+    map
+}
+
 /// The column with the time of each row.
-fn row_clock(table: &TextTable, map: &mut ColumnMap) -> RowClock {
+fn row_clock(table: &TextTable, records: &[(u64, StringRecord)], map: &mut ColumnMap) -> RowClock {
     let has = |places: &ColumnPlaces, column| places.contains_key(&column);
     if has(&map.shared, CsvColumn::Time) || map.objects.iter().any(|(_, own)| has(own, CsvColumn::Time)) {
         return Some(CsvColumn::Time);
     }
     // The index of a data frame has no name.
-    let first = table.records().next().and_then(Result::ok);
+    let first = records.first();
     let is_count = |cell: &str| number(cell, false).is_some_and(|value| value.fract() == 0.0);
     let is_index = table.header.names.get(0).is_some_and(str::is_empty)
         && first.is_some_and(|(_, record)| record.get(0).is_some_and(is_count));
@@ -130,10 +170,13 @@ fn has_required_columns(
     let names: Vec<&str> = table.header.names.iter().collect();
     let is_placed =
         (has(CsvColumn::X) && has(CsvColumn::Y)) || map.objects.iter().any(|(_, own)| !own.is_empty());
-    if !table.has_header && names.iter().all(|name| number(name, false).is_some()) {
+    if !table.has_header
+        && (table.needs_header.is_some() || names.iter().all(|name| number(name, false).is_some()))
+    {
+        let why = table.needs_header.as_deref().unwrap_or("is missing");
         r.add(
             "header",
-            format!("is missing; put a line in front that names the columns, such as `{EXAMPLE_HEADER}`"),
+            format!("{why}; put a line in front that names the columns, such as `{EXAMPLE_HEADER}`"),
         );
         return false;
     }
@@ -406,6 +449,13 @@ impl Cells<'_> {
 
     /// A whole number, also below 0.
     fn frame(&mut self) -> Option<f64> {
+        let text = self.text(CsvColumn::Frame)?;
+        // Labelled images, whose path may take several cells.
+        if number(text, self.of_table.1).is_none()
+            && let Some(image) = self.record.iter().take(MAX_PATH_CELLS).find_map(image_number)
+        {
+            return Some(image);
+        }
         let value = self.number(CsvColumn::Frame)?;
         if value.fract() != 0.0 {
             self.wrong(CsvColumn::Frame, format!("is {}; give a whole number", readable(value)));

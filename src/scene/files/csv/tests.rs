@@ -236,12 +236,22 @@ fn rows_may_be_in_any_order_but_one_for_each_object_and_time() {
 #[test]
 fn numbers_too_large_for_metres_are_reported_with_the_unit_to_give() {
     let text = |unit: &str| format!("id,t,x{unit},y\n1,0,-197.54,0\n1,0.04,1067.45,0\n1,0.08,2067.45,0\n");
-    for unit in ["", " [m]"] {
-        let message = parse_csv("s", &text(unit)).expect_err("no table is so large").to_string();
-        let start = format!("line 3, column 3 (x{unit}): is 1067.45 m; it must be within 200 m");
-        assert!(message.starts_with(&start) && message.contains("`x [mm]`"), "{message}");
-        assert!(!message.contains("line 2"), "{message}");
-    }
+    let message = parse_csv("s", &text(" [m]")).expect_err("no table is so large").to_string();
+    let start = "line 3, column 3 (x [m]): is 1067.45 m; it must be within 200 m";
+    assert!(message.starts_with(start) && message.contains("`x [mm]`"), "{message}");
+    assert!(!message.contains("line 2"), "{message}");
+    // Without a unit they are pixels, or millimetres.
+    let (scene, assumed) = read_table("s", &text(""), &TableDefaults::default()).expect("pixels");
+    assert_eq!(scene.tracks[0].samples[1].position.x, 1.06745);
+    assert!(
+        assumed.iter().any(|line| line.contains("too large for metres, taken as pixels of 1 mm")),
+        "{assumed:?}"
+    );
+    // One number of many is an error, or a sign for "not seen".
+    let rows: String =
+        (0..40).map(|k| format!("1,{k},{},0\n", if k == 7 { 999.0 } else { 0.1 * f64::from(k) })).collect();
+    let message = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("999 m").to_string();
+    assert!(message.starts_with("line 9, column 3 (x): is 999 m"), "{message}");
     assert!(parse_csv("s", &text(" [mm]")).is_ok());
 }
 
@@ -272,4 +282,174 @@ fn what_a_file_does_not_state_is_listed_with_what_to_write() {
     );
     let whole = "# world: table\nid,t,x,y,mass,size\n1,0,0,0,1,0.03\n1,0.04,0.5,0,,\n1,0.08,0.8,0,,\n";
     assert_eq!(assumed(whole), [""; 0]);
+}
+
+/// Position of the only object in each frame, and what was taken.
+fn taken(text: &str) -> (Vec<[f64; 2]>, String) {
+    let (scene, assumed) =
+        read_table("s", text, &TableDefaults::default()).unwrap_or_else(|e| panic!("{text}\n{e}"));
+    let samples = scene.tracks[0].samples.iter().map(|s| [s.position.x, s.position.y]);
+    (samples.collect(), assumed.join("\n"))
+}
+
+#[test]
+fn thousands_are_read_where_they_are_certain_and_asked_for_where_not() {
+    let expected = vec![[0.9985, 0.2], [1.0015, 0.201], [1.234, 0.203]];
+    for rows in [
+        "id;frame;x [mm];y [mm]\n1;0;998,5;200\n1;1;1.001,5;201\n1;2;1 234,0;203\n",
+        "id;frame;x [mm];y [mm]\n1;0;998.5;200\n1;1;1,001.5;201\n1;2;1,234;203\n",
+        "id,frame,x [mm],y [mm]\n1,0,998.5,200\n1,1,\"1,001.5\",201\n1,2,\"1,234\",203\n",
+        "id\tframe\tx [mm]\ty [mm]\n1\t0\t998,5\t200\n1\t1\t1'001,5\t201\n1\t2\t1234\t203\n",
+    ] {
+        assert_eq!(taken(rows).0, expected, "{rows}");
+    }
+    for (rows, start) in [
+        (
+            "id;frame;x [mm];y [mm]\n1;0;987;1\n1;1;1.001;1\n",
+            "line 3, column 3 (x [mm]): is \"1.001\" beside 987: `.` may separate",
+        ),
+        (
+            "id;frame;x [mm];y [mm]\n1;0;2,987;1\n1;1;1,001;1\n",
+            "line 2, column 3 (x [mm]): is \"2,987\": `,` may separate",
+        ),
+        (
+            "id;frame;x [mm];y [mm]\n1;0;987,5;1\n1;1;1.001;1\n",
+            "line 3, column 3 (x [mm]): is \"1.001\" in a table with decimal commas",
+        ),
+    ] {
+        let message = parse_csv("s", rows).expect_err(rows).to_string();
+        assert!(
+            message.starts_with(start) && message.contains("write numbers without separators of thousands"),
+            "{message}"
+        );
+    }
+    // Three decimals are no thousands.
+    assert_eq!(taken("id;frame;x;y\n1;0;1,250;0,125\n1;1;1,375;0,250\n").0, [[1.25, 0.125], [1.375, 0.25]]);
+    assert_eq!(taken("id,frame,x,y\n1,0,1.250,5\n1,1,1.375,5\n").0, [[1.25, 5.0], [1.375, 5.0]]);
+}
+
+#[test]
+fn what_is_no_row_is_left_out_and_told() {
+    let rows = "id,frame,x,y\n0,0,0.25,0.31\n0,1,0.25,0.33\n0,2,0.25,0.35\n";
+    let known = vec![[0.25, 0.31], [0.25, 0.33], [0.25, 0.35]];
+    for (text, part) in [
+        (
+            rows.replace("0.33\n", "0.33 # lost, nearly\n"),
+            "comments behind rows are left out (1, the first in line 3: \"lost nearly\")",
+        ),
+        (format!("{rows}Total rows: 3\n"), "line 5 (\"Total rows: 3\") is no row"),
+        (format!("{rows}-----\nmean,,0.25,0.33\n"), "line 6 (\"mean 0.25 0.33\") is no row"),
+        (format!("{rows}0,3,0.2"), "the last line (5: \"0 3 0.2\") is cut"),
+        (format!("{rows}0,3,0.25,0.3"), "the last line (5: \"0 3 0.25 0.3\") is cut"),
+    ] {
+        let (found, words) = taken(&text);
+        assert!(found == known && words.contains(part), "{text}\n{words}");
+    }
+    // Nothing is cut off a file that only lacks the last line's end, and an id keeps its sign.
+    assert_eq!(taken(rows.trim_end()).0, known);
+    assert_eq!(taken("x,y,frame,id\n1,1,0,ball #1\n1,1,1,ball #1\n").0.len(), 2);
+}
+
+#[test]
+fn boxes_give_their_middle() {
+    let known = vec![[0.020, 0.035], [0.022, 0.035], [0.025, 0.036]];
+    for (text, part) in [
+        (
+            "frame,id,x1 [px],y1 [px],x2 [px],y2 [px]\n0,1,10,20,30,50\n1,1,12,20,32,50\n2,1,15,21,35,51\n",
+            "boxes `x1 [px], y1 [px], x2 [px], y2 [px]`",
+        ),
+        (
+            "frame,left [px],top [px],width,height\n0,10,20,20,30\n1,12,20,20,30\n2,15,21,20,30\n",
+            "boxes `left [px], top [px], width, height`",
+        ),
+        (
+            "frame,x [px],y [px],w,h\n0,10,20,20,30\n1,12,20,20,30\n2,15,21,20,30\n",
+            "boxes `x [px], y [px], w, h`",
+        ),
+    ] {
+        let (found, words) = taken(text);
+        let near =
+            found.iter().zip(&known).all(|(a, b)| (a[0] - b[0]).abs() < 1e-12 && (a[1] - b[1]).abs() < 1e-12);
+        assert!(
+            near && words.contains(part) && words.contains("pixels, taken as 1 mm each"),
+            "{found:?}\n{words}"
+        );
+    }
+    // Without an id they are two objects.
+    assert_eq!(parse_csv("s", "frame,x1,y1,x2,y2\n0,0,0,2,2\n1,0,0,2,2\n").expect("two").objects.len(), 2);
+}
+
+#[test]
+fn a_table_without_a_header_is_read_where_it_can_mean_one_thing() {
+    assert_eq!(taken("0 0.5 0.25\n0.04 0.5 0.30\n0.08 0.5 0.40\n").0, [[0.5, 0.25], [0.5, 0.3], [0.5, 0.4]]);
+    let mot = "1,1,912,484,97,109,0,7,1\n1,2,700,300,50,60,1,1,1\n2,1,914,484,97,109,0,7,1\n2,2,700,300,50,60,1,1,1\n";
+    let (found, words) = taken(mot);
+    assert_eq!(found, [[0.9605, 0.5385], [0.9625, 0.5385]]);
+    assert!(
+        words.contains("no header: the columns are taken as frame, id, left, top, width, height"),
+        "{words}"
+    );
+    let long = "1,1,0.5,0.25\n1,2,1.5,0.25\n2,1,0.5,0.35\n2,2,1.5,0.25\n3,1,0.5,0.45\n3,2,1.5,0.25\n";
+    assert_eq!(taken(long).0, [[0.5, 0.25], [0.5, 0.35], [0.5, 0.45]]);
+    for (text, part) in [
+        (
+            "0,0,1,1523.65,334.641,1\n1,0,1,1523.79,334.308,1\n2,0,1,1523.45,334.643,1\n",
+            "its 6 columns may hold several things",
+        ),
+        ("0.03,-1.14\n0.06,-1.15\n0.09,-1.20\n", "a time and one coordinate"),
+        (
+            "1,-1,281,187,79,209,0.9\n1,-1,56,144,93,295,0.9\n2,-1,56,144,93,295,0.9\n",
+            "its boxes have no ids (-1)",
+        ),
+    ] {
+        let message = parse_csv("s", text).expect_err(text).to_string();
+        assert!(
+            message.contains(part) && message.contains("put a line in front that names the columns"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn of_three_coordinates_those_that_move_most_are_the_plane() {
+    let rows = |flat: [&str; 3]| {
+        format!(
+            "frame,x,y,z\n0,{},{},{}\n1,{},{},{}\n",
+            flat[0],
+            flat[1],
+            flat[2],
+            1.5,
+            if flat[1] == "0.1" { "0.1" } else { "3" },
+            if flat[2] == "0.1" { "0.1" } else { "3" }
+        )
+    };
+    let (found, words) = taken(&rows(["1", "2", "0.1"]));
+    assert!(found == [[1.0, 2.0], [1.5, 3.0]] && !words.contains("x and z"), "{words}");
+    let (found, words) = taken(&rows(["1", "0.1", "2"]));
+    assert!(
+        found == [[1.0, 2.0], [1.5, 3.0]] && words.contains("x and z of three coordinates, which move most"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_radius_that_is_measured_in_each_row_is_no_constant() {
+    let rows: String = (0..9).map(|k| format!("{k},0.5,0.{k},{}\n", 12 + k % 6)).collect();
+    let (scene, assumed) =
+        read_table("s", &format!("frame,x,y,radius [mm]\n{rows}"), &TableDefaults::default())
+            .expect("radius");
+    assert_eq!(scene.objects[0].shape, Shape::Disc { radius: 0.014 });
+    assert!(assumed.iter().any(|line| line.contains("the median of `radius [mm]`")), "{assumed:?}");
+}
+
+#[test]
+fn an_id_that_counts_rows_is_refused() {
+    let rows: String = (0..20).map(|k| format!("{k},{},0.5,0.5\n", k / 2)).collect();
+    let message = parse_csv("s", &format!("id,frame,x,y\n{rows}")).expect_err("counts").to_string();
+    assert!(message.starts_with("header, column 1 (id): has another id in each of 20 rows"), "{message}");
+    let unnamed = parse_csv("s", "frame,x,y\n0,1,1\n0,2,2\n1,1,1\n").expect_err("no id").to_string();
+    assert!(
+        unnamed.starts_with("line 3: is the second position at this time, after line 2, and no column"),
+        "{unnamed}"
+    );
 }

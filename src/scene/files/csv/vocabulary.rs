@@ -24,7 +24,7 @@ pub(super) fn size_of(units: &[(&str, f64)], unit: &str) -> Option<f64> {
 }
 
 /// Whether a word is a unit, known or foreign.
-pub(super) fn is_unit(word: &str) -> bool {
+pub(in crate::scene::files) fn is_unit(word: &str) -> bool {
     let known = [&LENGTHS[..], &TIMES, &ANGLES, &MASSES].into_iter().flatten();
     known.map(|(name, _)| *name).chain(PIXELS).chain(FOREIGN).any(|unit| unit == word)
 }
