@@ -33,8 +33,8 @@ pub use camera::{
 pub use covariance::Covariance;
 pub use digest::canonical_digest;
 pub use files::{
-    Proposals, SceneFile, TableDefaults, decoded, holds_positions, observed_json, parse, parse_csv,
-    parse_pairs, parse_proposals, read_scene, written_csv,
+    Proposals, SceneFile, TableDefaults, decoded, holds_positions, holds_records, observed_json, parse,
+    parse_csv, parse_pairs, parse_proposals, read_scene, written_csv,
 };
 pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
 pub use measurement::{FindingKind, TrackFinding};

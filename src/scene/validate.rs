@@ -191,7 +191,7 @@ impl Scene {
                         format!("objects[{j}]"),
                         format!(
                             "objects {} and {} (objects[{i}]) lie inside each other in frame {frame}: their centres \
-                             are {distance:.3} m apart; check sizes and positions",
+                             are {distance:.3} m apart; check sizes and positions, or leave one of both out",
                             b.id, a.id
                         ),
                     );

@@ -15,10 +15,10 @@ pub const OBSERVED: &str = "observed.json";
 /// How the names of CLEVRER's annotations, and of their folders, begin.
 const ANNOTATION: &str = "annotation_";
 /// Extensions of tables and projects of trackers, and of texts that may be tables.
-const TABLES: [&str; 5] = ["csv", "tsv", "tab", "trk", "trz"];
+const TABLES: [&str; 10] = ["csv", "tsv", "tab", "trk", "trz", "jsonl", "mdf", "trc", "xlsx", "npz"];
 const TEXTS: [&str; 3] = ["txt", "dat", "log"];
 /// Extensions of files that hold tracks, but no text.
-const BINARIES: [&str; 6] = ["h5", "hdf5", "parquet", "slp", "xlsx", "npy"];
+const BINARIES: [&str; 6] = ["h5", "hdf5", "parquet", "slp", "xls", "npy"];
 /// Bytes at the start of a text file that show whether it is a table.
 const TABLE_START: u64 = 1 << 16;
 /// Number of outliers that a message lists.

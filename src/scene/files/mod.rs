@@ -20,4 +20,4 @@ pub use csv::{TableDefaults, parse_csv, written_csv};
 pub use observed_json::observed_json;
 pub use point_pairs::parse_pairs;
 pub use proposals::{Proposals, parse_proposals};
-pub use read::{SceneFile, decoded, holds_positions, read_scene};
+pub use read::{SceneFile, decoded, holds_positions, holds_records, read_scene};

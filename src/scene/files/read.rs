@@ -26,7 +26,10 @@ pub fn read_scene(name: &str, bytes: &[u8], defaults: &TableDefaults) -> Result<
         return tracker(name, &text, defaults);
     }
     if let Some(table) = records::of_bytes(bytes) {
-        return of_records(name, &table?, defaults);
+        let TableText { text, taken } = table?;
+        let mut read = of_text(name, &text, defaults)?;
+        read.assumed.extend(taken);
+        return Ok(read);
     }
     let DecodedText { text, encoding } = decode(bytes)?;
     let start = text.trim_start();
@@ -98,5 +101,10 @@ pub fn decoded(bytes: &[u8]) -> Result<String, SceneError> {
 
 /// Whether a file, of which these are the first bytes, is a table of positions.
 pub fn holds_positions(bytes: &[u8]) -> bool {
-    decode(bytes).is_ok_and(|decoded| is_table(&decoded.text))
+    decode(bytes).is_ok_and(|decoded| is_table(&decoded.text) || records::of_text(&decoded.text).is_some())
+}
+
+/// Whether a file is JSON whose records have positions.
+pub fn holds_records(bytes: &[u8]) -> bool {
+    decode(bytes).is_ok_and(|decoded| records::of_json(&decoded.text).is_some_and(|table| table.is_ok()))
 }

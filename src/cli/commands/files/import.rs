@@ -8,7 +8,7 @@ use crate::cli::output::progress;
 use crate::cli::{input, output};
 use crate::scene::{
     AttributeScores, CLEVRER_CAMERA, DEFAULT_SIZE, Object, Scene, SceneFile, TableDefaults, Track, decoded,
-    observed_json, parse_proposals, read_scene,
+    holds_records, observed_json, parse_proposals, read_scene,
 };
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -25,7 +25,8 @@ const FILE_FORMATS: &str = r#"The content of FILE decides its format; each file 
               run-length) or box [left, top, width, height] (px), and scores
   table       text with columns id, t or frame, x, y, and optionally yaw, visible, shape, size, mass, material, color; a name
               may have a unit, as in `x [mm]`; lines above may set `# fps: 50`, `# unit: cm`, `# world: table`; also as
-              spreadsheets, Tracker, DeepLabCut, SLEAP, TRex, idtracker.ai and trackpy write it
+              spreadsheets (.xlsx too), Tracker, DeepLabCut, SLEAP, TRex, idtracker.ai, trackpy and others write it
+  records     lines of a log with names and values, JSON with records, XML of TrackMate and CVAT
   Tracker     a project of the program Tracker (.trk, .trz)
   video       MP4, MOV, MKV, WebM, AVI, GIF: its objects are found and followed; perception.json beside observed.json says how"#;
 
@@ -228,7 +229,10 @@ fn holds_detections(bytes: &[u8]) -> bool {
     let is_braced = |text: &String| text.trim_start().starts_with('{');
     let text = decoded(bytes).ok().filter(is_braced);
     let root = text.and_then(|text| serde_json::from_str::<Map<String, Value>>(&text).ok());
-    root.is_some_and(|root| root.contains_key("frames") && !root.contains_key("motion_trajectory"))
+    let is_one =
+        |root: &Map<String, Value>| root.contains_key("frames") && !root.contains_key("motion_trajectory");
+    // Frames of objects with positions are tracks.
+    root.is_some_and(|root| is_one(&root) && !holds_records(bytes))
 }
 
 impl ImportArgs {
@@ -348,6 +352,9 @@ mod tests {
             false => read_scene("a", text.as_bytes(), &TableDefaults::default()).map(|file| file.kind),
         };
         assert_eq!(kind(r#"{"frames": []}"#), Ok("proposals"));
+        assert_eq!(kind(r#"{"frames": [{"objects": [{"mask": {"size": [1, 1]}}]}]}"#), Ok("proposals"));
+        let tracks = r#"{"frames": [{"objects": [{"id": 1, "x": 0, "y": 0}]}, {"objects": [{"id": 1, "x": 1, "y": 0}]}]}"#;
+        assert_eq!(kind(tracks), Ok("csv"));
         assert_eq!(kind("mass A\nt\tx\ty\n0\t1\t2\n1\t1\t2\n"), Ok("csv"));
         assert_eq!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n1,1,1,2\n"), Ok("csv"));
         // The parser of annotations explains what is wrong with JSON.

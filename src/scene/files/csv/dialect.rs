@@ -324,7 +324,7 @@ fn tabbed(text: &str) -> String {
 
 impl TextTable<'_> {
     /// The rows, each with the number of its line; then the header has names for what the reader adds. What was taken or left
-    /// out is told in `taken`.
+    /// out stands in `taken`.
     pub fn records(&mut self) -> Result<Vec<(u64, StringRecord)>, ::csv::Error> {
         let reader = ReaderBuilder::new()
             .delimiter(self.delimiter)
@@ -370,6 +370,12 @@ impl TextTable<'_> {
             false => (line, record),
         };
         records.into_iter().map(longer).collect()
+    }
+
+    /// Takes a column for one of no use.
+    pub fn pass_over(&mut self, column: usize) {
+        let name = |(at, name)| if at == column { "" } else { name };
+        self.header.names = self.header.names.iter().enumerate().map(name).collect();
     }
 
     /// Takes the two of three coordinates that move most.

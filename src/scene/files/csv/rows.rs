@@ -123,9 +123,14 @@ fn surveyed(
     let names = table.header.names.clone();
     let cells = TableCells { names: &names, records, decimal_commas: table.decimal_commas };
     table.choose_plane(|at| cells.spread(at));
-    let names = table.header.names.clone();
+    let rough = |table: &TextTable| columns(&table.header, notes, false, &mut SceneViolations::default());
+    let mut known = rough(table);
+    while let Some(at) = cells.empty_column(&known) {
+        table.pass_over(at);
+        known = rough(table);
+    }
+    let (rough, names) = (known, table.header.names.clone());
     let cells = TableCells { names: &names, ..cells };
-    let rough = columns(&table.header, notes, false, &mut SceneViolations::default());
     cells.check_signs(&rough, r);
     let has_unit = notes.unit.is_some() || notes.scale.is_some();
     let mut map =

@@ -1,5 +1,5 @@
 //! What all rows of a table together say of its numbers: whether lengths can be metres, what a comma or point separates, and
-//! whether a size is measured anew in each row.
+//! whether a size is measured in each row.
 
 use crate::num::quantile;
 use crate::scene::files::csv::cell_values::{is_absent, number, ungrouped};
@@ -39,6 +39,15 @@ impl TableCells<'_> {
 
     fn numbers(&self, at: usize) -> impl Iterator<Item = f64> {
         self.column(at).filter_map(|(_, cell)| number(cell, self.decimal_commas))
+    }
+
+    /// A column of ids or times that holds none.
+    pub fn empty_column(&self, map: &ColumnMap) -> Option<usize> {
+        let places = [CsvColumn::Id, CsvColumn::Time, CsvColumn::Frame]
+            .into_iter()
+            .filter_map(|column| map.shared.get(&column));
+        let is_empty = |at: &usize| !self.records.is_empty() && self.column(*at).next().is_none();
+        places.map(|(at, _)| *at).find(is_empty)
     }
 
     /// The width of the range that holds nine tenths of a column's numbers.

@@ -329,7 +329,7 @@ fn thousands_are_read_where_they_are_certain_and_asked_for_where_not() {
 }
 
 #[test]
-fn what_is_no_row_is_left_out_and_told() {
+fn what_is_no_row_is_left_out_with_words() {
     let rows = "id,frame,x,y\n0,0,0.25,0.31\n0,1,0.25,0.33\n0,2,0.25,0.35\n";
     let known = vec![[0.25, 0.31], [0.25, 0.33], [0.25, 0.35]];
     for (text, part) in [

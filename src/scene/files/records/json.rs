@@ -6,8 +6,8 @@ use crate::scene::files::csv::names_positions;
 use crate::scene::violations::SceneError;
 use serde_json::{Map, Value};
 
-/// Names of a frame rate.
-const RATES: [&str; 6] = ["fps", "frame_rate", "framerate", "frameRate", "frames_per_second", "sample_rate"];
+/// Names of a frame rate, in lower case and without `_`.
+const RATES: [&str; 4] = ["fps", "framerate", "framespersecond", "samplerate"];
 /// Parts of the names of values that hold for all records inside.
 const INHERITED: [&str; 9] = ["frame", "time", "id", "name", "label", "index", "stamp", "image", "track"];
 /// Lists whose keys name no object.
@@ -125,7 +125,9 @@ impl JsonRecords {
 
     fn root(&mut self, root: &Value) {
         let Value::Object(map) = root else { return self.items("", root, &[]) };
-        let rate = RATES.iter().find_map(|name| map.get(*name)?.as_f64()).filter(|rate| *rate > 0.0);
+        let is_rate = |name: &str| RATES.contains(&name.to_lowercase().replace('_', "").as_str());
+        let rate = map.iter().find(|(name, _)| is_rate(name)).and_then(|(_, value)| value.as_f64());
+        let rate = rate.filter(|rate| *rate > 0.0);
         self.table.notes.extend(rate.map(|rate| format!("# fps: {rate}")));
         if let Some(Value::Array(frames)) = map.get("trajectories")
             && frames.iter().any(|frame| frame.get(0).is_some_and(Value::is_array))

@@ -5,7 +5,7 @@ use super::record_table::quoted;
 use ::csv::ReaderBuilder;
 
 /// Lines in front of the header that are looked at.
-const MOST_LINES: usize = 12;
+const HEADER_LINES: usize = 12;
 /// Kinds of columns that Motive has.
 const RIGID_BODY: &str = "rigid body";
 
@@ -15,6 +15,7 @@ pub(super) fn table(text: &str) -> Option<TableText> {
         start if start.starts_with("Format Version,") => motive(text),
         start if start.starts_with("Trajectories") => vicon(text),
         start if start.starts_with("comment,") => old_motive(text),
+        start if start.starts_with("PathFileType") => motion_analysis(text),
         _ => None,
     }
 }
@@ -27,7 +28,7 @@ fn cells(line: &str) -> Vec<String> {
 
 /// Motive's export: the lines above the header become comments, its columns get the names of their objects.
 fn motive(text: &str) -> Option<TableText> {
-    let lines: Vec<Vec<String>> = text.lines().take(MOST_LINES).map(cells).collect();
+    let lines: Vec<Vec<String>> = text.lines().take(HEADER_LINES).map(cells).collect();
     let at = lines.iter().position(|line| line.first().is_some_and(|cell| cell == "Frame"))?;
     let header = lines.get(at)?;
     let about = lines.first()?;
@@ -77,6 +78,31 @@ fn vicon(text: &str) -> Option<TableText> {
     let rate: f64 = rate.trim_matches([',', ' ', '"']).parse().ok().filter(|rate| *rate > 0.0)?;
     let taken = vec![format!("Vicon's trajectories, {rate} frames/s")];
     Some(TableText { text: format!("# fps: {rate}\n#\n{rest}"), taken })
+}
+
+/// A TRC file of Motion Analysis and OpenSim: rate and unit stand in its third line, names of markers in the fourth.
+fn motion_analysis(text: &str) -> Option<TableText> {
+    let separator = if text.lines().nth(3)?.contains('\t') { '\t' } else { ',' };
+    let split =
+        |line: &str| line.split(separator).map(|cell| cell.trim().to_string()).collect::<Vec<String>>();
+    let mut lines = text.lines().skip(1);
+    let (keys, values, names, axes) =
+        (split(lines.next()?), split(lines.next()?), split(lines.next()?), split(lines.next()?));
+    let stated = |key: &str| values.get(keys.iter().position(|known| known == key)?);
+    let rate: f64 = stated("DataRate")?.parse().ok().filter(|rate| *rate > 0.0)?;
+    let unit = stated("Units")?.to_lowercase();
+    let (mut header, mut name) = (vec!["frame".to_string(), "t".to_string()], String::new());
+    for (at, axis) in axes.iter().enumerate().skip(2) {
+        if let Some(own) = names.get(at).filter(|own| !own.is_empty()) {
+            name = own.replace([' ', ':'], "-");
+        }
+        let letter = axis.chars().next().filter(|letter| "XYZ".contains(*letter));
+        header.push(letter.map(|letter| format!("{name}_{letter}")).unwrap_or_default());
+    }
+    let body: Vec<&str> = lines.collect();
+    let notes = format!("# unit: {unit}\n# fps: {rate}\n#\n#\n");
+    let text = format!("{notes}{}\n{}\n", header.join(&separator.to_string()), body.join("\n"));
+    Some(TableText { text, taken: vec![format!("markers of a TRC file, in {unit}, {rate} frames/s")] })
 }
 
 /// The export of older versions of Motive: a row for each frame with its bodies one after another (m).

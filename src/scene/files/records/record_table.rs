@@ -40,7 +40,7 @@ impl RecordTable {
         self.rows.push(row);
     }
 
-    /// Keeps the records whose names fit; returns how many do not.
+    /// Keeps the records whose names fit, and the names that they have; returns how many do not.
     pub fn retain(&mut self, fits: impl Fn(&[String]) -> bool) -> usize {
         let before = self.rows.len();
         let names = std::mem::take(&mut self.names);
@@ -50,7 +50,12 @@ impl RecordTable {
             let own = || places.iter().filter_map(|at| names.get(*at).cloned()).collect::<Vec<String>>();
             *known.entry(places.clone()).or_insert_with(|| fits(&own()))
         });
-        self.names = names;
+        let used: std::collections::BTreeSet<usize> = self.rows.iter().flatten().map(|(at, _)| *at).collect();
+        for (at, _) in self.rows.iter_mut().flatten() {
+            *at = used.range(..*at).count();
+        }
+        self.names =
+            names.into_iter().enumerate().filter(|(at, _)| used.contains(at)).map(|(_, name)| name).collect();
         before - self.rows.len()
     }
 

@@ -4,7 +4,7 @@ use crate::scene::files::csv::cell_values::{is_absent, number};
 use ::csv::StringRecord;
 
 /// Most lines of a summary.
-const MOST_LINES: usize = 8;
+const SUMMARY_LINES: usize = 8;
 /// First words of a line that sums up, in lower case.
 const SUMMARIES: [&str; 16] = [
     "total", "sum", "mean", "average", "avg", "median", "std", "min", "max", "count", "rows", "end", "done",
@@ -29,7 +29,7 @@ pub(crate) fn without_tail(
         let text = last.iter().collect::<Vec<_>>().join(" ");
         words.push(format!("the last line ({line}: {text:?}) is cut and left out"));
     }
-    for _ in 0..MOST_LINES {
+    for _ in 0..SUMMARY_LINES {
         let Some((line, text)) =
             records.last().and_then(|(line, record)| Some((*line, summary(record, columns)?)))
         else {
