@@ -345,6 +345,9 @@ fn what_is_no_row_is_left_out_with_words() {
         let (found, words) = taken(&text);
         assert!(found == known && words.contains(part), "{text}\n{words}");
     }
+    let named: String = (0..20).map(|k| format!("max,{k},0.5,0.5\n")).collect();
+    assert_eq!(taken(&format!("id,frame,x,y\n{named}")).0.len(), 20);
+    assert_eq!(taken("x,y,frame,id\n1,1,0,#1\n1,1,1,#1\n").0.len(), 2);
     // Nothing is cut off a file that only lacks the last line's end, and an id keeps its sign.
     assert_eq!(taken(rows.trim_end()).0, known);
     assert_eq!(taken("x,y,frame,id\n1,1,0,ball #1\n1,1,1,ball #1\n").0.len(), 2);
@@ -430,6 +433,12 @@ fn of_three_coordinates_those_that_move_most_are_the_plane() {
         found == [[1.0, 2.0], [1.5, 3.0]] && words.contains("x and z of three coordinates, which move most"),
         "{words}"
     );
+}
+
+#[test]
+fn a_column_with_a_z_in_its_name_is_no_coordinate() {
+    let (found, words) = taken("frame,x,y,z_score\n0,1,2,0\n1,1.5,2.1,9\n");
+    assert!(found == [[1.0, 2.0], [1.5, 2.1]] && !words.contains("three coordinates"), "{words}");
 }
 
 #[test]

@@ -23,7 +23,10 @@ fn with_letter(name: &str, from: char, to: &str) -> Option<String> {
 /// The index of each z column, and its name as a y.
 fn heights(names: &StringRecord) -> Vec<(usize, String)> {
     let as_y = |(at, name): (usize, &str)| {
-        with_letter(name, 'z', "x")?;
+        let as_x = column_name(&with_letter(name, 'z', "x")?)?;
+        let is_beside =
+            |other| column_name(other).is_some_and(|c| c.column == CsvColumn::X && c.object == as_x.object);
+        names.iter().find(|other| is_beside(*other))?;
         let places = name.char_indices().filter(|(_, c)| c.eq_ignore_ascii_case(&'z'));
         let renamed = places.filter_map(|(z, c)| {
             let to = if c == 'Z' { "Y" } else { "y" };

@@ -2,6 +2,7 @@
 
 use crate::scene::files::csv::cell_values::{is_absent, number};
 use ::csv::StringRecord;
+use std::collections::BTreeSet;
 
 /// Most lines of a summary.
 const SUMMARY_LINES: usize = 8;
@@ -29,9 +30,13 @@ pub(crate) fn without_tail(
         let text = last.iter().collect::<Vec<_>>().join(" ");
         words.push(format!("the last line ({line}: {text:?}) is cut and left out"));
     }
+    let from = records.len().saturating_sub(SUMMARY_LINES);
+    let first_cell = |record: &StringRecord| record.get(0).unwrap_or_default().to_string();
+    // What rows before begin with, too, is the name of an object.
+    let known: BTreeSet<String> = records.iter().take(from).map(|(_, record)| first_cell(record)).collect();
     for _ in 0..SUMMARY_LINES {
-        let Some((line, text)) =
-            records.last().and_then(|(line, record)| Some((*line, summary(record, columns)?)))
+        let last = records.last().filter(|(_, record)| !known.contains(&first_cell(record)));
+        let Some((line, text)) = last.and_then(|(line, record)| Some((*line, summary(record, columns)?)))
         else {
             break;
         };
@@ -81,6 +86,11 @@ pub(crate) fn without_comment(record: &StringRecord, columns: usize) -> Option<(
     let (kept, comment) = record.get(at)?.split_at_checked(start)?;
     // An id may have such a sign, as in `ball #1`.
     if !kept.trim().is_empty() && number(kept.trim(), false).or_else(|| number(kept.trim(), true)).is_none() {
+        return None;
+    }
+    // So may an id in the last column, as in `#1`.
+    let is_bare = kept.trim().is_empty() && at < columns && !comment.trim().contains(' ');
+    if is_bare && record.len() <= columns {
         return None;
     }
     let mut row: StringRecord = record.iter().take(at).collect();
