@@ -28,6 +28,22 @@ pub enum View {
     Above { scale: Option<f64> },
 }
 
+/// Cosine of the largest angle between the vertical and the axis of a camera that looks straight down (10 degrees).
+const STRAIGHT_DOWN: f64 = 0.985;
+
+impl View {
+    /// Whether the camera looks straight down, as on a table.
+    fn is_from_above(&self) -> bool {
+        match self {
+            View::Above { .. } => true,
+            View::Calibrated(camera) => {
+                let [x, y, z, _] = camera.matrix[2];
+                z.abs() >= STRAIGHT_DOWN * (x * x + y * y + z * z).sqrt()
+            }
+        }
+    }
+}
+
 /// Deviation of ln L over time from which a ground with a pattern cannot be the median: bodies differ by 1, and must by five of it.
 const MOVING: f64 = 0.2;
 /// Unexplained regions a frame that are reported.
@@ -56,7 +72,7 @@ impl PerceptionOptions {
         ball_radius: Option<f64>,
         size: Option<f64>,
     ) -> PerceptionOptions {
-        let above = matches!(view, View::Above { .. });
+        let above = view.is_from_above();
         let forms = match ball_radius {
             Some(_) => vec![BodyForm::Ball],
             None => vec![BodyForm::Ball, BodyForm::Cylinder, BodyForm::Cube],
