@@ -4,7 +4,8 @@
 //! the others is d = b - (1 - q) a - q c, with q = (t_b - t_a) / (t_c - t_a). Smooth motion leaves almost none, so that d is noise of
 //! covariance C_b + (1 - q)^2 C_a + q^2 C_c. The estimate of the standard deviation is the upper median of the whitened |d|,
 //! divided by that of a standard normal number (0.6745): the few impacts hardly change a median. Samples that state covariances
-//! keep their ratios; their common scale is estimated.
+//! keep their ratios; their common scale is estimated, and is not less than the noise that such a scene states: the outlines of a video
+//! have errors that all frames share (shadows, mirrored neighbours), so that the tracks scatter by much less than they err.
 //!
 //! Positions in steps q (whole pixels) would make |d| a multiple of q / 2: each is shifted by a number of its own between -q/2 and q/2,
 //! whose variance q^2 / 12 is taken off again. What remains is at least that of the rounding itself, q^2 / 12. Where errors of
@@ -101,7 +102,9 @@ pub fn estimate(scene: &Scene) -> Noise {
     let shifted = standard_deviation(&mut positions).unwrap_or(assumed);
     let fast = (shifted * shifted - rounding * rounding).max(rounding * rounding).sqrt();
     let dependence = scene.finding(FindingKind::DependentNoise).unwrap_or(1.0);
-    let position = elementary::hypot(dependence * fast, shake(scene)).max(SMALLEST);
+    // Errors that neighbouring frames share do not scatter.
+    let least = scene.noise_sigma.filter(|_| any_stated).unwrap_or(SMALLEST);
+    let position = elementary::hypot(dependence * fast, shake(scene)).max(least);
     let any_yaw = scene
         .objects
         .iter()

@@ -7,7 +7,8 @@
 //!
 //! Material: a matt body scatters the lamps' light and has about the lightness l of its colour. A mirror shows the room, which is
 //! darker than the lamps, and the lamps as small highlights. So a metal's median lightness lies far below l (measured on rendered
-//! videos, 54 bodies of 8 colours: rubber 0.1 to 0.65, metal 1.05 to 1.45), and its brightest pixels far above its median.
+//! videos, 54 bodies of 8 colours: rubber 0.1 to 0.65, metal 0.9 to 1.45), and its brightest pixels far above its median. The room
+//! is grey, so that a mirror's chroma is less than its colour's (metal 0.84 to 1.01 of it, rubber 0.98 to 1.08).
 
 use super::appearance::AppearanceFeatures;
 use crate::num::elementary::{exp, ln, powf};
@@ -42,6 +43,10 @@ const LIGHTNESS_SIGMA: f64 = 0.7;
 /// Median lightness below the colour's own where matt and metal are equally likely, and the logit's slope.
 const METAL_DEFICIT: f64 = 0.85;
 const DEFICIT_SLOPE: f64 = 10.0;
+/// Chroma as a share of the colour's own where they are equally likely, and the logit's slope: 0.08 between the means of both, each with
+/// a deviation of 0.055.
+const METAL_CHROMA: f64 = 1.01;
+const CHROMA_SLOPE: f64 = 25.0;
 /// Lightness of the highlights above the median where they are equally likely; it counts a tenth as much.
 const HIGHLIGHT_CONTRAST: f64 = 1.2;
 
@@ -79,13 +84,24 @@ pub(super) fn color(features: &AppearanceFeatures, words: usize) -> Word {
 /// "metal" or "rubber".
 pub(super) fn material(features: &AppearanceFeatures, color: &str) -> Word {
     let Some(&(_, rgb)) = COLOURS.iter().find(|c| c.0 == color) else { return ("rubber", 0.5) };
-    let (own, _) = against_ground(rgb);
+    let (own, chroma) = against_ground(rgb);
     let deficit = own - features.lightness[2];
     let contrast = (features.lightness[5] - features.lightness[2]).min(2.0 * HIGHLIGHT_CONTRAST);
-    let logit =
-        DEFICIT_SLOPE * (deficit - METAL_DEFICIT) + 0.1 * DEFICIT_SLOPE * (contrast - HIGHLIGHT_CONTRAST);
+    let logit = DEFICIT_SLOPE * (deficit - METAL_DEFICIT)
+        + 0.1 * DEFICIT_SLOPE * (contrast - HIGHLIGHT_CONTRAST)
+        + CHROMA_SLOPE * (METAL_CHROMA - chroma_share(features.chroma, chroma));
     let metal = 1.0 / (1.0 + exp(-logit.clamp(-30.0, 30.0)));
     if metal > 0.5 { ("metal", metal) } else { ("rubber", 1.0 - metal) }
+}
+
+/// Chroma along a colour's own as a share of it, within 0.2 of the limit; the limit where the colour has none.
+fn chroma_share(seen: [f64; 2], own: [f64; 2]) -> f64 {
+    let square = own[0] * own[0] + own[1] * own[1];
+    if square < CHROMA_SIGMA * CHROMA_SIGMA {
+        return METAL_CHROMA;
+    }
+    let share = (seen[0] * own[0] + seen[1] * own[1]) / square;
+    share.clamp(METAL_CHROMA - 0.2, METAL_CHROMA + 0.2)
 }
 
 #[cfg(test)]
@@ -105,7 +121,7 @@ mod tests {
     fn each_colour_is_its_own_word_in_both_materials() {
         for (word, rgb) in COLOURS.iter().take(CLEVR_COLOURS) {
             let (l, chroma) = against_ground(*rgb);
-            let matt = features(chroma, l - 0.4, l + 0.2);
+            let matt = features(chroma.map(|c| 1.05 * c), l - 0.4, l + 0.2);
             let metal = features(chroma.map(|c| 0.92 * c), l - 1.2, l + 0.5);
             for (look, expected) in [(matt, "rubber"), (metal, "metal")] {
                 let (found, sure) = color(&look, CLEVR_COLOURS);
@@ -113,6 +129,17 @@ mod tests {
                 let (found, sure) = material(&look, word);
                 assert!(found == expected && sure > 0.9, "{word} {expected} {sure}");
             }
+        }
+    }
+
+    #[test]
+    fn a_light_mirror_is_known_by_its_pale_colour() {
+        for word in ["purple", "cyan", "brown"] {
+            let rgb = COLOURS.iter().find(|c| c.0 == word).unwrap().1;
+            let (l, chroma) = against_ground(rgb);
+            let look = |share: f64| features(chroma.map(|c| share * c), l - METAL_DEFICIT, l - 0.25);
+            assert_eq!(material(&look(0.94), word).0, "metal");
+            assert_eq!(material(&look(1.06), word).0, "rubber");
         }
     }
 

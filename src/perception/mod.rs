@@ -8,12 +8,12 @@
 //! | `region_search`, `contour_fit`, `frame_fit` | coarse fit by pixels, fine fit to edges, all bodies of a frame together |
 //! | `candidates`, `body_track`, `tracking` | new bodies; one body through the video; the loop over frames |
 //! | `camera_shake` | the common motion of resting bodies is the camera's |
-//! | `ball_scale`, `perceive` | the scale of a view from above; a video to a scene and a report |
+//! | `body_size`, `perceive` | the bodies' size, the scale of a view from above; a video to a scene and a report |
 //! | `appearance`, `attributes`, `report` | colour, material; what was seen and what was not |
 
 mod appearance;
 mod attributes;
-mod ball_scale;
+mod body_size;
 mod body_track;
 mod camera_shake;
 mod candidates;

@@ -1,7 +1,7 @@
 //! A video to a scene and a report.
 
 use super::attributes;
-use super::ball_scale::ball_scale;
+use super::body_size::{ball_scale, common_size};
 use super::body_track::BodyTrack;
 use super::report::{PerceivedObject, PerceptionReport, joined};
 use super::tracking::{Setting, Tracker};
@@ -10,7 +10,7 @@ use crate::num::{Stop, Stopped, median, wrap_angle};
 use crate::perception::image::ground::{GROUND_FRAMES, Ground};
 use crate::perception::outlines::outline::{BodyForm, FORMS};
 use crate::perception::outlines::viewpoint::{Viewpoint, top_camera};
-use crate::scene::{Camera, DEFAULT_SIZE, Object, Sample, Scene, Shape, Table, Track, WorldKind};
+use crate::scene::{Camera, Object, Sample, Scene, Shape, Table, Track, WorldKind};
 
 /// Bytes of frames that are kept for following new bodies back.
 const PAST_BYTES: usize = 192 << 20;
@@ -28,6 +28,22 @@ pub enum View {
     Above { scale: Option<f64> },
 }
 
+/// Cosine of the largest angle between the vertical and the axis of a camera that looks straight down (10 degrees).
+const STRAIGHT_DOWN: f64 = 0.985;
+
+impl View {
+    /// Whether the camera looks straight down, as on a table.
+    fn is_from_above(&self) -> bool {
+        match self {
+            View::Above { .. } => true,
+            View::Calibrated(camera) => {
+                let [x, y, z, _] = camera.matrix[2];
+                z.abs() >= STRAIGHT_DOWN * (x * x + y * y + z * z).sqrt()
+            }
+        }
+    }
+}
+
 /// Deviation of ln L over time from which a ground with a pattern cannot be the median: bodies differ by 1, and must by five of it.
 const MOVING: f64 = 0.2;
 /// Unexplained regions a frame that are reported.
@@ -38,7 +54,7 @@ const MANY_UNEXPLAINED: f64 = 5.0;
 pub struct PerceptionOptions {
     pub name: String,
     pub view: View,
-    /// Radius or half side of the bodies (m); `None`: each has its own, which is fitted (only from above).
+    /// Radius or half side of the bodies (m); `None`: it is found from their outlines.
     pub size: Option<f64>,
     /// Which forms there are.
     pub forms: Vec<BodyForm>,
@@ -56,7 +72,7 @@ impl PerceptionOptions {
         ball_radius: Option<f64>,
         size: Option<f64>,
     ) -> PerceptionOptions {
-        let above = matches!(view, View::Above { .. });
+        let above = view.is_from_above();
         let forms = match ball_radius {
             Some(_) => vec![BodyForm::Ball],
             None => vec![BodyForm::Ball, BodyForm::Cylinder, BodyForm::Cube],
@@ -66,7 +82,7 @@ impl PerceptionOptions {
             (None, true) => WorldKind::Table,
             (None, false) => WorldKind::Clevrer,
         };
-        let size = ball_radius.or(size).or((!above).then_some(DEFAULT_SIZE));
+        let size = ball_radius.or(size);
         PerceptionOptions { name, view, size, forms, world, table: None, background: None }
     }
 }
@@ -93,10 +109,6 @@ pub enum PerceptionError {
         "background has {background:?} px, but the video has {video:?} px; give a picture of this camera"
     )]
     BackgroundSize { background: [usize; 2], video: [usize; 2] },
-    #[error(
-        "size of the bodies is not given; a calibrated camera needs it: give their radius or half side in m"
-    )]
-    NoSize,
     #[error("scale is not given and no ball stands alone in the image; give metres per pixel")]
     NoScale,
     #[error("has a single frame; give a video")]
@@ -137,8 +149,8 @@ pub fn perceive(
     }
     let camera = camera_of(options, &ground, &sample)?;
     let view = Viewpoint::new(camera);
-    let setting =
-        Setting { view, ground, times: info.times.clone(), size: options.size, forms: options.forms.clone() };
+    let size = options.size.or_else(|| common_size(&sample, &ground, &view, &options.forms));
+    let setting = Setting { view, ground, times: info.times.clone(), size, forms: options.forms.clone() };
     let mut tracker = Tracker::new(setting, past);
     let frames: Box<dyn Iterator<Item = Result<VideoFrame, MediaError>>> = match kept {
         Some(frames) => Box::new(frames.into_iter().map(Ok)),
@@ -160,8 +172,7 @@ fn camera_of(
 ) -> Result<Camera, PerceptionError> {
     let image_size = ground.size.map(|s| s as f64);
     match (options.view, options.size) {
-        (View::Calibrated(camera), Some(_)) => Ok(camera),
-        (View::Calibrated(_), None) => Err(PerceptionError::NoSize),
+        (View::Calibrated(camera), _) => Ok(camera),
         (View::Above { scale: Some(scale) }, _) if scale > 0.0 && scale.is_finite() => {
             Ok(top_camera(scale, image_size))
         }
@@ -248,7 +259,7 @@ fn conclude(
         times: info.times.clone(),
         camera: Some(tracker.setting.view.camera),
         table: options.table,
-        noise_sigma: None,
+        noise_sigma: deviation(&tracks),
         objects,
         tracks,
         outliers: vec![],
@@ -266,6 +277,13 @@ fn conclude(
         warnings,
     };
     Ok(Perception { scene, report })
+}
+
+/// Root mean square deviation of a coordinate (m).
+fn deviation(tracks: &[Track]) -> Option<f64> {
+    let variances = tracks.iter().flat_map(|t| &t.samples).filter_map(|s| s.covariance).map(|c| c.mean());
+    let (sum, count) = variances.fold((0.0, 0), |(sum, n), v| (sum + v, n + 1));
+    (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
 fn samples(track: &BodyTrack) -> Track {

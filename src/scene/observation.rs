@@ -20,7 +20,8 @@ pub struct Scene {
     pub times: Vec<f64>,
     pub camera: Option<Camera>,
     pub table: Option<Table>,
-    /// The user's standard deviation of a measured position (m); used only where the tracks are too short to estimate it.
+    /// Stated standard deviation of a position (m): taken where the tracks are too short to estimate it, and where samples state
+    /// covariances, the least one, as errors that frames share do not scatter.
     pub noise_sigma: Option<f64>,
     pub objects: Vec<Object>,
     pub tracks: Vec<Track>,

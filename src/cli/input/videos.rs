@@ -154,7 +154,6 @@ pub fn see(path: &Path, view: &VideoView) -> Result<SeenVideo, Failure> {
 fn advice(error: &PerceptionError) -> String {
     let flags = match error {
         PerceptionError::NoScale => " (--scale METRES, or --ball-radius METRES)",
-        PerceptionError::NoSize => " (--size METRES)",
         PerceptionError::ImageSize { .. } => " (--camera FILE, or --view top)",
         PerceptionError::BackgroundSize { .. } => " (--background PICTURE)",
         _ => "",

@@ -13,10 +13,12 @@
 //!
 //! m_k the motion of the outline along n_k (see `outline`), `sigma_k^2 = EDGE_SIGMA^2 + (noise/slope)^2` and rho the Geman-McClure
 //! loss. Points that a nearer body hides, whose outside is partly another body, or that lie at the image's border do not count.
+//! Where two visible faces of a cube meet (creases), a difference of light is an edge too, and counts with `CREASE_SIGMA`.
 //! The covariance is the inverse of the normal matrix times the mean squared residual and the length over which errors of
 //! neighbouring points are alike. Sources: Harris, Tracking with rigid models (1992); Drummond and Cipolla, PAMI 24 (2002) 932.
 
 use crate::media::VideoFrame;
+use crate::num::elementary;
 use crate::perception::image::evidence::Evidence;
 use crate::perception::image::light::{light_at, plane_at};
 use crate::perception::outlines::depth_order::{NOBODY, Owners};
@@ -31,6 +33,8 @@ const MAX_POINTS: f64 = 220.0;
 /// Deviation of an edge's place apart from noise (px): sampling and compression. Colour has half the resolution of luma.
 const EDGE_SIGMA: f64 = 0.2;
 const COLOUR_EDGE_SIGMA: f64 = 0.5;
+/// Deviation of the place of a crease (px): edges are rounded, and a highlight may lie on them.
+const CREASE_SIGMA: f64 = 0.5;
 /// Noise of a difference of light between neighbouring samples (share of full scale): compressed video.
 const LIGHT_NOISE: f64 = 0.01;
 /// Least difference of light between inside and outside (share of full scale) that makes an edge.
@@ -38,8 +42,11 @@ const LEAST_CONTRAST: f64 = 0.02;
 const LEAST_LUMA_CONTRAST: f64 = 0.04;
 /// Length of the outline along which errors are alike (px): three points, as the blur covers two.
 const CORRELATED_LENGTH: f64 = 3.0 * POINT_STEP;
-/// Least deviation at which the loss begins to level off (px).
-const LEAST_LOSS_SCALE: f64 = 1.0;
+/// Least distance at which the loss begins to level off (px): between the errors of an edge (0.2 to 0.5) and the distance of a wrong
+/// one (1 and more, as a cube's crease in place of a face that mirrors the ground).
+const LEAST_LOSS_SCALE: f64 = 0.7;
+/// Largest distance of an edge that fits (px).
+const FITTING: f64 = 2.0;
 /// Least number of points with an edge.
 const LEAST_POINTS: usize = 8;
 
@@ -129,10 +136,11 @@ impl FitTarget<'_> {
         for round in 0..rounds {
             let outline = Outline::new(self.view, &pose)?;
             let spacing = POINT_STEP.max(outline.length() / MAX_POINTS);
-            let points = outline.points(self.view, spacing);
-            let edges: Vec<Option<Edge>> = points.iter().map(|p| self.edge(p, range)).collect();
+            let mut points = outline.points(self.view, spacing);
             let possible = points.iter().filter(|p| self.is_free(p)).count();
-            if edges.iter().flatten().count() < LEAST_POINTS {
+            points.extend(outline.creases(self.view, spacing));
+            let edges: Vec<Option<Edge>> = points.iter().map(|p| self.edge(p, range)).collect();
+            if points.iter().zip(&edges).filter(|(p, e)| !p.is_crease && e.is_some()).count() < LEAST_POINTS {
                 return last;
             }
             let correlated = (CORRELATED_LENGTH / spacing).max(1.0);
@@ -183,6 +191,9 @@ impl FitTarget<'_> {
             return None;
         }
         let in_luma = self.luma_edge(p, range);
+        if p.is_crease {
+            return in_luma.map(|e| Edge { sigma: elementary::hypot(e.sigma, CREASE_SIGMA), ..e });
+        }
         in_luma.or_else(|| self.colour_edge(p, range))
     }
 
@@ -250,7 +261,8 @@ fn solve(
 ) -> (Parameters, ContourFit) {
     let frozen: [bool; 4] =
         std::array::from_fn(|i| prior.deviations[i] <= 0.0 || (i == 2 && pose.form != BodyForm::Cube));
-    let mut offsets: Vec<f64> = edges.iter().flatten().map(|e| e.offset.abs()).collect();
+    let outer = points.iter().zip(edges).filter(|(p, _)| !p.is_crease);
+    let mut offsets: Vec<f64> = outer.filter_map(|(_, e)| e.as_ref()).map(|e| e.offset.abs()).collect();
     let scale = (1.5 * crate::num::median(&mut offsets).unwrap_or(0.0)).max(LEAST_LOSS_SCALE);
     let mut normal = Information::zeros();
     let mut right = Parameters::zeros();
@@ -263,9 +275,13 @@ fn solve(
         let motion = Parameters::from_fn(|i, _| if frozen[i] { 0.0 } else { point.motion[i] });
         normal += motion * motion.transpose() * weight;
         right += motion * (weight * edge.offset);
+        // Creases help to place the body; whether it is one, its outline decides.
+        if point.is_crease {
+            continue;
+        }
         weights += robust;
         squares += robust * edge.offset * edge.offset;
-        fitting += usize::from(edge.offset.abs() < 2.0 * LEAST_LOSS_SCALE.max(scale.min(1.0)));
+        fitting += usize::from(edge.offset.abs() < FITTING);
     }
     let mean_square = squares / f64::max(weights, 1e-9);
     // The information of the edges alone, before the prior.

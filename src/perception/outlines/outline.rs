@@ -18,6 +18,9 @@ const RIM_POINTS: usize = 48;
 /// degrees: a rounding of radius r cuts r (cos a + sin a - 1), a chamfer of leg c cuts c sin a, so that c = 0.65 r.
 const CHAMFER: f64 = 0.65 * 0.04;
 
+/// Least sine of the angle between a line of sight and a face that shows: less is a line of one pixel.
+const LEAST_SLANT: f64 = 0.05;
+
 /// BodyForm of a body that stands on the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BodyForm {
@@ -48,6 +51,8 @@ pub(in crate::perception) struct OutlinePoint {
     pub normal: [f64; 2],
     /// What moves it along the normal (px per m, m, rad, m): x, y, yaw, size.
     pub motion: [f64; 4],
+    /// Whether it lies inside the silhouette, where two visible faces of a cube meet.
+    pub is_crease: bool,
 }
 
 /// A corner of the hull: its pixel and the body's point there.
@@ -123,7 +128,55 @@ impl Outline {
         let size = self.pose.size;
         let growth = by([fx / size, fy / size, x[2] / size]);
         let motion = [by([1.0, 0.0, 0.0]), by([0.0, 1.0, 0.0]), turn, growth];
-        Some(OutlinePoint { pixel, normal, motion })
+        Some(OutlinePoint { pixel, normal, motion, is_crease: false })
+    }
+
+    /// Points of the edges inside the silhouette, where two visible faces of a cube meet. Where a face mirrors the ground, these
+    /// are seen and the outline is not.
+    pub fn creases(&self, view: &Viewpoint, step: f64) -> Vec<OutlinePoint> {
+        if self.pose.form != BodyForm::Cube {
+            return vec![];
+        }
+        let Pose { size, at, yaw, .. } = self.pose;
+        let (s, c) = elementary::sin_cos(yaw);
+        let edge = size * (1.0 - 0.5 * CHAMFER);
+        let place = |[x, y, z]: Point| {
+            [at.x + edge * (c * x - s * y), at.y + edge * (s * x + c * y), size + edge * z]
+        };
+        // Side faces that the camera sees; the top always is.
+        let sides = [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]];
+        let seen: Vec<[f64; 2]> = sides
+            .into_iter()
+            .filter(|[x, y]| {
+                let (to, _) = view.line_of_sight(place([*x, *y, 0.0]));
+                let normal = [c * x - s * y, s * x + c * y];
+                let length = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2]).sqrt();
+                to[0] * normal[0] + to[1] * normal[1] > LEAST_SLANT * length
+            })
+            .collect();
+        let mut ends: Vec<[Point; 2]> =
+            seen.iter().map(|[x, y]| [[x + y, y - x, 1.0], [x - y, y + x, 1.0]]).collect();
+        if let [[ax, ay], [bx, by]] = seen[..] {
+            ends.push([[ax + bx, ay + by, 1.0], [ax + bx, ay + by, -1.0]]);
+        }
+        ends.into_iter().flat_map(|[a, b]| self.crease(view, (place(a), place(b)), step)).collect()
+    }
+
+    /// Points of one edge `step` px apart, away from its ends.
+    fn crease(&self, view: &Viewpoint, (a, b): (Point, Point), step: f64) -> Vec<OutlinePoint> {
+        let Some((from, to)) = view.pixel(a).zip(view.pixel(b)) else { return vec![] };
+        let (du, dv) = (to[0] - from[0], to[1] - from[1]);
+        let length = elementary::hypot(du, dv);
+        let count = (length / step) as usize;
+        // The ends are corners of the outline.
+        (1..count.saturating_sub(1))
+            .filter_map(|k| {
+                let share = (k as f64 + 0.5) / count as f64;
+                let x = [0, 1, 2].map(|i| a[i] + share * (b[i] - a[i]));
+                let point = self.outline_point(view, x, [dv / length, -du / length])?;
+                Some(OutlinePoint { is_crease: true, ..point })
+            })
+            .collect()
     }
 
     /// The pixels whose centres lie inside; not cut by the image.
@@ -330,6 +383,37 @@ mod tests {
                 assert!((shift - point.motion[parameter]).abs() < 1e-3, "{parameter} {shift} {point:?}");
             }
         }
+    }
+
+    #[test]
+    fn creases_lie_inside_the_outline_and_move_with_the_cube() {
+        let view = Viewpoint::new(CLEVRER_CAMERA);
+        let (pose, step) = (pose(BodyForm::Cube), 1e-6);
+        let outline = Outline::new(&view, &pose).unwrap();
+        let creases = outline.creases(&view, 2.0);
+        assert!(creases.len() > 15 && creases.iter().all(|p| p.is_crease));
+        let spans = outline.spans();
+        for p in &creases {
+            let [a, b] = spans.rows[(p.pixel[1] as i32 - spans.top) as usize];
+            assert!((f64::from(a)..f64::from(b)).contains(&p.pixel[0]), "{p:?}");
+        }
+        for parameter in 0..3 {
+            let (more, less) = (moved(&pose, parameter, step), moved(&pose, parameter, -step));
+            let at = |pose: &Pose| Outline::new(&view, pose).unwrap().creases(&view, 2.0);
+            for ((p, more), less) in creases.iter().zip(at(&more)).zip(at(&less)) {
+                let shift = (0..2).map(|i| p.normal[i] * (more.pixel[i] - less.pixel[i])).sum::<f64>();
+                assert!(
+                    (shift / (2.0 * step) - p.motion[parameter]).abs() < 0.5,
+                    "{parameter} {shift} {p:?}"
+                );
+            }
+        }
+        assert!(
+            Outline::new(&view, &Pose { form: BodyForm::Ball, ..pose })
+                .unwrap()
+                .creases(&view, 2.0)
+                .is_empty()
+        );
     }
 
     #[test]
