@@ -70,7 +70,7 @@ impl RecordTable {
     pub fn written(self, taken: Vec<String>) -> TableText {
         let mut text: String = self.notes.iter().map(|note| format!("{note}\n")).collect();
         let line = |cells: &mut dyn Iterator<Item = &str>| {
-            let cells: Vec<String> = cells.map(|cell| quoted(cell)).collect();
+            let cells: Vec<String> = cells.map(quoted).collect();
             cells.join(",") + "\n"
         };
         text += &line(&mut self.names.iter().map(String::as_str));

@@ -7,8 +7,11 @@ fn read(bytes: &[u8]) -> Result<SceneFile, SceneError> {
     read_scene("s", bytes, &TableDefaults::default())
 }
 
+/// Id of each object with its samples: frame, x and y (mm).
+type Paths = Vec<(u32, Vec<(usize, i64, i64)>)>;
+
 /// Id, and positions in mm by frame, of each object.
-fn paths(scene: &Scene) -> Vec<(u32, Vec<(usize, i64, i64)>)> {
+fn paths(scene: &Scene) -> Paths {
     let mm = |v: f64| (1e3 * v).round() as i64;
     let of = |(o, t): (&crate::scene::Object, &crate::scene::Track)| {
         (o.id, t.samples.iter().map(|s| (s.frame, mm(s.position.x), mm(s.position.y))).collect())
@@ -17,7 +20,7 @@ fn paths(scene: &Scene) -> Vec<(u32, Vec<(usize, i64, i64)>)> {
 }
 
 /// One object on a line in three frames.
-fn known(id: u32) -> Vec<(u32, Vec<(usize, i64, i64)>)> {
+fn known(id: u32) -> Paths {
     vec![(id, vec![(0, 100, 400), (1, 120, 400), (2, 150, 410)])]
 }
 
