@@ -17,6 +17,9 @@ pub enum FindingKind {
     RepeatedPositions,
     /// Frames after which the camera lost some, though numbers and times go on; `value`: how many in all. Later times are shifted.
     LostFrames,
+    /// Frames after which the frame rate is another; `value`: time between frames after the last of them over that before the first.
+    /// Later times are changed.
+    FrameRate,
     /// Frames from which two objects have each other's identity; the tracks are put right.
     SwappedIdentities,
     /// Frames from which a track is not of its object; the samples are left out. `value`: how many.
@@ -27,6 +30,8 @@ pub enum FindingKind {
     Interpolated,
     /// The noise of an object is larger than that of another; `value`: by this factor. Each has its own.
     UnevenNoise,
+    /// The camera moves slowly, as `objects` at rest show; `value`: root mean square of that (m).
+    DriftingCamera,
     /// All objects move together by chance; `value`: root mean square of that (m).
     MovingCamera,
 }
@@ -43,16 +48,18 @@ pub struct TrackFinding {
 }
 
 impl FindingKind {
-    const NAMES: [(&str, FindingKind); 10] = [
+    const NAMES: [(&str, FindingKind); 12] = [
         ("steps", FindingKind::Steps),
         ("repeated_frames", FindingKind::RepeatedFrames),
         ("repeated_positions", FindingKind::RepeatedPositions),
         ("lost_frames", FindingKind::LostFrames),
+        ("frame_rate", FindingKind::FrameRate),
         ("swapped_identities", FindingKind::SwappedIdentities),
         ("leaps", FindingKind::Leaps),
         ("dependent_noise", FindingKind::DependentNoise),
         ("interpolated", FindingKind::Interpolated),
         ("uneven_noise", FindingKind::UnevenNoise),
+        ("drifting_camera", FindingKind::DriftingCamera),
         ("moving_camera", FindingKind::MovingCamera),
     ];
 
@@ -91,6 +98,12 @@ impl fmt::Display for TrackFinding {
                  are added to the times after that",
                 self.value
             ),
+            FindingKind::FrameRate => write!(
+                f,
+                "the frame rate changes: all objects are faster or slower by one factor after {frames}; the time between frames \
+                 is {:.3} times as long at the end, which is taken in",
+                self.value
+            ),
             FindingKind::SwappedIdentities => {
                 write!(f, "{objects} have each other's identity from {frames} on; the tracks are put right")
             }
@@ -115,6 +128,11 @@ impl fmt::Display for TrackFinding {
                 f,
                 "the noise of {objects} is {:.1} times that of the one that is measured best: each has its own",
                 self.value
+            ),
+            FindingKind::DriftingCamera => write!(
+                f,
+                "the camera moves slowly by {} (root mean square), as {objects} at rest show; this is taken out",
+                length(self.value)
             ),
             FindingKind::MovingCamera if self.frames.is_empty() => write!(
                 f,
