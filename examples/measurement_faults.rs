@@ -30,7 +30,7 @@ const FAULTS: [Fault; 18] = [
     ("sway at 1 Hz (in noise)", FindingKind::DriftingCamera, [4.0, 8.0, 16.0], swaying),
     ("drift (in noise)", FindingKind::DriftingCamera, [16.0, 32.0, 64.0], drifting),
     ("zoom at 1 Hz (percent)", FindingKind::DriftingCamera, [0.5, 1.0, 2.0], zooming),
-    ("two frame rates (ratio)", FindingKind::FrameRate, [0.5, 1.5, 2.0], two_rates),
+    ("two frame rates (ratio)", FindingKind::RateChange, [0.5, 1.5, 2.0], two_rates),
     ("shake (in noise)", FindingKind::MovingCamera, [1.0, 2.0, 4.0], shaken),
     ("bump (in noise)", FindingKind::MovingCamera, [8.0, 16.0, 32.0], bumped),
 ];

@@ -19,7 +19,7 @@ pub enum FindingKind {
     LostFrames,
     /// Frames after which the frame rate is another; `value`: time between frames after the last of them over that before the first.
     /// Later times are changed.
-    FrameRate,
+    RateChange,
     /// Frames from which two objects have each other's identity; the tracks are put right.
     SwappedIdentities,
     /// Frames from which a track is not of its object; the samples are left out. `value`: how many.
@@ -53,7 +53,7 @@ impl FindingKind {
         ("repeated_frames", FindingKind::RepeatedFrames),
         ("repeated_positions", FindingKind::RepeatedPositions),
         ("lost_frames", FindingKind::LostFrames),
-        ("frame_rate", FindingKind::FrameRate),
+        ("rate_change", FindingKind::RateChange),
         ("swapped_identities", FindingKind::SwappedIdentities),
         ("leaps", FindingKind::Leaps),
         ("dependent_noise", FindingKind::DependentNoise),
@@ -69,6 +69,30 @@ impl FindingKind {
 
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+impl TrackFinding {
+    /// What the camera did.
+    fn camera(&self, f: &mut fmt::Formatter, objects: &str, frames: &str) -> fmt::Result {
+        match self.kind {
+            FindingKind::DriftingCamera => write!(
+                f,
+                "the camera moves slowly by {} (root mean square), as {objects} at rest show; this is taken out",
+                length(self.value)
+            ),
+            FindingKind::MovingCamera if self.frames.is_empty() => write!(
+                f,
+                "all objects move together by {} (root mean square), as of a camera that shakes: what is fast is taken out, and the \
+                 noise is as large",
+                length(self.value)
+            ),
+            _ => write!(
+                f,
+                "all objects leap by {} together after {frames}, as of a camera that was bumped; this is taken out",
+                length(self.value)
+            ),
+        }
     }
 }
 
@@ -98,7 +122,7 @@ impl fmt::Display for TrackFinding {
                  are added to the times after that",
                 self.value
             ),
-            FindingKind::FrameRate => write!(
+            FindingKind::RateChange => write!(
                 f,
                 "the frame rate changes: all objects are faster or slower by one factor after {frames}; the time between frames \
                  is {:.3} times as long at the end, which is taken in",
@@ -129,22 +153,7 @@ impl fmt::Display for TrackFinding {
                 "the noise of {objects} is {:.1} times that of the one that is measured best: each has its own",
                 self.value
             ),
-            FindingKind::DriftingCamera => write!(
-                f,
-                "the camera moves slowly by {} (root mean square), as {objects} at rest show; this is taken out",
-                length(self.value)
-            ),
-            FindingKind::MovingCamera if self.frames.is_empty() => write!(
-                f,
-                "all objects move together by {} (root mean square), as of a camera that shakes: what is fast is taken out, and the \
-                 noise is as large",
-                length(self.value)
-            ),
-            FindingKind::MovingCamera => write!(
-                f,
-                "all objects leap by {} together after {frames}, as of a camera that was bumped; this is taken out",
-                length(self.value)
-            ),
+            FindingKind::DriftingCamera | FindingKind::MovingCamera => self.camera(f, &objects, &frames),
         }
     }
 }

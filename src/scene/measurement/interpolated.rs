@@ -11,7 +11,7 @@ use crate::scene::observation::{Sample, Scene};
 use std::collections::BTreeSet;
 
 /// Share of the positions that is on the line, at most: more is motion without noise.
-const MOST: f64 = 0.95;
+const LARGEST_SHARE: f64 = 0.95;
 /// On the line to so many steps: rounding moves the sum of three positions by two steps in each coordinate.
 const ON: f64 = 3.0;
 /// The others are beside it by so many times more.
@@ -58,5 +58,5 @@ fn interpolated(samples: &[Sample], step: f64) -> BTreeSet<usize> {
     let share = 1.0 - elementary::exp(-std::f64::consts::LN_2 * on * on / (usual * usual));
     let by_chance = share * all.len() as f64;
     let clear = frames.len() as f64 > FEWEST + by_chance + 5.0 * by_chance.sqrt();
-    if clear && (frames.len() as f64) < MOST * all.len() as f64 { frames } else { BTreeSet::new() }
+    if clear && (frames.len() as f64) < LARGEST_SHARE * all.len() as f64 { frames } else { BTreeSet::new() }
 }

@@ -6,8 +6,7 @@
 //! | `finding` | the findings as data, and their sentences |
 //! | `steps` | positions in steps, such as whole pixels |
 //! | `repeats` | frames, and positions, that stand still |
-//! | `lost_frames` | frames that are missing though numbers go on |
-//! | `frame_rate` | a frame rate that changes |
+//! | `frame_times` | frames that are missing though numbers go on; a frame rate that changes |
 //! | `camera_motion` | bumps and shakes of the camera, which all objects have in common |
 //! | `slow_camera` | drift, sway and zoom of the camera, which objects at rest show |
 //! | `sides` | the samples of all objects beside a pair of frames, for the two before |
@@ -20,10 +19,9 @@ mod camera_motion;
 mod dependence;
 mod ends;
 mod finding;
-mod frame_rate;
+mod frame_times;
 mod identities;
 mod interpolated;
-mod lost_frames;
 mod markers;
 mod repeats;
 mod sides;
@@ -41,10 +39,9 @@ use crate::num::quantile;
 use crate::scene::observation::{Outlier, Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
 use ends::leave_out_ends;
-use frame_rate::take_in_frame_rates;
+use frame_times::{take_in_lost_frames, take_in_rate_changes};
 use identities::put_identities_right;
 use interpolated::leave_out_interpolated;
-use lost_frames::take_in_lost_frames;
 use markers::leave_out_markers;
 use repeats::leave_out_repeats;
 use slow_camera::take_out_slow_motion;
@@ -66,7 +63,7 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     let ratio = dependence(scene, step);
     if ratio <= 1.0 {
         // Of dependent errors an end has others than the rest, and a contact shows for longer.
-        found.extend(take_in_frame_rates(scene, step));
+        found.extend(take_in_rate_changes(scene, step));
         found.extend(leave_out_ends(scene, step));
     }
     // Where one track is on another object, both have all in common.

@@ -28,7 +28,7 @@ const SMOOTH: [usize; 4] = [40, 20, 10, 5];
 
 /// The camera's motion in one frame.
 #[derive(Clone, Copy, Default)]
-struct Pose {
+struct CameraMotion {
     /// m.
     shift: Vec2,
     zoom: f64,
@@ -92,7 +92,7 @@ fn are_apart(scene: &Scene, objects: &[usize]) -> bool {
 /// The motion that objects at rest have in common.
 struct Path {
     /// By frame; `None` where not all of them are seen.
-    poses: Vec<Option<Pose>>,
+    poses: Vec<Option<CameraMotion>>,
     /// Mean place of the objects (m).
     centre: Vec2,
     /// Deviations of a shift (m) and a zoom in one frame.
@@ -131,7 +131,7 @@ impl Path {
                 chi_square[i] += weights[i] * left.norm_squared();
             }
             frames += 1.0;
-            *pose = Some(Pose { shift, zoom });
+            *pose = Some(CameraMotion { shift, zoom });
         }
         if frames < FEWEST as f64 {
             return None;
@@ -149,7 +149,7 @@ impl Path {
 
     /// Three series of the frames that are known: two shifts and the zoom, in their deviations.
     fn series(&self) -> Vec<Vec<(f64, f64)>> {
-        let one = |of: fn(&Pose) -> f64, noise: f64| {
+        let one = |of: fn(&CameraMotion) -> f64, noise: f64| {
             let known = self.poses.iter().enumerate();
             known.filter_map(|(f, pose)| Some((f as f64, of(&pose.as_ref().copied()?) / noise))).collect()
         };
@@ -211,7 +211,7 @@ impl Path {
     }
 
     /// The motion of each frame, smoothed.
-    fn smooth(&self, frames: usize) -> Vec<Pose> {
+    fn smooth(&self, frames: usize) -> Vec<CameraMotion> {
         let all: Vec<Vec<f64>> = self
             .series()
             .iter()
@@ -227,7 +227,7 @@ impl Path {
                 smoothed(series, half.unwrap_or(SMOOTH[3]), frames)
             })
             .collect();
-        let pose = |f: usize| Pose {
+        let pose = |f: usize| CameraMotion {
             shift: vec2(all[0][f], all[1][f]).scaled(self.noise[0]),
             zoom: all.get(2).map_or(0.0, |z| z[f] * self.noise[1]),
         };

@@ -282,7 +282,7 @@ fn a_first_or_last_position_that_is_off_is_left_out() {
 
 #[test]
 fn filtered_tracks_have_dependent_errors() {
-    for gain in [0.3, 0.5] {
+    for gain in [0.3_f64, 0.5] {
         let mut scene = video(240, &[&|t| vec2(-0.5 + 0.4 * t, 0.1), &|t| vec2(0.6, -0.4 + 0.2 * t)]);
         for track in &mut scene.tracks {
             let (mut at, mut velocity) = (track.samples[0].position, Vec2::zero());
@@ -341,7 +341,7 @@ fn a_change_of_the_frame_rate_is_taken_in() {
         }];
     let scene = video(120, &ways).validate().unwrap();
     let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
-    assert_eq!((found.kind, found.frames.len()), (FindingKind::FrameRate, 1));
+    assert_eq!((found.kind, found.frames.len()), (FindingKind::RateChange, 1));
     assert!((found.value - 2.0).abs() < 0.1 && found.frames[0].abs_diff(60) < 2, "{found}");
 }
 
@@ -373,7 +373,7 @@ fn good_tracks_show_nothing_at_any_rate_and_size() {
                     vec2(-10.0 + 9.0 * t / seconds, 9.0 * bounce(0.7 + 2.1 * t / seconds) + 3.0).scaled(size)
                 },
             ];
-            let mut scene = video(120, &[&|_| Vec2::zero(); 3]);
+            let mut scene = video(120, &[&|_| Vec2::zero(), &|_| Vec2::zero(), &|_| Vec2::zero()]);
             for (object, track) in scene.tracks.iter_mut().enumerate() {
                 for s in &mut track.samples {
                     let seed = (100_000 * (1 + 3 * k + j) + 1000 * object + s.frame) as u64;

@@ -7,10 +7,10 @@
 //! (1986) 259). A contact changes velocities, which no n explains;
 //! where one is near, fewer samples beside the pair are taken.
 
-use super::finding::{FindingKind, TrackFinding};
-use super::position_sd;
-use super::sides::{Remains, Sides, proof};
 use crate::num::{Vec2, quantile};
+use crate::scene::measurement::finding::{FindingKind, TrackFinding};
+use crate::scene::measurement::position_sd;
+use crate::scene::measurement::sides::{Remains, Sides, proof};
 use crate::scene::observation::{Sample, Scene};
 
 /// Most frames that are lost in one place.
@@ -29,7 +29,7 @@ pub fn take_in_lost_frames(scene: &mut Scene, step: f64) -> Option<TrackFinding>
     let mut gaps: Vec<f64> = scene.times.windows(2).map(|w| w[1] - w[0]).collect();
     let frame_time = quantile(&mut gaps, 0.5)?;
     let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
-    let mut search = Search { given: scene.times.clone(), lost: vec![0; pairs], frame_time, noises };
+    let mut search = LostFrames { given: scene.times.clone(), lost: vec![0; pairs], frame_time, noises };
     let start: Vec<usize> = (0..pairs).map(|frame| search.by_step_lengths(scene, frame)).collect();
     for (frame, n) in start.into_iter().enumerate().filter(|(_, n)| *n > 0) {
         search.set(scene, frame, n);
@@ -47,7 +47,7 @@ pub fn take_in_lost_frames(scene: &mut Scene, step: f64) -> Option<TrackFinding>
 }
 
 /// How many frames are lost after each; the scene's times have them.
-struct Search {
+struct LostFrames {
     /// Times as they were given (s).
     given: Vec<f64>,
     lost: Vec<usize>,
@@ -57,7 +57,7 @@ struct Search {
     noises: Vec<f64>,
 }
 
-impl Search {
+impl LostFrames {
     fn set(&mut self, scene: &mut Scene, frame: usize, lost: usize) {
         self.lost[frame] = lost;
         let before: usize = self.lost[..frame].iter().sum();
@@ -151,10 +151,12 @@ impl Search {
         let shown = [Sides::of, Sides::nearer].into_iter().any(|of| {
             let sides = of(scene, frame, &self.noises);
             let with = sides.smooth(|t| t + present as f64 * self.frame_time);
-            // Against the best that contacts make of it, and a bump.
-            let fall = sides.remains(|t| t).deviance() - with.chi_square;
+            let without = sides.remains(|t| t).deviance();
+            // One object alone may have met something.
+            let none = if sides.len() > 1 { sides.smooth(|t| t).chi_square } else { without };
             let (_, of_bump, leaves_noise) = sides.displacement();
-            with.are_noise() && fall > self.price(present) && !(leaves_noise && of_bump > fall)
+            let is_bump = leaves_noise && without - of_bump < with.chi_square;
+            with.are_noise() && none - with.chi_square > self.price(present) && !is_bump
         });
         self.set(scene, frame, present);
         shown

@@ -3,10 +3,10 @@
 //! As for lost frames, the later samples have other times: q t after a pair instead of t. Where some q leaves noise, and is better
 //! than contacts by more than the price of an event, and at least three objects show it, the rate changes there. Two objects may have met.
 
-use super::finding::{FindingKind, TrackFinding};
-use super::position_sd;
-use super::sides::{Sides, proof};
 use crate::num::elementary;
+use crate::scene::measurement::finding::{FindingKind, TrackFinding};
+use crate::scene::measurement::position_sd;
+use crate::scene::measurement::sides::{Sides, proof};
 use crate::scene::observation::Scene;
 
 /// Factors that are tried first: 2^(k / 8) for |k| up to this; less is no other rate of a camera.
@@ -18,7 +18,7 @@ const SHOWING: usize = 3;
 const HALVINGS: usize = 7;
 
 /// Changes the times after such frames, and says so.
-pub fn take_in_frame_rates(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
+pub fn take_in_rate_changes(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
     let (mut frames, mut factor) = (vec![], 1.0);
     let mut frame = 0;
@@ -40,7 +40,7 @@ pub fn take_in_frame_rates(scene: &mut Scene, step: f64) -> Option<TrackFinding>
         frame = at + Sides::REACH;
     }
     (!frames.is_empty()).then_some(TrackFinding {
-        kind: FindingKind::FrameRate,
+        kind: FindingKind::RateChange,
         objects: vec![],
         frames,
         value: factor,
