@@ -14,7 +14,7 @@ use vrdp::scene::{FindingKind, Sample, Scene, parse, parse_csv};
 /// A fault: its name, the finding that names it, its strengths, and how it is put into a scene.
 type Fault = (&'static str, FindingKind, [f64; 3], fn(&mut Scene, f64, &mut ChaCha8Rng));
 
-const FAULTS: [Fault; 9] = [
+const FAULTS: [Fault; 18] = [
     ("whole pixels (step / noise)", FindingKind::Steps, [2.0, 4.0, 8.0], pixels),
     ("each n-th frame repeated", FindingKind::RepeatedFrames, [2.0, 3.0, 5.0], repeated),
     ("frames lost in one place", FindingKind::LostFrames, [1.0, 3.0, 8.0], lost),
@@ -22,6 +22,15 @@ const FAULTS: [Fault; 9] = [
     ("track on another object (share)", FindingKind::Leaps, [0.1, 0.3, 0.6], taken_over),
     ("(-1, -1) for not seen (share)", FindingKind::Leaps, [0.05, 0.1, 0.3], marked),
     ("mean of n frames", FindingKind::DependentNoise, [3.0, 5.0, 9.0], smoothed),
+    ("exponential smoothing (gain)", FindingKind::DependentNoise, [0.7, 0.5, 0.3], exponential),
+    ("Kalman filter (gain of the place)", FindingKind::DependentNoise, [0.8, 0.5, 0.2], kalman),
+    ("Savitzky-Golay (frames)", FindingKind::DependentNoise, [5.0, 9.0, 15.0], savitzky_golay),
+    ("gaps filled on lines (share)", FindingKind::Interpolated, [0.15, 0.3, 0.6], filled),
+    ("frames lost in several places", FindingKind::LostFrames, [2.0, 4.0, 8.0], lost_in_places),
+    ("sway at 1 Hz (in noise)", FindingKind::DriftingCamera, [4.0, 8.0, 16.0], swaying),
+    ("drift (in noise)", FindingKind::DriftingCamera, [16.0, 32.0, 64.0], drifting),
+    ("zoom at 1 Hz (percent)", FindingKind::DriftingCamera, [0.5, 1.0, 2.0], zooming),
+    ("two frame rates (ratio)", FindingKind::RateChange, [0.5, 1.5, 2.0], two_rates),
     ("shake (in noise)", FindingKind::MovingCamera, [1.0, 2.0, 4.0], shaken),
     ("bump (in noise)", FindingKind::MovingCamera, [8.0, 16.0, 32.0], bumped),
 ];
@@ -32,10 +41,13 @@ fn main() {
         scenes.iter().flat_map(|s| s.findings.iter().map(|f| format!("{}: {f}", s.name))).collect();
     println!("{} scenes as they are: {} findings", scenes.len(), accused.len());
     accused.iter().for_each(|line| println!("  {line}"));
-    println!("{:44} {:>8} {:>10} {:>8} {:>8}", "fault", "strength", "applicable", "named", "others");
+    println!(
+        "{:44} {:>8} {:>10} {:>8} {:>8}   others",
+        "fault", "strength", "applicable", "named", "exactly"
+    );
     for (name, kind, strengths, put) in FAULTS {
         for strength in strengths {
-            let (mut applicable, mut named, mut others) = (0, 0, BTreeMap::new());
+            let (mut applicable, mut named, mut exactly, mut others) = (0, 0, 0, BTreeMap::new());
             for (k, scene) in scenes.iter().enumerate() {
                 let mut with = Scene { outliers: vec![], findings: vec![], ..scene.clone() };
                 put(&mut with, strength, &mut ChaCha8Rng::seed_from_u64(k as u64));
@@ -46,15 +58,23 @@ fn main() {
                 match with.validate() {
                     Ok(found) => {
                         named += usize::from(found.finding(kind).is_some());
+                        exactly += usize::from(is_exact(&found, scene, kind));
                         let other = found.findings.iter().filter(|f| f.kind != kind);
                         other.for_each(|f| *others.entry(f.kind.name()).or_insert(0) += 1);
                     }
                     Err(_) => *others.entry("refused").or_insert(0) += 1,
                 }
             }
-            println!("{name:44} {strength:8} {applicable:10} {named:8}   {others:?}");
+            println!("{name:44} {strength:8} {applicable:10} {named:8} {exactly:8}   {others:?}");
         }
     }
+}
+
+/// Whether what was found is what was put in: all lost frames, and, of others, nothing but it.
+fn is_exact(found: &Scene, scene: &Scene, kind: FindingKind) -> bool {
+    let lost = (scene.times.len() - found.times.len()) as f64;
+    let only = found.findings.iter().all(|f| f.kind == kind) && !found.findings.is_empty();
+    only && (kind != FindingKind::LostFrames || found.finding(kind) == Some(lost))
 }
 
 fn files(folder: &Path) -> Vec<Scene> {
@@ -192,4 +212,158 @@ fn bumped(scene: &mut Scene, times: f64, _: &mut ChaCha8Rng) {
     }
     let shift = vec2(0.8, -0.6).scaled(times * noise(scene));
     each(scene, |s| s.position = if s.frame > at { s.position + shift } else { s.position });
+}
+
+fn filtered(scene: &mut Scene, filter: impl Fn(&[Vec2]) -> Vec<Vec2>) {
+    for track in scene.tracks.iter_mut().filter(|t| t.samples.len() > 1) {
+        let raw: Vec<Vec2> = track.samples.iter().map(|s| s.position).collect();
+        track.samples.iter_mut().zip(filter(&raw)).for_each(|(s, p)| s.position = p);
+    }
+}
+
+fn exponential(scene: &mut Scene, gain: f64, _: &mut ChaCha8Rng) {
+    filtered(scene, |raw| {
+        let mut at = raw[0];
+        let next = |z: &Vec2| {
+            at += (*z - at).scaled(gain);
+            at
+        };
+        raw.iter().map(next).collect()
+    });
+}
+
+/// The steady state of a Kalman filter for constant velocity is an alpha-beta filter (Kalata, IEEE Trans. AES 20 (1984) 174).
+fn kalman(scene: &mut Scene, alpha: f64, _: &mut ChaCha8Rng) {
+    let beta = 2.0 * (2.0 - alpha) - 4.0 * (1.0 - alpha).sqrt();
+    filtered(scene, |raw| {
+        let (mut at, mut velocity) = (raw[0], raw[1] - raw[0]);
+        let next = |z: &Vec2| {
+            let predicted = at + velocity;
+            at = predicted + (*z - predicted).scaled(alpha);
+            velocity += (*z - predicted).scaled(beta);
+            at
+        };
+        raw.iter().map(next).collect()
+    });
+}
+
+/// Parabolas over so many frames.
+fn savitzky_golay(scene: &mut Scene, over: f64, _: &mut ChaCha8Rng) {
+    let half = over as usize / 2;
+    let power = |n: i32| -> f64 { (0..=2 * half).map(|k| (k as f64 - half as f64).powi(n)).sum() };
+    let (s0, s2, s4) = (power(0), power(2), power(4));
+    let weight = |d: f64| (s4 - s2 * d * d) / (s0 * s4 - s2 * s2);
+    filtered(scene, |raw| {
+        let value = |k: usize| {
+            let inside = k >= half && k + half < raw.len();
+            let one = |d: usize| raw[k + d - half].scaled(weight(d as f64 - half as f64));
+            if inside { (0..=2 * half).map(one).fold(Vec2::zero(), |sum, p| sum + p) } else { raw[k] }
+        };
+        (0..raw.len()).map(value).collect()
+    });
+}
+
+/// Gaps of two to six frames, here and there, are filled on straight lines.
+fn filled(scene: &mut Scene, share: f64, random: &mut ChaCha8Rng) {
+    for track in &mut scene.tracks {
+        let mut k = 1;
+        while k + 8 < track.samples.len() {
+            let gap = 2 + (normal(random).abs() * 2.0).min(4.0) as usize;
+            let (a, b) = (track.samples[k], track.samples[k + gap + 1]);
+            let moves = (b.position - a.position).norm() > 1e-9 && b.frame - a.frame == gap + 1;
+            if moves && normal(random).abs() < 2.0 * share {
+                for d in 1..=gap {
+                    let part = d as f64 / (gap + 1) as f64;
+                    track.samples[k + d].position = a.position + (b.position - a.position).scaled(part);
+                }
+            }
+            k += gap + 1 + (normal(random).abs() * 3.0) as usize;
+        }
+    }
+}
+
+/// One or two frames are taken out in so many places, four to eight frames apart, where an object moves by ten deviations a frame.
+fn lost_in_places(scene: &mut Scene, places: f64, random: &mut ChaCha8Rng) {
+    let least = 10.0 * noise(scene);
+    let (mut at, mut done) = (10 + (3.0 * normal(random).abs()) as usize, 0.0);
+    while done < places && at + 10 < scene.times.len() {
+        let frames = 1 + usize::from(normal(random) > 0.5);
+        let step = |t: &vrdp::scene::Track| Some((t.at(at + 1)?.position - t.at(at)?.position).norm());
+        if scene.tracks.iter().filter_map(step).any(|s| s > least) {
+            for track in &mut scene.tracks {
+                track.samples.retain(|s| s.frame <= at || s.frame > at + frames);
+                track.samples.iter_mut().filter(|s| s.frame > at).for_each(|s| s.frame -= frames);
+            }
+            let all = scene.times.len();
+            scene.times.truncate(all - frames);
+            done += 1.0;
+        }
+        at += 4 + (3.0 * normal(random).abs()).min(4.0) as usize;
+    }
+}
+
+/// How many objects are at rest.
+fn at_rest(scene: &Scene) -> usize {
+    let (size, least) = (6.0 * noise(scene), scene.times.len() / 2);
+    let rests = |samples: &[Sample]| {
+        let far = |s: &Sample| (s.position - samples[0].position).norm() > size;
+        samples.len() > least.max(40) && !samples.iter().any(far)
+    };
+    scene.tracks.iter().filter(|t| !t.samples.is_empty() && rests(&t.samples)).count()
+}
+
+fn swaying(scene: &mut Scene, times: f64, _: &mut ChaCha8Rng) {
+    if at_rest(scene) < 1 || scene.tracks.len() < 2 {
+        return;
+    }
+    let (size, seconds) = (times * noise(scene), scene.times.clone());
+    let way = |f: usize| vec2(0.9, 0.4).scaled(size * (std::f64::consts::TAU * seconds[f]).sin());
+    each(scene, |s| s.position += way(s.frame));
+}
+
+fn drifting(scene: &mut Scene, times: f64, _: &mut ChaCha8Rng) {
+    if at_rest(scene) < 2 {
+        return;
+    }
+    let (size, all) = (times * noise(scene), scene.times.len() as f64);
+    each(scene, |s| s.position += vec2(0.8, 0.6).scaled(size * s.frame as f64 / all));
+}
+
+fn zooming(scene: &mut Scene, percent: f64, _: &mut ChaCha8Rng) {
+    if at_rest(scene) < 3 {
+        return;
+    }
+    let seconds = scene.times.clone();
+    let zoom = |f: usize| 1.0 + 0.01 * percent * (std::f64::consts::TAU * seconds[f]).sin();
+    each(scene, |s| s.position = s.position.scaled(zoom(s.frame)));
+}
+
+/// The second half was recorded at another rate.
+fn two_rates(scene: &mut Scene, ratio: f64, _: &mut ChaCha8Rng) {
+    let (middle, least) = (scene.times.len() / 2, 5.0 * noise(scene));
+    let moves = |t: &&vrdp::scene::Track| {
+        let pair = t.at(middle - 1).zip(t.at(middle + 1));
+        pair.is_some_and(|(a, b)| (b.position - a.position).norm() > least)
+    };
+    if scene.tracks.iter().filter(moves).count() < 2 {
+        return;
+    }
+    for track in &mut scene.tracks {
+        let (first, second): (Vec<Sample>, Vec<Sample>) =
+            track.samples.iter().partition(|s| s.frame <= middle);
+        track.samples = first;
+        for frame in middle + 1..scene.times.len() {
+            let at = middle as f64 + ratio * (frame - middle) as f64;
+            let share = at - at.floor();
+            let pair = second
+                .iter()
+                .find(|s| s.frame == at as usize)
+                .zip(second.iter().find(|s| s.frame == at.ceil() as usize));
+            // Half a frame is a mean of two: its noise is less, which is no matter here.
+            if let Some((a, b)) = pair {
+                let position = a.position.scaled(1.0 - share) + b.position.scaled(share);
+                track.samples.push(Sample { frame, position, ..*a });
+            }
+        }
+    }
 }

@@ -1,23 +1,24 @@
 //! A camera that moves: all objects move together, which nothing on a table does.
 //!
-//! A bump is one displacement d of all objects between two frames: parabolas for each object on both sides, with one d in common, leave
+//! A bump is one displacement d of all objects between two frames: one path for each object on both sides (`sides`), with one d in common, leaves
 //! noise, and far more without it. A shake is a part of the error that all objects have in common: of the distances r_i of samples
 //! from parabolas through their neighbours, the correlation between objects is rho = var(shake) / (var(shake) + var(noise)). The shake of a frame with
 //! n objects is then best estimated by n rho / (1 + (n - 1) rho) times the mean of r_i (Wiener), and taken out.
 
 use super::finding::{FindingKind, TrackFinding};
 use super::position_sd;
-use super::sides::{PROOF, Sides, is_noise};
+use super::sides::{Sides, proof};
 use crate::num::{Vec2, vec2};
 use crate::scene::observation::Scene;
 
 /// Neighbours on each side that a parabola goes through.
-const NEAR: usize = 7;
+const NEAR: usize = 5;
 /// Farther distances (deviations), and those near them, do not count: contacts bend paths, and are no shake.
-const CUT: f64 = 3.0;
-/// Least correlation that is reported, and deviations of what chance gives.
+const CUT: f64 = 4.0;
+/// Least correlation that is reported, and deviations of what chance gives: odds of 3 * 10^5 to 1.
 const LEAST: f64 = 0.2;
-const CERTAIN: f64 = 6.0;
+const CERTAIN: f64 = 4.5;
+
 /// Takes out bumps, and says so.
 pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
@@ -27,8 +28,8 @@ pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
         if sides.len() < 2 || !sides.leap() {
             continue;
         }
-        let ([x, y], fall) = sides.displacement();
-        if fall > PROOF && is_noise(sides.chi_square(0.0) - fall, sides.degrees_of_freedom() - 2.0) {
+        let ([x, y], fall, leaves_noise) = sides.displacement();
+        if fall > proof(scene.times.len()) && leaves_noise {
             for s in scene.tracks.iter_mut().flat_map(|t| &mut t.samples).filter(|s| s.frame > frame) {
                 s.position -= vec2(x, y);
             }

@@ -17,6 +17,9 @@ pub enum FindingKind {
     RepeatedPositions,
     /// Frames after which the camera lost some, though numbers and times go on; `value`: how many in all. Later times are shifted.
     LostFrames,
+    /// Frames after which the frame rate is another; `value`: time between frames after the last of them over that before the first.
+    /// Later times are changed.
+    RateChange,
     /// Frames from which two objects have each other's identity; the tracks are put right.
     SwappedIdentities,
     /// Frames from which a track is not of its object; the samples are left out. `value`: how many.
@@ -27,6 +30,8 @@ pub enum FindingKind {
     Interpolated,
     /// The noise of an object is larger than that of another; `value`: by this factor. Each has its own.
     UnevenNoise,
+    /// The camera moves slowly, as `objects` at rest show; `value`: root mean square of that (m).
+    DriftingCamera,
     /// All objects move together by chance; `value`: root mean square of that (m).
     MovingCamera,
 }
@@ -43,16 +48,18 @@ pub struct TrackFinding {
 }
 
 impl FindingKind {
-    const NAMES: [(&str, FindingKind); 10] = [
+    const NAMES: [(&str, FindingKind); 12] = [
         ("steps", FindingKind::Steps),
         ("repeated_frames", FindingKind::RepeatedFrames),
         ("repeated_positions", FindingKind::RepeatedPositions),
         ("lost_frames", FindingKind::LostFrames),
+        ("rate_change", FindingKind::RateChange),
         ("swapped_identities", FindingKind::SwappedIdentities),
         ("leaps", FindingKind::Leaps),
         ("dependent_noise", FindingKind::DependentNoise),
         ("interpolated", FindingKind::Interpolated),
         ("uneven_noise", FindingKind::UnevenNoise),
+        ("drifting_camera", FindingKind::DriftingCamera),
         ("moving_camera", FindingKind::MovingCamera),
     ];
 
@@ -62,6 +69,30 @@ impl FindingKind {
 
     pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
+    }
+}
+
+impl TrackFinding {
+    /// What the camera did.
+    fn camera(&self, f: &mut fmt::Formatter, objects: &str, frames: &str) -> fmt::Result {
+        match self.kind {
+            FindingKind::DriftingCamera => write!(
+                f,
+                "the camera moves slowly by {} (root mean square), as {objects} at rest show; this is taken out",
+                length(self.value)
+            ),
+            FindingKind::MovingCamera if self.frames.is_empty() => write!(
+                f,
+                "all objects move together by {} (root mean square), as of a camera that shakes: what is fast is taken out, and the \
+                 noise is as large",
+                length(self.value)
+            ),
+            _ => write!(
+                f,
+                "all objects leap by {} together after {frames}, as of a camera that was bumped; this is taken out",
+                length(self.value)
+            ),
+        }
     }
 }
 
@@ -91,6 +122,12 @@ impl fmt::Display for TrackFinding {
                  are added to the times after that",
                 self.value
             ),
+            FindingKind::RateChange => write!(
+                f,
+                "the frame rate changes: all objects are faster or slower by one factor after {frames}; the time between frames \
+                 is {:.3} times as long at the end, which is taken in",
+                self.value
+            ),
             FindingKind::SwappedIdentities => {
                 write!(f, "{objects} have each other's identity from {frames} on; the tracks are put right")
             }
@@ -116,17 +153,7 @@ impl fmt::Display for TrackFinding {
                 "the noise of {objects} is {:.1} times that of the one that is measured best: each has its own",
                 self.value
             ),
-            FindingKind::MovingCamera if self.frames.is_empty() => write!(
-                f,
-                "all objects move together by {} (root mean square), as of a camera that shakes: what is fast is taken out, and the \
-                 noise is as large",
-                length(self.value)
-            ),
-            FindingKind::MovingCamera => write!(
-                f,
-                "all objects leap by {} together after {frames}, as of a camera that was bumped; this is taken out",
-                length(self.value)
-            ),
+            FindingKind::DriftingCamera | FindingKind::MovingCamera => self.camera(f, &objects, &frames),
         }
     }
 }

@@ -6,8 +6,9 @@
 //! | `finding` | the findings as data, and their sentences |
 //! | `steps` | positions in steps, such as whole pixels |
 //! | `repeats` | frames, and positions, that stand still |
-//! | `lost_frames` | frames that are missing though numbers go on |
+//! | `frame_times` | frames that are missing though numbers go on; a frame rate that changes |
 //! | `camera_motion` | bumps and shakes of the camera, which all objects have in common |
+//! | `slow_camera` | drift, sway and zoom of the camera, which objects at rest show |
 //! | `sides` | the samples of all objects beside a pair of frames, for the two before |
 //! | `markers`, `ends`, `interpolated` | values for "not seen"; a first or last position that is off; positions that were filled in |
 //! | `identities` | tracks that leap to something else, and exchanged identities |
@@ -18,12 +19,13 @@ mod camera_motion;
 mod dependence;
 mod ends;
 mod finding;
+mod frame_times;
 mod identities;
 mod interpolated;
-mod lost_frames;
 mod markers;
 mod repeats;
 mod sides;
+mod slow_camera;
 mod steps;
 #[cfg(test)]
 mod tests;
@@ -37,11 +39,12 @@ use crate::num::quantile;
 use crate::scene::observation::{Outlier, Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
 use ends::leave_out_ends;
+use frame_times::{take_in_lost_frames, take_in_rate_changes};
 use identities::put_identities_right;
 use interpolated::leave_out_interpolated;
-use lost_frames::take_in_lost_frames;
 use markers::leave_out_markers;
 use repeats::leave_out_repeats;
+use slow_camera::take_out_slow_motion;
 use uneven_noise::state_uneven_noise;
 
 /// A step shows where it is larger than this share of the noise.
@@ -56,9 +59,11 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     found.extend(take_in_lost_frames(scene, step));
     found.extend(take_out_bumps(scene, step));
     found.extend(put_identities_right(scene, step));
-    let ratio = dependence(scene);
+    found.extend(take_out_slow_motion(scene, step));
+    let ratio = dependence(scene, step);
     if ratio <= 1.0 {
-        // Of dependent errors an end has others than the rest.
+        // Of dependent errors an end has others than the rest, and a contact shows for longer.
+        found.extend(take_in_rate_changes(scene, step));
         found.extend(leave_out_ends(scene, step));
     }
     // Where one track is on another object, both have all in common.

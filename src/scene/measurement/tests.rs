@@ -279,3 +279,113 @@ fn a_first_or_last_position_that_is_off_is_left_out() {
         );
     }
 }
+
+#[test]
+fn filtered_tracks_have_dependent_errors() {
+    for gain in [0.3_f64, 0.5] {
+        let mut scene = video(240, &[&|t| vec2(-0.5 + 0.4 * t, 0.1), &|t| vec2(0.6, -0.4 + 0.2 * t)]);
+        for track in &mut scene.tracks {
+            let (mut at, mut velocity) = (track.samples[0].position, Vec2::zero());
+            let beta = 2.0 * (2.0 - gain) - 4.0 * (1.0 - gain).sqrt();
+            for s in &mut track.samples {
+                let off = s.position - at - velocity;
+                at += velocity + off.scaled(gain);
+                velocity += off.scaled(beta);
+                s.position = at;
+            }
+        }
+        assert_eq!(kinds(scene), [FindingKind::DependentNoise], "gain {gain}");
+    }
+}
+
+#[test]
+fn frames_lost_near_each_other_are_all_found() {
+    let lost = [(40, 1), (45, 2), (50, 1)];
+    let late = |t: f64| {
+        let frame = (t * FPS).round() as usize;
+        t + lost.iter().filter(|(at, _)| frame > *at).map(|(_, n)| *n as f64).sum::<f64>() / FPS
+    };
+    let scene = video(120, &[&|t| vec2(-0.5 + 0.4 * late(t), 0.1), &|t| vec2(0.6, -0.4 + 0.2 * late(t))]);
+    let scene = scene.validate().unwrap();
+    let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+    assert_eq!(
+        (found.kind, &found.frames[..], found.value),
+        (FindingKind::LostFrames, &[40, 45, 50][..], 4.0)
+    );
+}
+
+#[test]
+fn a_camera_that_sways_is_seen_in_what_is_at_rest() {
+    let rest = |_: f64| vec2(0.6, -0.4);
+    let moving = |t: f64| vec2(-0.5 + 0.4 * t, 0.1);
+    let sway = |t: f64| vec2(8.0 * NOISE * (6.28 * t).sin(), 0.0);
+    // One object at rest is a proof as the other follows it; what oscillates alone is not.
+    let scene = video(200, &[&|t| rest(t) + sway(t), &|t| moving(t) + sway(t)]).validate().unwrap();
+    let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+    assert_eq!((found.kind, &found.objects[..]), (FindingKind::DriftingCamera, &[0][..]));
+    assert!((found.value / NOISE - 8.0 / 2.0_f64.sqrt()).abs() < 1.0, "{found}");
+    assert_eq!(kinds(video(200, &[&|t| rest(t) + sway(t), &moving])), []);
+    // Two objects at rest show a drift; a uniform force, which moves all alike from rest on, is none.
+    let other = vec2(-0.7, 0.5);
+    let both = |way: &dyn Fn(f64) -> Vec2| kinds(video(200, &[&|t| rest(t) + way(t), &|t| other + way(t)]));
+    assert_eq!(both(&|t| vec2(2e-3 * t, 1e-3 * t)), [FindingKind::DriftingCamera]);
+    assert_eq!(both(&|t| vec2(1e-3 * t * t, 0.0)), []);
+}
+
+#[test]
+fn a_change_of_the_frame_rate_is_taken_in() {
+    let late = |t: f64| if t < 60.5 / FPS { t } else { 60.0 / FPS + 2.0 * (t - 60.0 / FPS) };
+    let ways: [&dyn Fn(f64) -> Vec2; 3] =
+        [&|t| vec2(-0.5 + 0.4 * late(t), 0.1), &|t| vec2(0.6, -0.4 + 0.3 * late(t)), &|t| {
+            vec2(-0.2 + 0.2 * late(t), 0.7 - 0.2 * late(t))
+        }];
+    let scene = video(120, &ways).validate().unwrap();
+    let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+    assert_eq!((found.kind, found.frames.len()), (FindingKind::RateChange, 1));
+    assert!((found.value - 2.0).abs() < 0.1 && found.frames[0].abs_diff(60) < 2, "{found}");
+}
+
+#[test]
+fn gaps_filled_on_lines_are_left_out() {
+    let mut scene = two();
+    for from in [20, 41, 77] {
+        let samples = &mut scene.tracks[0].samples;
+        let (a, b) = (samples[from].position, samples[from + 4].position);
+        for d in 1..4 {
+            samples[from + d].position = a + (b - a).scaled(d as f64 / 4.0);
+        }
+    }
+    let scene = scene.validate().unwrap();
+    let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
+    assert_eq!((found.kind, found.frames.len()), (FindingKind::Interpolated, 9));
+}
+
+#[test]
+fn good_tracks_show_nothing_at_any_rate_and_size() {
+    for (k, fps) in [3.0, 10.0, 50.0, 240.0, 1000.0, 10_000.0].into_iter().enumerate() {
+        for (j, size) in [5e-4, 3e-2, 5.0].into_iter().enumerate() {
+            let seconds = 120.0 / fps;
+            let bounce = |u: f64| (u % 2.0 - 1.0).abs();
+            let ways: [&dyn Fn(f64) -> Vec2; 3] = [
+                &|_| vec2(20.0, 5.0).scaled(size),
+                &|t| vec2(12.0 * bounce(3.3 * t / seconds), -8.0 + 3.0 * t / seconds).scaled(size),
+                &|t| {
+                    vec2(-10.0 + 9.0 * t / seconds, 9.0 * bounce(0.7 + 2.1 * t / seconds) + 3.0).scaled(size)
+                },
+            ];
+            let mut scene = video(120, &[&|_| Vec2::zero(), &|_| Vec2::zero(), &|_| Vec2::zero()]);
+            for (object, track) in scene.tracks.iter_mut().enumerate() {
+                for s in &mut track.samples {
+                    let seed = (100_000 * (1 + 3 * k + j) + 1000 * object + s.frame) as u64;
+                    let noise = vec2(random(2 * seed), random(2 * seed + 1)).scaled(0.01 * size);
+                    s.position = ways[object](s.frame as f64 / fps) + noise;
+                }
+            }
+            scene.objects.iter_mut().for_each(|o| o.shape = Shape::Disc { radius: size });
+            scene.times = (0..120).map(|f| f as f64 / fps).collect();
+            scene.fps = fps;
+            let findings = scene.validate().expect("it is one").findings;
+            assert!(findings.is_empty(), "{fps} {size}: {findings:?}");
+        }
+    }
+}
