@@ -60,7 +60,8 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     found.extend(take_out_bumps(scene, step));
     found.extend(put_identities_right(scene, step));
     found.extend(take_out_slow_motion(scene, step));
-    let ratio = dependence(scene, step);
+    // Of a video's outlines the covariances hold what neighbouring frames share.
+    let ratio = if states_noise(scene) { 1.0 } else { dependence(scene, step) };
     if ratio <= 1.0 {
         // Of dependent errors an end has others than the rest, and a contact shows for longer.
         found.extend(take_in_rate_changes(scene, step));
@@ -81,6 +82,12 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     let lost = |old: &TrackFinding| found.iter().all(|new| new != old);
     let earlier: Vec<TrackFinding> = known.into_iter().filter(lost).collect();
     scene.findings = [earlier, found].concat();
+}
+
+/// Whether the noise is known, with the covariance of each position.
+fn states_noise(scene: &Scene) -> bool {
+    let mut samples = scene.tracks.iter().flat_map(|t| &t.samples);
+    scene.noise_sigma.is_some() && samples.all(|s| s.covariance.is_some())
 }
 
 /// Moves samples that are no measurement to the outliers; they are at no distance from anything. Returns their frames.
@@ -108,7 +115,8 @@ fn is_rounded(scene: &Scene, step: f64) -> bool {
 const ROUNDED: f64 = 0.05;
 
 /// Standard deviation of a coordinate of a track (m), from the median of its second differences; at least that of rounding to the
-/// step. The squared length of two independent normal numbers has the median 2 ln 2.
+/// step, and what the samples state: outlines in a video err alike in neighbouring frames, and do not scatter. The squared length of two
+/// independent normal numbers has the median 2 ln 2.
 fn position_sd(samples: &[Sample], step: f64) -> f64 {
     let second = |w: &[Sample]| {
         let share = (w[1].frame - w[0].frame) as f64 / (w[2].frame - w[0].frame) as f64;
@@ -117,7 +125,9 @@ fn position_sd(samples: &[Sample], step: f64) -> f64 {
     };
     let mut all: Vec<f64> = samples.windows(3).map(second).collect();
     let median = quantile(&mut all, 0.5).unwrap_or(0.0) / (2.0 * std::f64::consts::LN_2).sqrt();
-    median.max(step / 12.0_f64.sqrt()).max(SMALLEST)
+    let stated: Vec<f64> = samples.iter().filter_map(|s| s.covariance).map(|c| c.mean()).collect();
+    let stated = (stated.iter().sum::<f64>() / stated.len().max(1) as f64).sqrt();
+    median.max(step / 12.0_f64.sqrt()).max(stated).max(SMALLEST)
 }
 
 /// Least deviation of a position (m): less is round-off.
