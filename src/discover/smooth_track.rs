@@ -10,6 +10,9 @@ use std::ops::Range;
 
 /// Samples of one local parabola: over 0.6 s at 25 frames/s a velocity is known to 1 sigma/s.
 const SPAN: usize = 15;
+/// The same of what stops within these, longest first: half a second at 25 frames/s is long where friction stops a thing of a
+/// millimetre within a tenth of that.
+const SHORTER_SPANS: [usize; 3] = [11, 7, SHORTEST_SMOOTH];
 /// Samples that make a stretch worth looking at.
 const SHORTEST: usize = 8;
 /// Samples that a velocity can be had from.
@@ -233,7 +236,8 @@ struct SmoothFrame {
     moves: bool,
 }
 
-/// Local parabolas over the segment, through positions of deviation `sigma` (m), and through yaws.
+/// Local parabolas over the segment, through positions of deviation `sigma` (m), and through yaws. What is slowed so much that it
+/// stops within the usual span is looked at over shorter ones, where these know its braking.
 fn smooth(
     scene: &Scene,
     sigma: f64,
@@ -241,27 +245,46 @@ fn smooth(
     yaws: Option<&[Option<f64>]>,
     segment: Range<usize>,
 ) -> Vec<SmoothFrame> {
-    let len = segment.len();
     let one = |f: usize| {
-        let first = (f.saturating_sub(SPAN / 2)).max(segment.start).min(segment.end - len.min(SPAN));
-        let window = first..(first + SPAN).min(segment.end);
-        let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
-            let points: Vec<(f64, f64)> =
-                window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
-            parabola(&points)
+        let at = |span: usize| smooth_frame(scene, sigma, (own, yaws), &segment, (f, span));
+        let usual = at(SPAN)?;
+        let shorter = || SHORTER_SPANS.into_iter().filter(|span| *span < segment.len()).filter_map(at);
+        let moves = match usual.moves {
+            true => None,
+            false => shorter().find(|frame| frame.moves),
         };
-        let (x, y) = (fitted(&|g| own[g].map(|p| p.x))?, fitted(&|g| own[g].map(|p| p.y))?);
-        let yaw = yaws.and_then(|yaws| fitted(&|g| yaws[g])).map_or((0.0, 0.0), |p| (p.value, p.slope));
-        let velocity = vec2(x.slope, y.slope);
-        let half = 0.5 * (scene.times[window.end - 1] - scene.times[window.start]);
-        let braking = -vec2(x.second, y.second).dot(velocity.unit()) - CERTAIN * sigma * x.second_sd;
-        let velocity_sd = sigma * x.slope_sd;
-        let moves = velocity.norm() > f64::max(SLOW * velocity_sd, braking * half);
-        let position = vec2(x.value, y.value);
-        let motion = Kinematics { position, yaw: yaw.0, velocity, spin: yaw.1, roll: vec2(0.0, 0.0) };
-        Some(SmoothFrame { frame: f, motion, velocity_sd, moves })
+        Some(moves.unwrap_or(usual))
     };
     segment.clone().filter_map(one).collect()
+}
+
+/// The parabola over the `span` frames around `f`.
+fn smooth_frame(
+    scene: &Scene,
+    sigma: f64,
+    (own, yaws): (&[Option<Vec2>], Option<&[Option<f64>]>),
+    segment: &Range<usize>,
+    (f, span): (usize, usize),
+) -> Option<SmoothFrame> {
+    let first = (f.saturating_sub(span / 2)).max(segment.start).min(segment.end - segment.len().min(span));
+    let window = first..(first + span).min(segment.end);
+    let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
+        let points: Vec<(f64, f64)> =
+            window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
+        parabola(&points)
+    };
+    let (x, y) = (fitted(&|g| own[g].map(|p| p.x))?, fitted(&|g| own[g].map(|p| p.y))?);
+    let yaw = yaws.and_then(|yaws| fitted(&|g| yaws[g])).map_or((0.0, 0.0), |p| (p.value, p.slope));
+    let velocity = vec2(x.slope, y.slope);
+    let half = 0.5 * (scene.times[window.end - 1] - scene.times[window.start]);
+    // Over the usual span braking counts by what is certain of it; over a shorter one by all that it may be.
+    let side = if span < SPAN { CERTAIN } else { -CERTAIN };
+    let braking = -vec2(x.second, y.second).dot(velocity.unit()) + side * sigma * x.second_sd;
+    let velocity_sd = sigma * x.slope_sd;
+    let moves = velocity.norm() > f64::max(SLOW * velocity_sd, braking * half);
+    let position = vec2(x.value, y.value);
+    let motion = Kinematics { position, yaw: yaw.0, velocity, spin: yaw.1, roll: vec2(0.0, 0.0) };
+    Some(SmoothFrame { frame: f, motion, velocity_sd, moves })
 }
 
 /// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
@@ -405,6 +428,7 @@ mod tests {
     use super::super::tests::{CUBE, film};
     use super::super::weak_form::WeakFormRegression;
     use super::*;
+    use crate::scene::Shape;
 
     #[test]
     fn a_few_lost_frames_leave_a_motion_whole_and_many_cut_it_in_two() {
@@ -421,6 +445,26 @@ mod tests {
         // Rows are of frames that were seen: a fifth of them was not.
         let left = lens.degrees_of_freedom() as f64 / whole as f64;
         assert!((0.6..0.8).contains(&left), "{left}");
+    }
+
+    /// A disc of 2 mm at 60 mm/s on ordinary friction stops after a fifth of a second: twelve frames.
+    #[test]
+    fn what_stops_within_the_usual_span_moves_before_that() {
+        let (speed, braking, frame) = (0.06, 0.3, 1.0 / 60.0);
+        let mut scenes = film(&[vec![(Shape::Disc { radius: 0.001 }, 1e-5, [0.0, 0.0], [0.0, 0.0])]], None);
+        let scene = &mut scenes[0];
+        scene.fps = 1.0 / frame;
+        scene.times = (0..scene.times.len()).map(|f| f as f64 * frame).collect();
+        for s in &mut scene.tracks[0].samples {
+            let t = (s.frame as f64 * frame).min(speed / braking);
+            // Noise of 10 um in steps that no parabola follows.
+            let noise = 1e-5 * [0.8, -1.1, 0.3, 1.2, -0.9, -0.4][s.frame % 6];
+            s.position = vec2(speed * t - 0.5 * braking * t * t + noise, 0.0);
+        }
+        let noise = Noise { position: 1e-5, ..crate::fit::estimate_noise(scene) };
+        let own = &paths(scene, &noise)[0];
+        let [moving] = &own.stretches[..] else { panic!("{:?}", own.stretches) };
+        assert!(moving.start == 0 && (8..12).contains(&moving.end), "{moving:?}");
     }
 
     #[test]
