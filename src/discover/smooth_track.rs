@@ -42,6 +42,8 @@ const WING: usize = 8;
 const WIDE_WING: usize = 12;
 const NARROW_WING: usize = 5;
 const FEWEST_WING: usize = 4;
+/// Times a frame at which a stop is tried.
+const STOPS_A_FRAME: usize = 4;
 /// Frames by which noise may shift a jump.
 const BESIDE: usize = 2;
 
@@ -353,7 +355,8 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
             let bent =
                 jump(scene, noise, own, g, window.clone(), HalfWindows::Bent).filter(|j| j.1 > JUMP)?;
             let apart = jump(scene, noise, own, g, window.clone(), HalfWindows::BentApart)?;
-            (apart.1 > SURE_JUMP).then_some(bent)
+            let is_jump = apart.1 > SURE_JUMP && !stops(scene, noise, own, g, window.clone());
+            is_jump.then_some(bent)
         };
         let (change, sigmas) = at(f)?;
         let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
@@ -390,6 +393,36 @@ enum HalfWindows {
     BentApart,
 }
 
+/// Column `c` of a jump at time zero: place, velocity, its jump, acceleration, its jump.
+fn half_window_column(t: f64, c: usize) -> f64 {
+    [1.0, t, t.max(0.0), t * t, elementary::powi(t.max(0.0), 2)][c]
+}
+
+/// Whether friction that brakes to a stop in the window explains it as well as a jump after frame `f` with accelerations of their own
+/// (Akaike): x = p + u max(s - t, 0)^2, at rest from s on. Where noise is small, a stop bends both half-windows by more than that.
+fn stops(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], f: usize, window: Range<usize>) -> bool {
+    let middle = 0.5 * (scene.times[f] + scene.times[f + 1]);
+    let times = [scene.times[window.start] - middle, scene.times[window.end - 1] - middle];
+    let points: Vec<(f64, Vec2)> = window.filter_map(|g| Some((scene.times[g] - middle, own[g]?))).collect();
+    let chi_square = |columns: usize, column: &dyn Fn(f64, usize) -> f64| -> Option<f64> {
+        let design = DMatrix::from_fn(points.len(), columns, |r, c| column(points[r].0, c));
+        let inverse = (design.transpose() * &design).cholesky()?.inverse();
+        let left = |value: fn(&Vec2) -> f64| {
+            let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
+            (&y - &design * (&inverse * (design.transpose() * &y))).norm_squared()
+        };
+        Some((left(|p| p.x) + left(|p| p.y)) / (noise.position * noise.position))
+    };
+    let Some(jumps) = chi_square(5, &half_window_column) else { return false };
+    let steps = STOPS_A_FRAME * points.len();
+    let at = |k: usize| times[0] + (times[1] - times[0]) * (k as f64 + 0.5) / steps as f64;
+    let stop =
+        |s: f64| chi_square(2, &move |t, c| if c == 0 { 1.0 } else { elementary::powi((s - t).max(0.0), 2) });
+    let least = (0..steps).filter_map(|k| stop(at(k))).fold(f64::INFINITY, f64::min);
+    // Ten numbers of a jump against four and the time of a stop.
+    least < jumps + 2.0 * (10.0 - 5.0)
+}
+
 /// The jump of the velocity midway between frame `f` and the next, and its size in deviations.
 fn jump(
     scene: &Scene,
@@ -409,10 +442,7 @@ fn jump(
     if points.len() < columns + 2 {
         return None;
     }
-    let design = DMatrix::from_fn(points.len(), columns, |r, c| {
-        let t = points[r].0;
-        [1.0, t, t.max(0.0), t * t, elementary::powi(t.max(0.0), 2)][c]
-    });
+    let design = DMatrix::from_fn(points.len(), columns, |r, c| half_window_column(points[r].0, c));
     let inverse = (design.transpose() * &design).cholesky()?.inverse();
     let solve = |value: fn(&Vec2) -> f64| {
         let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
@@ -461,7 +491,8 @@ mod tests {
             let noise = 1e-5 * [0.8, -1.1, 0.3, 1.2, -0.9, -0.4][s.frame % 6];
             s.position = vec2(speed * t - 0.5 * braking * t * t + noise, 0.0);
         }
-        let noise = Noise { position: 1e-5, ..crate::fit::estimate_noise(scene) };
+        let mut noise = crate::fit::estimate_noise(scene);
+        noise.position = 1e-5;
         let own = &paths(scene, &noise)[0];
         let [moving] = &own.stretches[..] else { panic!("{:?}", own.stretches) };
         assert!(moving.start == 0 && (8..12).contains(&moving.end), "{moving:?}");
