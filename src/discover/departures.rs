@@ -1,8 +1,10 @@
 //! The one video of several whose shared numbers are not those of the others: its clock, its scale, its surface or a mass differs.
 //!
-//! Each video k is fitted alone: a number has the value v_k with deviation s_k there. Against it stands the mean of the others by
-//! precision, m, whose deviation s_m is enlarged by how far they scatter among themselves (Birge, Phys. Rev. 40 (1932) 207):
-//! z = |v_k - m| / sqrt(s_k^2 + s_m^2). Where all scatter alike no z is large, and none is named.
+//! Each video k is fitted alone: a number has the value v_k with deviation s_k there. A set-up realises the number m a little
+//! differently in each video, with deviation tau = REALISED m, so that v_k has the variance s_k^2 + tau^2. The others have the mean m
+//! by precision. Their chi-square about it tells how far the variances are too small; beside it stand DEGREES pseudo-observations
+//! at one (the scaled inverse chi-square prior: Gelman et al., Bayesian Data Analysis, 2013, sec. 2.6). Both variances are enlarged by
+//! that factor, and the difference in these deviations is a Student t number. Where all scatter alike none is large.
 
 use super::proof;
 use super::revise::Revision;
@@ -14,10 +16,14 @@ use std::collections::BTreeMap;
 
 /// Fewest videos of which one can be distinguished from the others.
 const FEWEST: usize = 3;
-/// Deviations from the others: odds beyond 10^6 to 1 for some hundred numbers.
-const FAR: f64 = 6.0;
-/// Engines and surfaces realise a number to about 5 %: three deviations of the difference of two of them, 3 sqrt(2) 5 %.
-const REALISED: f64 = 0.21;
+/// Deviations from the others: of a t number of six degrees (four videos) 1 in 400 is as far. Sets of videos of which all is
+/// equal have less: their numbers scatter by the noise, and by less than REALISED.
+const FAR: f64 = 5.0;
+/// Relative deviation with which a set-up realises a number from video to video: Bullet's coefficients of friction scatter by
+/// 0.6 %, of which the noise explains half.
+const REALISED: f64 = 0.005;
+/// Degrees of freedom with which that is known.
+const DEGREES: f64 = 4.0;
 
 /// The video that differs most from the others, in words; `None` where none does.
 pub fn departure(
@@ -35,7 +41,10 @@ pub fn departure(
     for (video, fit) in alone.iter().enumerate().filter(|(_, fit)| !proof::loses(fit)) {
         let identified = fit.posterior.estimates.iter().filter(|e| e.scene.is_none() && e.identified);
         for e in identified.filter(|e| is_size(&e.name)) {
-            numbers.entry(&e.name).or_default().push(Number { video, value: e.value, sd: e.sd });
+            // What a video leaves beyond the noise is in no deviation of its fit.
+            let misfit = fit.scenes.iter().map(|s| s.reduced_chi_square).fold(1.0, f64::max);
+            let sd = e.sd * misfit.sqrt();
+            numbers.entry(&e.name).or_default().push(Number { video, value: e.value, sd });
         }
     }
     let worst = numbers.iter().filter_map(|(name, all)| Some((name, farthest(all)?)));
@@ -83,19 +92,15 @@ fn farthest(all: &[Number]) -> Option<Departure> {
     }
     let one = |k: usize| -> Option<Departure> {
         let others: Vec<&Number> = all.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, n)| n).collect();
-        let weight = |n: &Number| 1.0 / (n.sd * n.sd).max(f64::MIN_POSITIVE);
-        let total: f64 = others.iter().map(|n| weight(n)).sum();
-        let mean = others.iter().map(|n| weight(n) * n.value).sum::<f64>() / total;
-        let scatter: f64 = others.iter().map(|n| weight(n) * (n.value - mean) * (n.value - mean)).sum();
-        let birge = (scatter / (others.len() - 1) as f64).max(1.0);
-        let off = (all[k].value - mean).abs();
-        let z = off / (all[k].sd * all[k].sd + birge / total).sqrt();
-        (z > FAR && off > REALISED * mean.abs()).then_some(Departure {
-            video: all[k].video,
-            own: all[k].value,
-            others: mean,
-            z,
-        })
+        let rough = others.iter().map(|n| n.value).sum::<f64>() / others.len() as f64;
+        let variance =
+            |n: &Number| (n.sd * n.sd + REALISED * REALISED * rough * rough).max(f64::MIN_POSITIVE);
+        let total: f64 = others.iter().map(|n| 1.0 / variance(n)).sum();
+        let mean = others.iter().map(|n| n.value / variance(n)).sum::<f64>() / total;
+        let scatter: f64 = others.iter().map(|n| (n.value - mean) * (n.value - mean) / variance(n)).sum();
+        let enlarged = ((DEGREES + scatter) / (DEGREES + others.len() as f64 - 1.0)).max(1.0);
+        let z = (all[k].value - mean).abs() / (enlarged * (variance(&all[k]) + 1.0 / total)).sqrt();
+        (z > FAR).then_some(Departure { video: all[k].video, own: all[k].value, others: mean, z })
     };
     (0..all.len()).filter_map(one).max_by(|a, b| a.z.total_cmp(&b.z))
 }
@@ -113,7 +118,9 @@ mod tests {
         assert_eq!(of(&[0.03, 0.0075, 0.0301]), Some(1));
         assert_eq!(of(&[0.03, 0.0301, 0.0302, 0.0299]), None);
         assert_eq!(of(&[0.01, 0.02, 0.03, 0.04]), None, "all differ");
-        assert_eq!(of(&[0.03, 0.0312, 0.0301]), None, "by no more than surfaces do");
+        assert_eq!(of(&[0.03, 0.0315, 0.0301, 0.0299]), Some(1), "a scale that is 5 % off");
+        assert_eq!(of(&[0.03, 0.0304, 0.0301, 0.0299]), None, "by no more than engines do");
+        assert_eq!(of(&[0.03, 0.0325, 0.031, 0.0285]), None, "all differ by some per cent");
         assert_eq!(of(&[0.03, 0.0075]), None, "of two neither is the odd one");
     }
 }

@@ -17,6 +17,7 @@ mod hidden_geometry;
 mod intervals;
 mod jackknife;
 mod negligible;
+mod one_sided;
 mod outcome;
 mod proof;
 mod proposal;

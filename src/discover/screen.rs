@@ -1,6 +1,7 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
 use super::free::{FreeParameter, at_values, flats, free_parameters, stride, values_of};
+use super::search::PROOF;
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
 use crate::effects::{ActsOn, EFFECTS, EffectEntry, Hook, ParamId, Region, Role, Seed, effect};
 use crate::num::{Vec2, elementary, quantile, vec2};
@@ -31,6 +32,8 @@ const SAME_CONSTANT: f64 = 0.02;
 /// An amplitude differs from zero by this many deviations.
 pub const CERTAIN: f64 = 4.0;
 const REFINEMENTS: usize = 15;
+/// Deviations that a normal number falls short of its mean by in one of twenty draws.
+const ONE_OF_TWENTY: f64 = 1.644_853_627;
 
 /// One candidate as the force lens sees it.
 #[derive(Clone)]
@@ -289,22 +292,33 @@ fn columns(
     columns
 }
 
-/// Deviation of a law's amplitude, the less certain where it has two, at a place, a frequency and the like of medium
-/// sensitivity; `None` where the lens is blind to most of them.
-pub fn typical_sd(
+/// Smallest amplitude of a law, the less certain where it has two, that falls of the cost by `proof` in all and by `elsewhere`
+/// without the track that shows it most prove, at a place, a frequency and the like of medium sensitivity. Noise hides one of
+/// twenty of these: a fall at an amplitude a of deviation s is that of a normal number of mean a/s. `None` where the lens is blind.
+pub fn detectable(
     lens: &WeakFormRegression,
     stand: &LinearisationPoint,
     entry: &'static EffectEntry,
     region: &Region,
+    [proof, elsewhere]: [f64; 2],
 ) -> Option<f64> {
     let projector = stand.projector.as_ref()?;
-    let sd = |seed: &Vec<f64>| -> f64 {
+    let least = |seed: &Vec<f64>| -> f64 {
         let columns = columns(lens, stand, projector, entry, seed, region);
-        let covariance = lens.information(projector, &columns).0.cholesky().map(|c| c.inverse());
-        covariance.map_or(f64::INFINITY, |c| c.diagonal().max().sqrt())
+        let information = lens.information(projector, &columns).0;
+        let shares: Vec<f64> = (0..columns.ncols())
+            .map(|k| 1.0 - lens.largest_track_share(projector, &columns, k) / information[(k, k)])
+            .collect();
+        let Some(covariance) = information.cholesky().map(|c| c.inverse()) else { return f64::INFINITY };
+        let amplitude = |(k, share): (usize, &f64)| {
+            let of =
+                |fall: f64, share: f64| (fall.sqrt() + ONE_OF_TWENTY) * (covariance[(k, k)] / share).sqrt();
+            of(proof, 1.0).max(of(elsewhere, share.max(f64::MIN_POSITIVE)))
+        };
+        shares.iter().enumerate().map(amplitude).fold(0.0, f64::max)
     };
-    let mut all: Vec<f64> = entry.seeds(region).par_iter().map(sd).collect();
-    quantile(&mut all, 0.5).filter(|sd| sd.is_finite())
+    let mut all: Vec<f64> = entry.seeds(region).par_iter().map(least).collect();
+    quantile(&mut all, 0.5).filter(|least| least.is_finite())
 }
 
 /// The best that the effect can do from these beginnings, beside numbers that stand as there.
@@ -340,31 +354,71 @@ pub fn screen(
         held_out += alone.cost - here.cost;
         left_out += here.chi_square - here.left_out;
     }
-    let tracks = lens.by_track(&lens.residual(&with, &flats(&with, &free_with, &seen_with.values)));
-    let falls: Vec<f64> = lens
-        .by_track(&projector.residual)
-        .iter()
-        .zip(&tracks)
-        .map(|(before, after)| before.0 - after.0)
-        .collect();
-    let most = falls.iter().copied().fold(0.0, f64::max);
-    // What the model expected of the law itself, where all tracks bend it.
-    let expected = base.free.iter().zip(&seen.values).filter(|(f, _)| of(f, entry));
-    let unbent: f64 = expected.map(|(f, value)| elementary::powi((value - f.mean) / f.sd, 2)).sum();
+    let gain = seen.cost - seen_with.cost;
+    let law = LawOnTracks { entry, free: &free_with, seen: &seen_with, with: &with };
+    let gain_without_best_track = match gain > PROOF {
+        true => law.refitted_gain_without_best(lens, base, projector),
+        false => law.gain_without_best(lens, base, projector),
+    };
     let values: Vec<f64> = added.iter().map(|&k| seen_with.values[k]).collect();
     Some(ForceCandidate {
         entry,
         sd: added.iter().map(|&k| seen_with.sd[k]).collect(),
         added: added.len(),
         amplitudes: added.iter().filter(|&&k| amplitude(&free_with[k])).count(),
-        gain: seen.cost - seen_with.cost + constant_of_nature(entry, &values),
+        gain: gain + constant_of_nature(entry, &values),
         values,
         held_out,
         left_out,
-        gain_without_best_track: falls.iter().sum::<f64>() - most + unbent,
+        gain_without_best_track,
         chi_square: seen_with.chi_square,
         models: at_values(&with, &free_with, &seen_with.values),
     })
+}
+
+/// A law fitted beside the base, as each track shows it.
+struct LawOnTracks<'c> {
+    entry: &'static EffectEntry,
+    free: &'c [FreeParameter],
+    seen: &'c LensFit,
+    with: &'c [Model],
+}
+
+impl LawOnTracks<'_> {
+    /// Fall of chi-square of each track.
+    fn falls(&self, lens: &WeakFormRegression, projector: &Projector) -> Vec<f64> {
+        let after = lens.residual(self.with, &flats(self.with, self.free, &self.seen.values));
+        let pairs = lens.by_track(&projector.residual).into_iter().zip(lens.by_track(&after));
+        pairs.map(|(before, after)| before.0 - after.0).collect()
+    }
+
+    /// Fall of chi-square on all tracks but the one that gains most, all numbers as they are.
+    fn gain_without_best(&self, lens: &WeakFormRegression, base: &ScreenBase, projector: &Projector) -> f64 {
+        let falls = self.falls(lens, projector);
+        let most = falls.iter().copied().fold(0.0, f64::max);
+        // What the model expected of the law itself, where all tracks bend it.
+        let expected = base.free.iter().zip(&base.seen.values).filter(|(f, _)| of(f, self.entry));
+        let unbent: f64 = expected.map(|(f, value)| elementary::powi((value - f.mean) / f.sd, 2)).sum();
+        falls.iter().sum::<f64>() - most + unbent
+    }
+
+    /// Fall of the cost without the track that gains most: the law's numbers are of all tracks, all others are refitted on both
+    /// sides. Numbers of the base that bend to stand in for the law pay in their priors, on each track: that is evidence, too.
+    fn refitted_gain_without_best(
+        &self,
+        lens: &WeakFormRegression,
+        base: &ScreenBase,
+        projector: &Projector,
+    ) -> f64 {
+        let falls = self.falls(lens, projector);
+        let Some(best) = (0..falls.len()).max_by(|&a, &b| falls[a].total_cmp(&falls[b])) else { return 0.0 };
+        let rows = &lens.rows_by_track()[best];
+        let before = lens.solve(&base.fitted.models, &base.free, &base.seen.values, PROOFS, rows);
+        let law = at_values(self.with, self.free, &self.seen.values);
+        let others: Vec<FreeParameter> = self.free.iter().filter(|f| !of(f, self.entry)).cloned().collect();
+        let after = lens.solve(&law, &others, &values_of(&law, &others), PROOFS, rows);
+        before.cost - after.cost
+    }
 }
 
 /// What an amplitude that nature gives is worth against one that is anything (twice a log likelihood): free fall in a
@@ -446,4 +500,49 @@ fn refine(
     let seen = lens.solve(&with, &free, &near.values, REFINEMENTS, &[]);
     let seen = if seen.cost <= near.cost { LensFit { sd: near.sd, ..seen } } else { near };
     (free, seen, with)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::search::ELSEWHERE;
+    use super::super::tests::{DISC, film_under};
+    use super::super::weak_form::fit_forces;
+    use super::*;
+    use crate::world::Preset;
+
+    /// On an air table each puck has a damping of its own, which stands in for a drag of all: what it pays for that in its prior is
+    /// evidence for the drag on each track.
+    #[test]
+    fn numbers_of_each_object_that_stand_in_for_a_law_are_evidence_of_each_track() {
+        let three = |[a, b, c]: [([f64; 2], [f64; 2]); 3]| {
+            [a, b, c].map(|(place, velocity)| (DISC, 0.5, place, velocity)).to_vec()
+        };
+        let launches = [
+            three([([-2.0, 1.0], [1.9, 0.2]), ([2.0, -1.0], [-1.4, -0.3]), ([0.0, 3.0], [0.4, 1.2])]),
+            three([([-2.0, -1.0], [1.2, 0.4]), ([2.0, 1.0], [-1.7, 0.5]), ([0.0, -3.0], [0.3, -1.5])]),
+        ];
+        let scenes = film_under(&launches, |model| {
+            let ground = model.effects.iter_mut().flat_map(|e| &mut e.parameters);
+            ground.filter(|p| p.name == "sliding").for_each(|p| p.values.fill(0.0));
+            for (name, value) in [("damping", 0.03), ("quadratic_drag", 0.025)] {
+                let mut active = ActiveEffect::new(&effect(name).expect(name).spec, &model.bodies);
+                active.parameters[0].values.fill(value);
+                model.effects.push(active);
+            }
+        });
+        let air_table = Preset::named("air_table").expect("it is there");
+        let models: Vec<Model> = scenes.iter().map(|s| air_table.model(s)).collect();
+        let lens = WeakFormRegression::new(&scenes);
+        let (free, seen) = fit_forces(&lens, &models);
+        let base = ScreenBase::new(&lens, &models, free, seen);
+        let entry = effect("quadratic_drag").expect("it is there");
+        let (free, seen, with) = refine(&lens, &base.fitted.models, entry, &[0.02], &region(&scenes));
+        let law = LawOnTracks { entry, free: &free, seen: &seen, with: &with };
+        let projector = base.fitted.projector.as_ref().expect("it is determined");
+        let [as_they_are, refitted] = [
+            law.gain_without_best(&lens, &base, projector),
+            law.refitted_gain_without_best(&lens, &base, projector),
+        ];
+        assert!(refitted > ELSEWHERE && refitted > as_they_are + ELSEWHERE, "{as_they_are} {refitted}");
+    }
 }

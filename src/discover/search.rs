@@ -26,7 +26,7 @@ pub const ALIKE: f64 = 5.991_464_547;
 /// Fall of chi-square that chance brings a parameter that is not needed, at most (Akaike, IEEE Trans. Automat. Control 19 (1974) 716).
 const AKAIKE: f64 = 2.0;
 /// Fall of chi-square that a law must bring beside the object on which it shows most: one object may have met something.
-const ELSEWHERE: f64 = 10.0;
+pub const ELSEWHERE: f64 = 10.0;
 /// An amplitude differs from zero by this many deviations of what objects say of it.
 const AGREED: f64 = 2.0;
 /// Share of the misfit beyond noise that laws must explain to be named, where more than `CLEAN` of it (reduced

@@ -10,6 +10,9 @@ use std::ops::Range;
 
 /// Samples of one local parabola: over 0.6 s at 25 frames/s a velocity is known to 1 sigma/s.
 const SPAN: usize = 15;
+/// The same of what stops within these, longest first: half a second at 25 frames/s is long where friction stops a thing of a
+/// millimetre within a tenth of that.
+const SHORTER_SPANS: [usize; 3] = [11, 7, SHORTEST_SMOOTH];
 /// Samples that make a stretch worth looking at.
 const SHORTEST: usize = 8;
 /// Samples that a velocity can be had from.
@@ -39,6 +42,8 @@ const WING: usize = 8;
 const WIDE_WING: usize = 12;
 const NARROW_WING: usize = 5;
 const FEWEST_WING: usize = 4;
+/// Times a frame at which a stop is tried.
+const STOPS_A_FRAME: usize = 4;
 /// Frames by which noise may shift a jump.
 const BESIDE: usize = 2;
 
@@ -233,7 +238,8 @@ struct SmoothFrame {
     moves: bool,
 }
 
-/// Local parabolas over the segment, through positions of deviation `sigma` (m), and through yaws.
+/// Local parabolas over the segment, through positions of deviation `sigma` (m), and through yaws. What is slowed so much that it
+/// stops within the usual span is looked at over shorter ones, where these know its braking.
 fn smooth(
     scene: &Scene,
     sigma: f64,
@@ -241,27 +247,46 @@ fn smooth(
     yaws: Option<&[Option<f64>]>,
     segment: Range<usize>,
 ) -> Vec<SmoothFrame> {
-    let len = segment.len();
     let one = |f: usize| {
-        let first = (f.saturating_sub(SPAN / 2)).max(segment.start).min(segment.end - len.min(SPAN));
-        let window = first..(first + SPAN).min(segment.end);
-        let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
-            let points: Vec<(f64, f64)> =
-                window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
-            parabola(&points)
+        let at = |span: usize| smooth_frame(scene, sigma, (own, yaws), &segment, (f, span));
+        let usual = at(SPAN)?;
+        let shorter = || SHORTER_SPANS.into_iter().filter(|span| *span < segment.len()).filter_map(at);
+        let moves = match usual.moves {
+            true => None,
+            false => shorter().find(|frame| frame.moves),
         };
-        let (x, y) = (fitted(&|g| own[g].map(|p| p.x))?, fitted(&|g| own[g].map(|p| p.y))?);
-        let yaw = yaws.and_then(|yaws| fitted(&|g| yaws[g])).map_or((0.0, 0.0), |p| (p.value, p.slope));
-        let velocity = vec2(x.slope, y.slope);
-        let half = 0.5 * (scene.times[window.end - 1] - scene.times[window.start]);
-        let braking = -vec2(x.second, y.second).dot(velocity.unit()) - CERTAIN * sigma * x.second_sd;
-        let velocity_sd = sigma * x.slope_sd;
-        let moves = velocity.norm() > f64::max(SLOW * velocity_sd, braking * half);
-        let position = vec2(x.value, y.value);
-        let motion = Kinematics { position, yaw: yaw.0, velocity, spin: yaw.1, roll: vec2(0.0, 0.0) };
-        Some(SmoothFrame { frame: f, motion, velocity_sd, moves })
+        Some(moves.unwrap_or(usual))
     };
     segment.clone().filter_map(one).collect()
+}
+
+/// The parabola over the `span` frames around `f`.
+fn smooth_frame(
+    scene: &Scene,
+    sigma: f64,
+    (own, yaws): (&[Option<Vec2>], Option<&[Option<f64>]>),
+    segment: &Range<usize>,
+    (f, span): (usize, usize),
+) -> Option<SmoothFrame> {
+    let first = (f.saturating_sub(span / 2)).max(segment.start).min(segment.end - segment.len().min(span));
+    let window = first..(first + span).min(segment.end);
+    let fitted = |value: &dyn Fn(usize) -> Option<f64>| {
+        let points: Vec<(f64, f64)> =
+            window.clone().filter_map(|g| Some((scene.times[g] - scene.times[f], value(g)?))).collect();
+        parabola(&points)
+    };
+    let (x, y) = (fitted(&|g| own[g].map(|p| p.x))?, fitted(&|g| own[g].map(|p| p.y))?);
+    let yaw = yaws.and_then(|yaws| fitted(&|g| yaws[g])).map_or((0.0, 0.0), |p| (p.value, p.slope));
+    let velocity = vec2(x.slope, y.slope);
+    let half = 0.5 * (scene.times[window.end - 1] - scene.times[window.start]);
+    // Over the usual span braking counts by what is certain of it; over a shorter one by all that it may be.
+    let side = if span < SPAN { CERTAIN } else { -CERTAIN };
+    let braking = -vec2(x.second, y.second).dot(velocity.unit()) + side * sigma * x.second_sd;
+    let velocity_sd = sigma * x.slope_sd;
+    let moves = velocity.norm() > f64::max(SLOW * velocity_sd, braking * half);
+    let position = vec2(x.value, y.value);
+    let motion = Kinematics { position, yaw: yaw.0, velocity, spin: yaw.1, roll: vec2(0.0, 0.0) };
+    Some(SmoothFrame { frame: f, motion, velocity_sd, moves })
 }
 
 /// Frames after which a track bends sharply, at contacts too: between short wings that are taken for straight. `noise` is the
@@ -330,7 +355,8 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
             let bent =
                 jump(scene, noise, own, g, window.clone(), HalfWindows::Bent).filter(|j| j.1 > JUMP)?;
             let apart = jump(scene, noise, own, g, window.clone(), HalfWindows::BentApart)?;
-            (apart.1 > SURE_JUMP).then_some(bent)
+            let is_jump = apart.1 > SURE_JUMP && !stops(scene, noise, own, g, window.clone());
+            is_jump.then_some(bent)
         };
         let (change, sigmas) = at(f)?;
         let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
@@ -367,6 +393,36 @@ enum HalfWindows {
     BentApart,
 }
 
+/// Column `c` of a jump at time zero: place, velocity, its jump, acceleration, its jump.
+fn half_window_column(t: f64, c: usize) -> f64 {
+    [1.0, t, t.max(0.0), t * t, elementary::powi(t.max(0.0), 2)][c]
+}
+
+/// Whether friction that brakes to a stop in the window explains it as well as a jump after frame `f` with accelerations of their own
+/// (Akaike): x = p + u max(s - t, 0)^2, at rest from s on. Where noise is small, a stop bends both half-windows by more than that.
+fn stops(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], f: usize, window: Range<usize>) -> bool {
+    let middle = 0.5 * (scene.times[f] + scene.times[f + 1]);
+    let times = [scene.times[window.start] - middle, scene.times[window.end - 1] - middle];
+    let points: Vec<(f64, Vec2)> = window.filter_map(|g| Some((scene.times[g] - middle, own[g]?))).collect();
+    let chi_square = |columns: usize, column: &dyn Fn(f64, usize) -> f64| -> Option<f64> {
+        let design = DMatrix::from_fn(points.len(), columns, |r, c| column(points[r].0, c));
+        let inverse = (design.transpose() * &design).cholesky()?.inverse();
+        let left = |value: fn(&Vec2) -> f64| {
+            let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
+            (&y - &design * (&inverse * (design.transpose() * &y))).norm_squared()
+        };
+        Some((left(|p| p.x) + left(|p| p.y)) / (noise.position * noise.position))
+    };
+    let Some(jumps) = chi_square(5, &half_window_column) else { return false };
+    let steps = STOPS_A_FRAME * points.len();
+    let at = |k: usize| times[0] + (times[1] - times[0]) * (k as f64 + 0.5) / steps as f64;
+    let stop =
+        |s: f64| chi_square(2, &move |t, c| if c == 0 { 1.0 } else { elementary::powi((s - t).max(0.0), 2) });
+    let least = (0..steps).filter_map(|k| stop(at(k))).fold(f64::INFINITY, f64::min);
+    // Ten numbers of a jump against four and the time of a stop.
+    least < jumps + 2.0 * (10.0 - 5.0)
+}
+
 /// The jump of the velocity midway between frame `f` and the next, and its size in deviations.
 fn jump(
     scene: &Scene,
@@ -386,10 +442,7 @@ fn jump(
     if points.len() < columns + 2 {
         return None;
     }
-    let design = DMatrix::from_fn(points.len(), columns, |r, c| {
-        let t = points[r].0;
-        [1.0, t, t.max(0.0), t * t, elementary::powi(t.max(0.0), 2)][c]
-    });
+    let design = DMatrix::from_fn(points.len(), columns, |r, c| half_window_column(points[r].0, c));
     let inverse = (design.transpose() * &design).cholesky()?.inverse();
     let solve = |value: fn(&Vec2) -> f64| {
         let y = DVector::from_iterator(points.len(), points.iter().map(|p| value(&p.1)));
@@ -405,6 +458,7 @@ mod tests {
     use super::super::tests::{CUBE, film};
     use super::super::weak_form::WeakFormRegression;
     use super::*;
+    use crate::scene::Shape;
 
     #[test]
     fn a_few_lost_frames_leave_a_motion_whole_and_many_cut_it_in_two() {
@@ -421,6 +475,27 @@ mod tests {
         // Rows are of frames that were seen: a fifth of them was not.
         let left = lens.degrees_of_freedom() as f64 / whole as f64;
         assert!((0.6..0.8).contains(&left), "{left}");
+    }
+
+    /// A disc of 2 mm at 60 mm/s on ordinary friction stops after a fifth of a second: twelve frames.
+    #[test]
+    fn what_stops_within_the_usual_span_moves_before_that() {
+        let (speed, braking, frame) = (0.06, 0.3, 1.0 / 60.0);
+        let mut scenes = film(&[vec![(Shape::Disc { radius: 0.001 }, 1e-5, [0.0, 0.0], [0.0, 0.0])]], None);
+        let scene = &mut scenes[0];
+        scene.fps = 1.0 / frame;
+        scene.times = (0..scene.times.len()).map(|f| f as f64 * frame).collect();
+        for s in &mut scene.tracks[0].samples {
+            let t = (s.frame as f64 * frame).min(speed / braking);
+            // Noise of 10 um in steps that no parabola follows.
+            let noise = 1e-5 * [0.8, -1.1, 0.3, 1.2, -0.9, -0.4][s.frame % 6];
+            s.position = vec2(speed * t - 0.5 * braking * t * t + noise, 0.0);
+        }
+        let mut noise = crate::fit::estimate_noise(scene);
+        noise.position = 1e-5;
+        let own = &paths(scene, &noise)[0];
+        let [moving] = &own.stretches[..] else { panic!("{:?}", own.stretches) };
+        assert!(moving.start == 0 && (8..12).contains(&moving.end), "{moving:?}");
     }
 
     #[test]

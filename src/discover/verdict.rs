@@ -10,10 +10,11 @@ use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
     FOLLOWED, contact_duration, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals,
-    ranked, reason, smallest, table_advice, unfollowed,
+    open_intervals, ranked, reason, smallest, table_advice, unfollowed,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
-use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
+use super::one_sided::open_above;
+use super::outcome::{Discovery, FoundEffect, NINETY_FIVE, ParameterValue, Verdict, may_be_none};
 use super::proof::{self, alike_kinds, at_noise, explains_all};
 use super::proposal::FORMULA;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
@@ -234,23 +235,12 @@ pub fn conclude(
         revisions.push(stuck);
     }
     if let (Some(c), Some(last)) = (proven, revisions.last()) {
-        // What strikes a thing that nobody saw rebounds from it each in its own way: of that, short films tell the spread, and
-        // the numbers too where trajectories are not followed.
-        let videos = match c.entry.uses(Hook::Bodies) {
-            true => followed(last, c),
-            false => of_videos(lens, last, &numbers_of(c.entry), &options.fit, stop)?,
-        };
-        let amplitude = videos.as_ref().and_then(|v| *v.first()?);
-        let doubtful = whole.is_some() || !c.strong();
-        let (values, sd) = contact_numbers(c, noise_sigma, videos.as_deref());
-        let found = found_contact(c, &values, &sd);
-        if (doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter))) || found.uncertain {
-            // No short film speaks for it, or not clearly, and the videos disagree on whether it acts at all; or its absence is as
-            // likely.
-            proven = None;
-            revisions.pop();
-        } else {
-            effects.push(found);
+        match contact_effect(lens, last, c, whole.is_some() || !c.strong(), &options.fit, stop)? {
+            Some(found) => effects.push(found),
+            None => {
+                proven = None;
+                revisions.pop();
+            }
         }
     }
     let names: Vec<&str> = effects.iter().map(|e| e.effect.as_str()).collect();
@@ -369,7 +359,7 @@ pub fn conclude(
         aside += &departure(lens, last, &options.fit, stop)?.unwrap_or_default();
     }
     Ok(Discovery {
-        reason: reason + &strength + &table_advice(&effects) + &duration + &aside,
+        reason: reason + &strength + &table_advice(&effects) + &open_intervals(&effects) + &duration + &aside,
         verdict,
         effects,
         ranked,
@@ -380,6 +370,41 @@ pub fn conclude(
         noise_sigma,
         revisions,
     })
+}
+
+/// A law of contact with its numbers by the trajectories of the last revision. `None` where its absence is as likely, or where no
+/// window speaks for it clearly (`doubtful`) and the videos disagree on whether it acts at all.
+fn contact_effect(
+    lens: &WeakFormRegression,
+    last: &Revision,
+    c: &ContactCandidate,
+    doubtful: bool,
+    options: &FitOptions,
+    stop: Stop,
+) -> Result<Option<FoundEffect>, FitError> {
+    // What strikes a thing that nobody saw rebounds from it each in its own way: of that, windows tell the spread, and the numbers
+    // too where trajectories are not followed.
+    let videos = match c.entry.uses(Hook::Bodies) {
+        true => followed(last, c),
+        false => of_videos(lens, last, &numbers_of(c.entry), options, stop)?,
+    };
+    let amplitude = videos.as_ref().and_then(|v| *v.first()?);
+    if doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter)) {
+        return Ok(None);
+    }
+    let (values, mut sd) = contact_numbers(c, pooled_noise(lens), videos.as_deref());
+    let open = match proof::loses(&last.fit) {
+        true => None,
+        false => open_above(lens, &last.fit, c.entry, values[0], options, stop)?,
+    };
+    if let Some(open) = &open {
+        sd[0] = (values[0] - open.low) / NINETY_FIVE;
+    }
+    let mut found = found_contact(c, &values, &sd);
+    if let (Some(open), Some(first)) = (open, found.parameters.first_mut()) {
+        first.high = ParameterValue::Number(open.high);
+    }
+    Ok((!found.uncertain).then_some(found))
 }
 
 /// What of the findings the trajectories bear out, with its revisions: the one without any, one for each force, one for the

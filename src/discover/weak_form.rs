@@ -122,6 +122,22 @@ impl<'a> WeakFormRegression<'a> {
         sums.into_values().collect()
     }
 
+    /// The rows of each object that moves, in the order of [`Self::by_track`].
+    pub fn rows_by_track(&self) -> Vec<Vec<Range<usize>>> {
+        let mut rows: BTreeMap<(usize, usize), Vec<Range<usize>>> = BTreeMap::new();
+        self.stretches.iter().for_each(|s| rows.entry((s.scene, s.body)).or_default().push(s.span()));
+        rows.into_values().collect()
+    }
+
+    /// The most that one object's track says of the amplitude of column `k`, the parameters of the base projected out (part of its
+    /// [`information`](Self::information)).
+    pub fn largest_track_share(&self, projector: &Projector, columns: &DMatrix<f64>, k: usize) -> f64 {
+        let column = columns.column(k);
+        let explained = projector.factor.solve(&projector.jacobian.tr_mul(&column));
+        let rest = column - &projector.jacobian * explained;
+        self.rows_by_track().iter().map(|rows| squares(&rest, rows)).fold(0.0, f64::max)
+    }
+
     /// Reduced chi-square of all objects but the worst, where there are others to compare with.
     pub fn trimmed_chi_square(&self, residual: &DVector<f64>) -> f64 {
         let mut tracks = self.by_track(residual);

@@ -15,6 +15,7 @@ mod seed;
 mod tests;
 
 mod camera {
+    pub mod axis_scale;
     pub mod frame_rate;
     pub mod lens_distortion;
     pub mod off_centre_marker;
@@ -120,6 +121,7 @@ pub static EFFECTS: &[EffectEntry] = &[
     EffectEntry::of::<matter::mass_change::MassChange>(),
     EffectEntry::of::<matter::wrong_size::WrongSize>(),
     EffectEntry::of::<camera::wrong_scale::WrongScale>(),
+    EffectEntry::of::<camera::axis_scale::AxisScale>(),
     EffectEntry::of::<camera::tilted_camera::TiltedCamera>(),
     EffectEntry::of::<camera::lens_distortion::LensDistortion>(),
     EffectEntry::of::<camera::off_centre_marker::OffCentreMarker>(),

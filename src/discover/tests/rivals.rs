@@ -49,6 +49,15 @@ fn a_wrong_scale_shows_where_objects_touch() {
     assert!((number(told("scale")) - 1.08).abs() < 0.01);
 }
 
+/// Without contacts friction alone tells it: it seems larger along the longer axis. With contacts, their distances do, too.
+#[test]
+fn axes_of_different_scale_are_no_force() {
+    for launches in [launches(), meetings()] {
+        let told = found_in(&film(&launches, Some(("axis_scale", &[("excess", 0.08)]))), "axis_scale");
+        assert!((number(told("ratio")) - 1.0833).abs() < 0.02);
+    }
+}
+
 #[test]
 fn a_wrong_size_is_told_with_its_object() {
     let mut scenes = film(&meetings(), None);
