@@ -32,6 +32,7 @@ mod tests;
 mod trajectory_check;
 mod unexplained;
 mod unexplained_impacts;
+mod unseen_pushes;
 mod user_formula;
 mod verdict;
 mod wave;
@@ -63,6 +64,7 @@ pub use screen::{ForceCandidate, candidates, region, screen, with_effect, with_n
 pub use search::{FreeMotion, search, search_on};
 pub use smooth_track::{ChangePoint, SmoothTrack, paths};
 pub use unexplained::{UnexplainedAcceleration, unexplained};
+pub use unseen_pushes::{fit_passing_over_pushes, pass_over_pushes};
 pub use verdict::DiscoverOptions;
 pub use weak_form::{WeakFormRegression, fit_forces};
 pub use window_fits::WindowFits;

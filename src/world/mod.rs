@@ -14,6 +14,7 @@ mod shared_values;
 mod simulate;
 mod simulation;
 mod trace;
+mod unknown_impulse;
 
 pub use acceleration_field::{AccelerationField, FormulaForces, Snapshot};
 pub use contact::geometry::{PlacedShape, gap};
@@ -27,6 +28,7 @@ pub use observation::{ObservationModel, simulate_observed};
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Rollout, SimulationLimits, simulate, trace};
 pub use trace::{Ending, Event, EventKind, State, Trace};
+pub use unknown_impulse::{IMPULSE_VALUES, UnknownImpulse, UnseenPush};
 
 #[cfg(test)]
 mod tests;

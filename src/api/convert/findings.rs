@@ -1,5 +1,6 @@
 //! Findings of studies to replies.
 
+use super::model::unseen_pushes;
 use super::names::{model_name, video_name};
 use crate::api::v1;
 use crate::discover::{
@@ -141,6 +142,8 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
     };
     let trajectories =
         study.videos.iter().zip(trajectories).map(|(video, c)| trajectory_pair(video, c)).collect();
+    let last = discovery.revisions.last().into_iter().flat_map(|r| &r.fit.scenes);
+    let pushes = study.videos.iter().zip(last).flat_map(|(v, s)| unseen_pushes(v, &s.model)).collect();
     Some(v1::Discovery {
         verdict: verdict.into(),
         reason: discovery.reason.clone(),
@@ -174,6 +177,7 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
         noise_sigma: discovery.noise_sigma,
         revisions: records.iter().map(revision).collect(),
         trajectories: in_request_order(trajectories, requested, |c: &v1::TrajectoryPair| &c.video),
+        unseen_pushes: in_request_order(pushes, requested, |p: &v1::UnseenPush| &p.video),
     })
 }
 

@@ -1,0 +1,141 @@
+//! An impulse of unknown origin: something that was not observed (a hand, a kick) changes the motion of one body at one time.
+//!
+//! It is a nuisance of one video: its numbers are fitted with those of the start states, so that the simulation follows what comes
+//! after it. One that lasts is two impulses, at its start and at its end, whose measurements in between do not count: position and
+//! velocity at the end are then free.
+
+use crate::num::{Real, Vec2, vec2};
+use crate::world::model::Model;
+use serde::{Deserialize, Serialize};
+
+/// Numbers that describe one impulse in [`Model::flatten`], in this order; they follow those of the effects.
+pub const IMPULSE_VALUES: [&str; 4] = ["vx", "vy", "spin", "delay"];
+
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UnknownImpulse {
+    /// The object's id.
+    pub id: u32,
+    /// s.
+    pub time: f64,
+    /// The last frame of the video before `time`.
+    pub frame: usize,
+    /// Its other end (s), where it lasts: the object's measurements between `time` and here do not count. The impulse at the other
+    /// end has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<f64>,
+    /// Change of the velocity (m/s).
+    pub velocity: Vec2,
+    /// Change of the rate of turn about z (rad/s).
+    pub spin: f64,
+    /// How long after `time` it acts (s), to first order.
+    pub delay: f64,
+    /// Prior standard deviations of the numbers above.
+    pub velocity_sd: f64,
+    pub spin_sd: f64,
+    pub delay_sd: f64,
+}
+
+/// Something unseen that acts on one object: at one time, or from one time to another.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UnseenPush {
+    /// The object's id.
+    pub id: u32,
+    /// s; equal where it acts at one time.
+    pub from: f64,
+    pub until: f64,
+    /// The last frame before each.
+    pub frames: [usize; 2],
+    /// Change of the velocity, from before to after (m/s).
+    pub velocity: Vec2,
+    /// Change of the rate of turn (rad/s).
+    pub spin: f64,
+}
+
+impl UnseenPush {
+    /// What it does, in words: `object 2 is pushed by something unseen at frame 57: by 0.31 m/s towards -x`.
+    pub fn sentence(&self) -> String {
+        let [first, last] = self.frames;
+        let when = if first == last { format!("at frame {first}") } else { format!("from frame {first} to {last}") };
+        let what = if first == last { "pushed" } else { "held or pushed" };
+        let (speed, id) = (self.velocity.norm(), self.id);
+        format!(
+            "object {id} is {what} by something unseen {when}: its velocity changes by {speed:.2} m/s towards {}",
+            direction(self.velocity)
+        )
+    }
+}
+
+/// The nearest of the eight directions along and between the axes.
+fn direction(v: Vec2) -> String {
+    let sign = |along: f64, axis: &str| match along.abs() > SIN_PI_8 * v.norm() {
+        true => format!("{}{axis}", if along < 0.0 { '-' } else { '+' }),
+        false => String::new(),
+    };
+    [sign(v.x, "x"), sign(v.y, "y")].into_iter().filter(|s| !s.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// Sine of half the angle between two of the eight directions.
+const SIN_PI_8: f64 = 0.382_683_432_365_089_8;
+
+impl UnknownImpulse {
+    /// When it acts (s).
+    pub fn acts_at(&self) -> f64 {
+        self.time + self.delay
+    }
+
+    pub(in crate::world) fn values(&self) -> [f64; 4] {
+        [self.velocity.x, self.velocity.y, self.spin, self.delay]
+    }
+
+    pub(in crate::world) fn set_values(&mut self, [x, y, spin, delay]: [f64; 4]) {
+        (self.velocity, self.spin, self.delay) = (vec2(x, y), spin, delay);
+    }
+}
+
+impl Model {
+    /// Whether a measurement of an object at this time (s) does not count, as something unseen holds or pushes the object.
+    pub fn passes_over(&self, id: u32, time: f64) -> bool {
+        let within = |i: &UnknownImpulse| i.id == id && i.until.is_some_and(|end| i.time < time && time < end);
+        self.impulses.iter().any(within)
+    }
+
+    /// What unseen things do, in order of time.
+    pub fn unseen_pushes(&self) -> Vec<UnseenPush> {
+        let ends = |i: &UnknownImpulse| {
+            self.impulses.iter().any(|s| s.id == i.id && s.until == Some(i.time) && s.time < i.time)
+        };
+        let of = |i: &UnknownImpulse| {
+            let end = i.until.and_then(|end| {
+                self.impulses.iter().find(|e| e.id == i.id && e.time == end && e.until.is_none())
+            });
+            UnseenPush {
+                id: i.id,
+                from: if end.is_some() { i.time } else { i.acts_at() },
+                until: end.map_or(i.acts_at(), |e| e.time),
+                frames: [i.frame, end.map_or(i.frame, |e| e.frame)],
+                velocity: end.map_or(i.velocity, |e| i.velocity + e.velocity),
+                spin: end.map_or(i.spin, |e| i.spin + e.spin),
+            }
+        };
+        let mut pushes: Vec<UnseenPush> = self.impulses.iter().filter(|i| !ends(i)).map(of).collect();
+        pushes.sort_by(|a, b| a.from.total_cmp(&b.from).then(a.id.cmp(&b.id)));
+        pushes
+    }
+}
+
+/// Numbers of one impulse, in the order of [`IMPULSE_VALUES`].
+#[derive(Clone, Copy)]
+pub(in crate::world) struct ImpulseValues<T> {
+    pub velocity: Vec2<T>,
+    pub spin: T,
+    pub delay: T,
+}
+
+impl<T: Real> ImpulseValues<T> {
+    /// Those of impulse `which`, from the numbers `flat` of a model of so many impulses.
+    pub fn of(flat: &[T], which: usize, impulses: usize) -> Self {
+        let first = flat.len() - IMPULSE_VALUES.len() * (impulses - which);
+        let [x, y, spin, delay] = [0, 1, 2, 3].map(|k| flat[first + k]);
+        ImpulseValues { velocity: Vec2 { x, y }, spin, delay }
+    }
+}
