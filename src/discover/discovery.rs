@@ -4,6 +4,7 @@ use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::contact_law::with_contact;
+use super::followed::unfollowed;
 use super::formula_test;
 use super::intervals::ranked;
 use super::outcome::{Discovery, RankedEffect, Verdict};
@@ -70,8 +71,13 @@ pub fn discover(
         }
         (found, rest) = (other, next);
     }
-    name_pushes(&coarse.scenes, &mut found);
+    let left = match found.revisions.last() {
+        Some(last) => unfollowed(&coarse, last, &options.fit, stop)?,
+        None => String::new(),
+    };
     found.revisions.iter_mut().for_each(|revision| coarse.restore(scenes, revision));
+    name_pushes(scenes, &mut found);
+    found.reason += &left;
     Ok(found)
 }
 

@@ -10,6 +10,7 @@ mod cost;
 mod departures;
 mod discovery;
 mod experiment;
+mod followed;
 mod formula;
 mod formula_test;
 mod free;

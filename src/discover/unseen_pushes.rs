@@ -12,14 +12,15 @@
 //! Something unseen in one place that acts in several videos is a law of the library (a hidden object or wall). A discovery passes over
 //! pushes only in videos that it does not follow without.
 
+use super::followed::{FollowedStart, followed_start};
 use super::outcome::Discovery;
 use super::proof;
 use super::resample::speed;
 use super::smooth_track::{ChangePoint, change_near, paths, positions};
 use crate::fit::{Fit, FitError, FitOptions, Noise, SceneFit, StartPoint, estimate_noise, estimate_one};
 use crate::num::{Stop, Vec2, elementary};
-use crate::scene::{Scene, Track};
-use crate::world::{EventKind, Model, SimulationLimits, UnknownImpulse, simulate_observed, trace};
+use crate::scene::{Sample, Scene, Track};
+use crate::world::{Model, UnknownImpulse, UnseenPush, trace};
 use rayon::prelude::*;
 
 /// Most pushes of one video: more are no accident.
@@ -46,10 +47,8 @@ const BEFORE: [usize; 3] = [2, 5, 10];
 const DURATIONS: [f64; 5] = [0.06, 0.12, 0.25, 0.5, 1.0];
 /// Samples through which the velocity after a push is measured, and fewest after it that are worth passing it over.
 const AFTER: usize = 8;
-/// Frames before the end of what is followed in which another object must not be near.
+/// Frames around a change in which the place of another object is taken for that in the change.
 const CONTACT_FRAMES: usize = 8;
-/// Fewest frames that a prefix of a video has.
-const SHORTEST: usize = 8;
 
 /// One video's fit, and the same with what something unseen did passed over, where there is such.
 pub fn fit_passing_over_pushes(
@@ -134,7 +133,7 @@ pub fn explains_pushed(scenes: &[Scene], without: &Discovery, with: &Discovery) 
 pub fn name_pushes(scenes: &[Scene], found: &mut Discovery) {
     let Some(last) = found.revisions.last() else { return };
     let of = |(scene, fitted): (&Scene, &SceneFit)| -> Vec<String> {
-        let sentence = |p: &crate::world::UnseenPush| format!("{}: {}", scene.name, p.sentence());
+        let sentence = |p: &UnseenPush| format!("{}: {}", scene.name, p.sentence());
         fitted.model.unseen_pushes().iter().map(sentence).collect()
     };
     let all: Vec<String> = scenes.iter().zip(&last.fit.scenes).flat_map(of).collect();
@@ -303,11 +302,10 @@ fn impulse_time(scene: &Scene, frame: usize) -> Option<f64> {
 fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result<Option<Fit>, FitError> {
     let Some(fitted) = fit.scenes.first() else { return Ok(None) };
     let model = &fitted.model;
-    let Some((prefix, end)) = followed_prefix(scene, model, options, stop)? else { return Ok(None) };
-    let Some(object) = leaves_first(scene, &prefix, end) else { return Ok(None) };
-    if may_touch(scene, &prefix, object, end) {
+    let start = followed_start(scene, model, options, stop)?;
+    let Some(FollowedStart { model: prefix, frames: end, object, .. }) = start.filter(|s| !s.may_be_a_contact()) else {
         return Ok(None);
-    }
+    };
     let mut best: Option<Fit> = None;
     for duration in DURATIONS {
         for before in BEFORE {
@@ -329,8 +327,8 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
     // Otherwise the model is wrong, or more was done: what follows is explained up to the next push only.
     let farther = |found: &Fit| -> Result<bool, FitError> {
         let Some(model) = found.scenes.first().map(|s| &s.model) else { return Ok(false) };
-        let further = followed_prefix(scene, model, options, stop)?;
-        Ok(further.is_none_or(|(_, next)| next >= end + AFTER + CONTACT_FRAMES))
+        let further = followed_start(scene, model, options, stop)?;
+        Ok(further.is_none_or(|next| next.frames >= end + AFTER + CONTACT_FRAMES))
     };
     match best {
         Some(found) if farther(&found)? => Ok(Some(found)),
@@ -338,100 +336,12 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
     }
 }
 
-/// The model of the longest part from the start that is followed, and the number of its frames; `None` if it is the whole.
-fn followed_prefix(
-    scene: &Scene,
-    model: &Model,
-    options: &FitOptions,
-    stop: Stop,
-) -> Result<Option<(Model, usize)>, FitError> {
-    let (mut followed, mut not) = (SHORTEST, scene.times.len());
-    let mut best: Option<Model> = None;
-    while not - followed.min(not) > 1 {
-        let middle = (followed + not) / 2;
-        let part = first_frames(scene, middle);
-        // What has no sample yet has no start: the scene is refused.
-        let fit = estimate_one(&part, model, options, stop)?;
-        if out_of_noise(&part, &fit).is_none() {
-            followed = middle;
-            best = fit.scenes.into_iter().next().map(|s| s.model);
-        } else {
-            not = middle;
-        }
-    }
-    Ok(best.map(|model| (model, followed)).filter(|_| followed + 1 < scene.times.len()))
-}
-
-fn first_frames(scene: &Scene, frames: usize) -> Scene {
-    let mut part = scene.clone();
-    part.times.truncate(frames);
-    for track in &mut part.tracks {
-        // One that enters later keeps its first sample.
-        let seen = track.samples.iter().filter(|s| s.frame < frames).count().max(1);
-        track.samples.truncate(seen);
-        part.times = scene.times[..part.times.len().max(track.samples.last().map_or(0, |s| s.frame + 1))].to_vec();
-    }
-    part
-}
-
-/// The first object and frame of a fit beyond noise: where two neighbouring samples of an object are.
-fn out_of_noise(scene: &Scene, fit: &Fit) -> Option<(usize, usize)> {
-    let fitted = fit.scenes.first()?;
-    departure_of(scene, &fitted.model, fitted.noise_sigma, 0)
-}
-
-/// The first object and frame from `from` on at which a simulation is out of the noise (m).
-fn departure_of(scene: &Scene, model: &Model, sigma: f64, from: usize) -> Option<(usize, usize)> {
-    let limits = SimulationLimits::default();
-    let run = simulate_observed::<f64>(model, &model.flatten(), &scene.times, &limits);
-    let far = |object: usize, track: &Track| {
-        let id = scene.objects[object].id;
-        let off = |s: &crate::scene::Sample| {
-            let state = run.states.get(s.frame)?.get(object).copied().flatten()?;
-            Some(((state.position - s.position).norm(), s.frame))
-        };
-        let counts = |s: &&crate::scene::Sample| s.frame >= from && !model.passes_over(id, scene.time_of(s.frame));
-        let all: Vec<(f64, usize)> = track.samples.iter().filter(counts).filter_map(off).collect();
-        let two = |w: &[(f64, usize)]| w.iter().map(|o| o.0).sum::<f64>() > 2.0 * DRIFT * sigma;
-        all.windows(2).find(|w| two(w)).map(|w| (w[0].1, object))
-    };
-    let each = scene.tracks.iter().enumerate().filter_map(|(object, track)| far(object, track));
-    each.min().map(|(frame, object)| (object, frame))
-}
-
-/// Mean distance of two neighbouring samples from a fit beyond which it does not follow them (deviations).
-const DRIFT: f64 = 4.0;
-
-/// The object that leaves first the track that a model of the frames before `end` predicts.
-fn leaves_first(scene: &Scene, prefix: &Model, end: usize) -> Option<usize> {
-    let sigma = estimate_noise(scene).position;
-    departure_of(scene, prefix, sigma, end.saturating_sub(BEFORE[0])).map(|(object, _)| object)
-}
-
-/// Whether an object may touch another, or a wall, about the end of what is followed.
-fn may_touch(scene: &Scene, prefix: &Model, object: usize, end: usize) -> bool {
-    let frames = end.saturating_sub(CONTACT_FRAMES)..end + BESIDE;
-    let times = [frames.start, frames.end].map(|f| scene.time_of(f));
-    let id = scene.objects[object].id;
-    let collides = trace(prefix, &scene.times).events.iter().any(|e| {
-        e.kind == EventKind::Collision && e.objects.contains(&id) && times[0] <= e.time && e.time <= times[1]
-    });
-    let radius = |k: usize| scene.objects[k].shape.bounding_radius();
-    let near = |other: usize, frame: usize| {
-        let place = |k: usize| scene.tracks[k].at(frame).map(|s| s.position);
-        let pair = place(object).zip(place(other));
-        pair.is_some_and(|(a, b)| (a - b).norm() < WALL_REACH * (radius(object) + radius(other)))
-    };
-    let mut others = (0..scene.tracks.len()).filter(|k| *k != object);
-    collides || others.any(|other| frames.clone().any(|frame| near(other, frame)))
-}
-
 /// Two impulses on an object between which nothing counts: one after frame `first`, one so much later (s).
 fn span(scene: &Scene, prefix: &Model, object: usize, first: usize, duration: f64) -> Option<[UnknownImpulse; 2]> {
     let start = impulse_time(scene, first)?;
     let last = scene.times.partition_point(|t| *t < start + duration);
     let end = impulse_time(scene, last)?;
-    let after: Vec<&crate::scene::Sample> =
+    let after: Vec<&Sample> =
         scene.tracks[object].samples.iter().filter(|s| s.frame > last).take(AFTER).collect();
     let (a, b) = (after.first()?, after.last()?);
     if after.len() < AFTER {
@@ -447,4 +357,103 @@ fn span(scene: &Scene, prefix: &Model, object: usize, first: usize, duration: f6
     };
     let begins = UnknownImpulse { until: Some(end), ..at(first, between - state.velocity)? };
     Some([begins, at(last, velocity - between)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{DISC, Launch, film_under, models};
+    use super::super::{DiscoverOptions, Verdict, discover};
+    use super::*;
+    use crate::num::{never, vec2};
+    use crate::world::ActiveEffect;
+    use std::cell::Cell;
+
+    /// Videos of the launches, the first with these pushes: object, time, change of the velocity.
+    fn pushed(launches: &[Vec<Launch>], tilt: f64, pushes: &[(u32, f64, [f64; 2])]) -> Vec<Scene> {
+        let number = Cell::new(0);
+        film_under(launches, |model| {
+            if number.replace(number.get() + 1) == 0 {
+                let one = |&(id, time, [x, y]): &(u32, f64, [f64; 2])| UnknownImpulse {
+                    id,
+                    time,
+                    frame: 0,
+                    until: None,
+                    velocity: vec2(x, y),
+                    spin: 0.3,
+                    delay: 0.0,
+                    velocity_sd: 0.0,
+                    spin_sd: 0.0,
+                    delay_sd: 0.0,
+                };
+                model.impulses = pushes.iter().map(one).collect();
+            }
+            if tilt != 0.0 {
+                let entry = crate::effects::effect("tilt").expect("it is in the library");
+                let mut active = ActiveEffect::new(&entry.spec, &model.bodies);
+                active.parameters[0].values.fill(tilt);
+                model.effects.push(active);
+            }
+        })
+    }
+
+    fn fitted(scene: &Scene) -> [SceneFit; 2] {
+        let start = models(std::slice::from_ref(scene)).remove(0);
+        let options = FitOptions::default();
+        let plain = estimate_one(scene, &start, &options, &never).expect("it can be fitted");
+        let passing = pass_over_pushes(scene, &start, plain.clone(), &options, &never).expect("it can be fitted");
+        [plain, passing].map(|mut fit| fit.scenes.remove(0))
+    }
+
+    #[test]
+    fn a_push_is_named_and_the_video_is_followed_after_it() {
+        let launches = [vec![(DISC, 0.6, [-2.0, 0.5], [1.3, 0.1]), (DISC, 2.0, [1.5, -1.5], [-0.5, 0.9])]];
+        let scene = &pushed(&launches, 0.0, &[(1, 2.1, [0.3, -0.8])])[0];
+        let [plain, passing] = fitted(scene);
+        assert!(plain.reduced_chi_square > 10.0 && passing.reduced_chi_square < 1.2, "{passing:?}");
+        let [push] = passing.model.unseen_pushes()[..] else { panic!("{:?}", passing.model.impulses) };
+        assert_eq!((push.id, push.frames), (1, [52, 52]));
+        assert!((push.velocity - vec2(0.3, -0.8)).norm() < 0.03, "{push:?}");
+    }
+
+    #[test]
+    fn a_hand_that_holds_an_object_for_a_while_is_passed_over() {
+        let launches = [vec![(DISC, 0.6, [-2.0, 0.5], [1.0, 0.1])]];
+        let slowed = (0..8).map(|k| (0, 1.5 + 0.06 * f64::from(k), [-0.1, 0.1]));
+        let scene = &pushed(&launches, 0.0, &slowed.collect::<Vec<_>>())[0];
+        let [plain, passing] = fitted(scene);
+        assert!(plain.reduced_chi_square > 10.0 && passing.reduced_chi_square < FOLLOWED, "{passing:?}");
+        let pushes = passing.model.unseen_pushes();
+        let change = pushes.iter().fold(vec2(0.0, 0.0), |sum, p| sum + p.velocity);
+        assert!(pushes.len() < 3 && (change - vec2(-0.8, 0.8)).norm() < 0.1, "{pushes:?}");
+    }
+
+    #[test]
+    fn a_collision_is_no_push() {
+        let launches = [vec![(DISC, 0.6, [-1.5, 0.0], [1.2, 0.0]), (DISC, 0.9, [-0.5, 0.15], [0.0, 0.0])]];
+        let scene = &pushed(&launches, 0.0, &[])[0];
+        assert_eq!(fitted(scene)[1].model.impulses, []);
+        // Nor if the sizes are not right: each takes up what the other gives.
+        let mut small = scene.clone();
+        small.objects.iter_mut().for_each(|o| o.shape = crate::scene::Shape::Disc { radius: 0.12 });
+        assert_eq!(impulses(&small, &models(std::slice::from_ref(&small))[0]), []);
+    }
+
+    #[test]
+    fn a_push_in_one_video_of_three_does_not_hide_a_law_nor_become_one() {
+        let launches = [
+            vec![(DISC, 0.6, [-1.5, 0.5], [1.0, 0.3])],
+            vec![(DISC, 0.6, [0.0, 1.5], [0.4, -1.2])],
+            vec![(DISC, 0.6, [-1.5, -1.5], [0.8, 0.9])],
+        ];
+        for (tilt, verdict) in [(0.0, Verdict::Adequate), (0.15, Verdict::EffectFound)] {
+            let scenes = pushed(&launches, tilt, &[(0, 1.9, [-0.5, 0.4])]);
+            let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("not stopped");
+            let ambiguous = found.verdict == Verdict::Ambiguous && tilt > 0.0;
+            assert!(found.verdict == verdict || ambiguous, "{:?}: {}", found.verdict, found.reason);
+            let last = found.revisions.last().expect("it has one");
+            assert!(last.fit.scenes.iter().all(|s| s.reduced_chi_square < 1.3), "{}", found.reason);
+            let named = "video 0: object 0 is pushed by something unseen at frame 47";
+            assert!(found.reason.contains(named), "{}", found.reason);
+        }
+    }
 }

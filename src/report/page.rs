@@ -12,6 +12,7 @@ use crate::effects::effect;
 use crate::num::elementary;
 use crate::reason::DerivationStep;
 use crate::scene::Scene;
+use crate::world::UnseenPush;
 use maud::{Markup, html};
 
 const PAGE_SCRIPT: &str = include_str!("page.js");

@@ -139,3 +139,86 @@ impl<T: Real> ImpulseValues<T> {
         ImpulseValues { velocity: Vec2 { x, y }, spin, delay }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::num::{Differential, Jet};
+    use crate::scene::Shape;
+    use crate::world::tests::{body, model, seconds};
+    use crate::world::{SimulationLimits, simulate, trace};
+
+    const DISC: Shape = Shape::Disc { radius: 0.1 };
+
+    fn impulse(id: u32, time: f64, velocity: Vec2) -> UnknownImpulse {
+        UnknownImpulse {
+            id,
+            time,
+            frame: 12,
+            until: None,
+            velocity,
+            spin: 0.0,
+            delay: 0.0,
+            velocity_sd: 1.0,
+            spin_sd: 0.0,
+            delay_sd: 0.02,
+        }
+    }
+
+    /// One moves without friction, one rests on ground that would hold it, and one is not in the model.
+    #[test]
+    fn a_push_changes_the_velocity_at_its_time_and_wakes_a_body_at_rest() {
+        let bodies = vec![body(1, DISC, vec2(0.0, 0.0), vec2(1.0, 0.0)), body(2, DISC, vec2(0.0, 2.0), vec2(0.0, 0.0))];
+        let mut pushed = model(bodies, &[("sliding_friction", &[0.01])]);
+        let (mu_g, change) = (0.01 * crate::body::GRAVITY, vec2(0.0, 0.5));
+        pushed.impulses = vec![impulse(1, 0.5, vec2(-0.4, 0.0)), impulse(2, 0.5, change), impulse(7, 0.5, change)];
+        pushed.impulses[0].delay = 0.01;
+        let run = trace(&pushed, &seconds(25));
+        let at = |body: usize| run.states[25][body].expect("present");
+        // The push comes a hundredth of a second later: until then the way is that of before.
+        let before = 1.0 - mu_g * 0.5;
+        let x = 0.5 - 0.5 * mu_g * 0.25 + 0.4 * 0.01 + (before - 0.4) * 0.5 - 0.5 * mu_g * 0.25;
+        assert!((at(0).position.x - x).abs() < 1e-9, "{:?} {x}", at(0));
+        let y = 2.0 + 0.5 * 0.5 - 0.5 * mu_g * 0.25;
+        assert!((at(1).position.y - y).abs() < 1e-9 && (at(1).velocity.y - 0.5 + mu_g * 0.5).abs() < 1e-9, "{:?}", at(1));
+    }
+
+    #[test]
+    fn the_numbers_of_a_push_have_derivatives() {
+        let mut pushed = model(vec![body(1, DISC, vec2(0.0, 0.0), vec2(1.0, 0.0))], &[("linear_drag", &[0.3])]);
+        pushed.impulses = vec![impulse(1, 0.5, vec2(-0.4, 0.2))];
+        let end = |m: &Model| trace(m, &seconds(25)).states[25][0].expect("present").position;
+        let first = pushed.flat_len() - IMPULSE_VALUES.len();
+        for k in [0, 1, 3] {
+            let mut flat: Vec<Jet> = pushed.flatten().into_iter().map(Jet::constant).collect();
+            flat[first + k] = flat[first + k].with_derivative(0, 1.0);
+            let run = simulate(&pushed, &flat, &seconds(25), &SimulationLimits::default());
+            let exact = run.states[25][0].expect("present").position;
+            let step = 1e-5;
+            let mut values = pushed.flatten();
+            values[first + k] += step;
+            let there = end(&pushed.with_values(&values));
+            values[first + k] -= 2.0 * step;
+            let slope = (there - end(&pushed.with_values(&values))).scaled(0.5 / step);
+            let derivative = vec2(exact.x.derivative(0), exact.y.derivative(0));
+            assert!((slope - derivative).norm() < 1e-7, "{k}: {slope:?} {derivative:?}");
+        }
+    }
+
+    #[test]
+    fn two_impulses_at_the_ends_of_a_span_are_one_push_and_what_is_between_does_not_count() {
+        let mut pushed = model(vec![body(1, DISC, vec2(0.0, 0.0), vec2(1.0, 0.0))], &[]);
+        let begins = UnknownImpulse { until: Some(0.9), ..impulse(1, 0.5, vec2(-0.4, 0.0)) };
+        let ends = UnknownImpulse { frame: 22, ..impulse(1, 0.9, vec2(0.1, 0.0)) };
+        pushed.impulses = vec![ends, begins];
+        let [push] = pushed.unseen_pushes()[..] else { panic!("{:?}", pushed.unseen_pushes()) };
+        assert_eq!((push.frames, push.from, push.until), ([12, 22], 0.5, 0.9));
+        assert_eq!(
+            push.sentence(),
+            "object 1 is held or pushed by something unseen from frame 12 to 22: its velocity changes by 0.30 m/s towards -x"
+        );
+        let counts = |time: f64| !pushed.passes_over(1, time);
+        assert_eq!([0.4, 0.5, 0.7, 0.9].map(counts), [true, true, false, true]);
+        assert!(!pushed.passes_over(2, 0.7), "another object");
+    }
+}
