@@ -64,7 +64,9 @@ pub fn discover(
     for _ in 0..PUSH_ROUNDS {
         let next = 0.5 * (1.0 + rest);
         let stop: Stop = &progress_within(stop, [rest, next]);
-        let Some(pushed) = with_unseen_pushes(&coarse.scenes, &models, &found, &options.fit, stop)? else { break };
+        let Some(pushed) = with_unseen_pushes(&coarse.scenes, &models, &found, &options.fit, stop)? else {
+            break;
+        };
         let other = discover_in(&coarse.scenes, &pushed, options, stop)?;
         if !explains_pushed(&coarse.scenes, &found, &other) {
             break;
@@ -410,7 +412,8 @@ pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
     let balls = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball());
     let rival = |m: &Model| Preset::named(&m.preset).and_then(|p| p.rival).and_then(Preset::named);
     // A model that the user changed is not read anew.
-    let with_pushes = |preset: &Preset, s: &Scene, m: &Model| Model { impulses: m.impulses.clone(), ..preset.model(s) };
+    let with_pushes =
+        |preset: &Preset, s: &Scene, m: &Model| Model { impulses: m.impulses.clone(), ..preset.model(s) };
     let untouched =
         |(s, m): (&Scene, &Model)| Preset::named(&m.preset).is_some_and(|p| with_pushes(p, s, m) == *m);
     if balls && scenes.iter().zip(models).all(untouched) {

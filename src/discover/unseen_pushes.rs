@@ -79,7 +79,7 @@ pub fn pass_over_pushes(
         model.impulses.extend(candidates);
         let found = certain_only(scene, model, options, stop)?;
         if is_worth_its_price(scene, &best, &found) {
-            best = found;
+            best = widened(scene, found, options, stop)?;
         }
     }
     while !is_followed(&best) && best.scenes.iter().all(|s| s.model.impulses.len() < MOST) {
@@ -161,7 +161,8 @@ fn price(scene: &Scene, fitted: &SceneFit) -> f64 {
 
 /// Whether the gain of a fit is more than the price of the pushes that it has more.
 fn is_worth_its_price(scene: &Scene, before: &Fit, after: &Fit) -> bool {
-    let cost = |fit: &Fit| -> f64 { proof::deviance(fit) + fit.scenes.iter().map(|s| price(scene, s)).sum::<f64>() };
+    let cost =
+        |fit: &Fit| -> f64 { proof::deviance(fit) + fit.scenes.iter().map(|s| price(scene, s)).sum::<f64>() };
     cost(after) < cost(before) - MUCH
 }
 
@@ -191,13 +192,15 @@ fn impulse(scene: &Scene, object: usize, frame: usize, change: Vec2) -> Option<U
 fn impulses(scene: &Scene, model: &Model) -> Vec<UnknownImpulse> {
     let noise = estimate_noise(scene);
     let known = |object: usize, frame: usize| {
-        let same = |i: &UnknownImpulse| i.id == scene.objects[object].id && i.frame.abs_diff(frame) <= 2 * BESIDE;
+        let same =
+            |i: &UnknownImpulse| i.id == scene.objects[object].id && i.frame.abs_diff(frame) <= 2 * BESIDE;
         model.impulses.iter().any(same)
     };
     let mut found = vec![];
     for (object, path) in paths(scene, &noise).iter().enumerate() {
         for jump in &path.jumps {
-            let dealt = dealt_by_object(scene, &noise, model, object, jump) || dealt_by_wall(scene, model, object, jump);
+            let dealt = dealt_by_object(scene, &noise, model, object, jump)
+                || dealt_by_wall(scene, model, object, jump);
             if !dealt && !known(object, jump.frame) {
                 found.extend(impulse(scene, object, jump.frame, jump.change));
             }
@@ -247,21 +250,18 @@ fn dealt_by_wall(scene: &Scene, model: &Model, object: usize, jump: &ChangePoint
 fn certain_only(scene: &Scene, mut model: Model, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
     let mut fit = estimate_one(scene, &model, options, stop)?;
     for _ in 0..MOST {
-        let asked = model.impulses.len();
         let kept = kept(scene, &fit);
+        let fewer = kept.len() < model.impulses.len();
         let moved = kept.iter().zip(&pushes_of(&fit, 0)).any(|(a, b)| a.frame != b.frame);
-        if kept.len() == asked && !moved {
+        if !fewer && !moved {
             break;
         }
-        model.impulses = kept;
         if let Some(known) = fit.scenes.first() {
-            let impulses = std::mem::take(&mut model.impulses);
             model.copy_state_from(&known.model);
-            model.impulses = impulses;
         }
-        let near = FitOptions { start_point: StartPoint::YawSearched, ..*options };
-        let next = estimate_one(scene, &model, &near, stop)?;
-        if kept_len_equal(&fit, &next) && proof::deviance(&next) > proof::deviance(&fit) {
+        model.impulses = kept;
+        let next = estimate_one(scene, &model, &from_there(options), stop)?;
+        if !fewer && proof::deviance(&next) > proof::deviance(&fit) {
             break;
         }
         fit = next;
@@ -269,8 +269,51 @@ fn certain_only(scene: &Scene, mut model: Model, options: &FitOptions, stop: Sto
     Ok(fit)
 }
 
-fn kept_len_equal(a: &Fit, b: &Fit) -> bool {
-    pushes_of(a, 0).len() == pushes_of(b, 0).len()
+fn from_there(options: &FitOptions) -> FitOptions {
+    FitOptions { start_point: StartPoint::YawSearched, ..*options }
+}
+
+/// The fit in which pushes that took longer than a frame are passed over for as long as they took: where an impulse at one time
+/// leaves more than noise, the measurements around it do not count.
+fn widened(scene: &Scene, fit: Fit, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
+    let mut best = fit;
+    for impulse in pushes_of(&best, 0).into_iter().filter(|i| i.until.is_none()) {
+        let (Some(object), Some(interval)) = (scene.object_index(impulse.id), interval(scene, impulse.frame))
+        else {
+            continue;
+        };
+        for duration in DURATIONS {
+            let Some(model) = best.scenes.first().filter(|s| !is_at_noise(s)).map(|s| s.model.clone()) else {
+                return Ok(best);
+            };
+            let half = ((0.5 * duration / interval).ceil() as usize).max(1);
+            let first = impulse.frame.saturating_sub(half);
+            let Some(pair) = span(scene, &model, object, first, impulse.frame + half) else { break };
+            let mut with = model;
+            with.impulses.retain(|i| (i.id, i.frame) != (impulse.id, impulse.frame) && !within(i, &pair));
+            with.impulses.extend(pair);
+            let found = estimate_one(scene, &with, &from_there(options), stop)?;
+            if is_worth_its_price(scene, &best, &found) {
+                best = found;
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// Whether an impulse is in the span of two others on the same object.
+fn within(impulse: &UnknownImpulse, [begin, end]: &[UnknownImpulse; 2]) -> bool {
+    impulse.id == begin.id && begin.time <= impulse.time && impulse.time <= end.time
+}
+
+/// From a frame to the next (s).
+fn interval(scene: &Scene, frame: usize) -> Option<f64> {
+    Some(scene.times.get(frame + 1)? - scene.times.get(frame)?)
+}
+
+/// Whether noise explains what a fit leaves: chi-square within four of its deviations.
+fn is_at_noise(fitted: &SceneFit) -> bool {
+    fitted.reduced_chi_square <= 1.0 + 4.0 * (2.0 / fitted.degrees_of_freedom.max(1) as f64).sqrt()
 }
 
 /// The impulses of a fit that are certain, each in the frame in which it acts.
@@ -286,7 +329,9 @@ fn kept(scene: &Scene, fit: &Fit) -> Vec<UnknownImpulse> {
     let at_its_frame = |(_, i): (usize, UnknownImpulse)| {
         let frame = scene.times.partition_point(|t| *t <= i.acts_at()).saturating_sub(1);
         match impulse_time(scene, frame) {
-            Some(time) if i.delay_sd > 0.0 && frame != i.frame => UnknownImpulse { frame, delay: i.acts_at() - time, time, ..i },
+            Some(time) if i.delay_sd > 0.0 && frame != i.frame => {
+                UnknownImpulse { frame, delay: i.acts_at() - time, time, ..i }
+            }
             _ => i,
         }
     };
@@ -303,19 +348,22 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
     let Some(fitted) = fit.scenes.first() else { return Ok(None) };
     let model = &fitted.model;
     let start = followed_start(scene, model, options, stop)?;
-    let Some(FollowedStart { model: prefix, frames: end, object, .. }) = start.filter(|s| !s.may_be_a_contact()) else {
+    let Some(FollowedStart { model: prefix, frames: end, object, .. }) =
+        start.filter(|s| !s.may_be_a_contact())
+    else {
         return Ok(None);
     };
     let mut best: Option<Fit> = None;
     for duration in DURATIONS {
         for before in BEFORE {
             let Some(first) = end.checked_sub(before + 1) else { continue };
-            let Some(pair) = span(scene, &prefix, object, first, duration) else { continue };
+            let Some(start) = impulse_time(scene, first) else { continue };
+            let last = scene.times.partition_point(|t| *t < start + duration);
+            let Some(pair) = span(scene, &prefix, object, first, last) else { continue };
             let mut with = model.clone();
             with.copy_state_from(&prefix);
             with.impulses.extend(pair);
-            let near = FitOptions { start_point: StartPoint::YawSearched, ..*options };
-            let found = estimate_one(scene, &with, &near, stop)?;
+            let found = estimate_one(scene, &with, &from_there(options), stop)?;
             if best.as_ref().is_none_or(|b| proof::deviance(&found) < proof::deviance(b)) {
                 best = Some(found);
             }
@@ -336,25 +384,28 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
     }
 }
 
-/// Two impulses on an object between which nothing counts: one after frame `first`, one so much later (s).
-fn span(scene: &Scene, prefix: &Model, object: usize, first: usize, duration: f64) -> Option<[UnknownImpulse; 2]> {
-    let start = impulse_time(scene, first)?;
-    let last = scene.times.partition_point(|t| *t < start + duration);
-    let end = impulse_time(scene, last)?;
+/// Two impulses on an object between which nothing counts: one after frame `first`, one after frame `last`, as the track and a model
+/// up to there say.
+fn span(
+    scene: &Scene,
+    model: &Model,
+    object: usize,
+    first: usize,
+    last: usize,
+) -> Option<[UnknownImpulse; 2]> {
+    let (start, end) = (impulse_time(scene, first)?, impulse_time(scene, last)?);
     let after: Vec<&Sample> =
         scene.tracks[object].samples.iter().filter(|s| s.frame > last).take(AFTER).collect();
     let (a, b) = (after.first()?, after.last()?);
     if after.len() < AFTER {
         return None;
     }
-    let run = trace(prefix, &[prefix.bodies.iter().map(|b| b.start.time).fold(start, f64::min), start]);
+    let run = trace(model, &[model.bodies.iter().map(|b| b.start.time).fold(start, f64::min), start]);
     let state = run.states.last()?.get(object).copied().flatten()?;
     let velocity = (b.position - a.position).scaled(1.0 / (scene.time_of(b.frame) - scene.time_of(a.frame)));
     let there = a.position - velocity.scaled(scene.time_of(a.frame) - end);
     let between = (there - state.position).scaled(1.0 / (end - start));
-    let at = |frame, change| {
-        Some(UnknownImpulse { delay_sd: 0.0, ..impulse(scene, object, frame, change)? })
-    };
+    let at = |frame, change| Some(UnknownImpulse { delay_sd: 0.0, ..impulse(scene, object, frame, change)? });
     let begins = UnknownImpulse { until: Some(end), ..at(first, between - state.velocity)? };
     Some([begins, at(last, velocity - between)?])
 }
@@ -400,7 +451,8 @@ mod tests {
         let start = models(std::slice::from_ref(scene)).remove(0);
         let options = FitOptions::default();
         let plain = estimate_one(scene, &start, &options, &never).expect("it can be fitted");
-        let passing = pass_over_pushes(scene, &start, plain.clone(), &options, &never).expect("it can be fitted");
+        let passing =
+            pass_over_pushes(scene, &start, plain.clone(), &options, &never).expect("it can be fitted");
         [plain, passing].map(|mut fit| fit.scenes.remove(0))
     }
 
@@ -447,7 +499,8 @@ mod tests {
         ];
         for (tilt, verdict) in [(0.0, Verdict::Adequate), (0.15, Verdict::EffectFound)] {
             let scenes = pushed(&launches, tilt, &[(0, 1.9, [-0.5, 0.4])]);
-            let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never).expect("not stopped");
+            let found = discover(&scenes, &models(&scenes), &DiscoverOptions::default(), &never)
+                .expect("not stopped");
             let ambiguous = found.verdict == Verdict::Ambiguous && tilt > 0.0;
             assert!(found.verdict == verdict || ambiguous, "{:?}: {}", found.verdict, found.reason);
             let last = found.revisions.last().expect("it has one");

@@ -95,7 +95,10 @@ impl ModelFileViolations {
             let deviations = [i.velocity_sd, i.spin_sd, i.delay_sd];
             let valid = numbers.iter().chain(&deviations).all(|v| v.abs() <= MAX_NUMBER);
             if !valid || deviations.iter().any(|sd| *sd < 0.0) {
-                self.add(format!("impulses[{k}]"), format!("must be finite, within {MAX_NUMBER:e}; deviations not negative"));
+                self.add(
+                    format!("impulses[{k}]"),
+                    format!("must be finite, within {MAX_NUMBER:e}; deviations not negative"),
+                );
             }
         }
         for (i, active) in model.effects.iter().enumerate() {

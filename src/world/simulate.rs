@@ -166,7 +166,9 @@ impl<T: Scalar> Run<'_, T> {
     /// Something unseen pushes a body: its velocity and rate of turn change at once. A ball then slides until it rolls.
     fn push(&mut self, impulse: &UnknownImpulse, by: ImpulseValues<T>) {
         let sim = &mut self.sim;
-        let Some(i) = sim.model.body_index(impulse.id).filter(|i| !sim.bodies[*i].is_absent()) else { return };
+        let Some(i) = sim.model.body_index(impulse.id).filter(|i| !sim.bodies[*i].is_absent()) else {
+            return;
+        };
         let mut after = sim.collision_body(i).kinematics;
         after.velocity += by.velocity;
         after.spin += by.spin;
@@ -177,7 +179,8 @@ impl<T: Scalar> Run<'_, T> {
         let single = sim.bonds.cluster(i).is_none();
         let held = |sim: &Simulation<T>| {
             let k = *sim.bodies[i].state();
-            k.is_still() && sim.dynamics.friction_holds(i, &sim.dynamics.wrench(i, &k, T::constant(impulse.time)))
+            k.is_still()
+                && sim.dynamics.friction_holds(i, &sim.dynamics.wrench(i, &k, T::constant(impulse.time)))
         };
         if single && held(sim) {
             sim.bodies[i].come_to_rest();

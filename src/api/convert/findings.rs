@@ -1,6 +1,5 @@
 //! Findings of studies to replies.
 
-use super::model::unseen_pushes;
 use super::names::{model_name, video_name};
 use crate::api::v1;
 use crate::discover::{
@@ -11,6 +10,7 @@ use crate::engine::{
     Discovered, Findings, OptionalPose, RevisionRecord, SideDifference, StoredFit, Study, TrajectoryPair,
 };
 use crate::num::Vec2;
+use crate::world::{Model, UnseenPush};
 
 /// Sorts by the order in which the request named the videos; a study has an order of its own.
 fn in_request_order<T>(mut all: Vec<T>, requested: &[String], video: impl Fn(&T) -> &str) -> Vec<T> {
@@ -179,6 +179,22 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
         trajectories: in_request_order(trajectories, requested, |c: &v1::TrajectoryPair| &c.video),
         unseen_pushes: in_request_order(pushes, requested, |p: &v1::UnseenPush| &p.video),
     })
+}
+
+/// What something unseen does to the objects of a video.
+pub fn unseen_pushes(video: &str, model: &Model) -> Vec<v1::UnseenPush> {
+    let one = |p: UnseenPush| v1::UnseenPush {
+        video: video_name(video),
+        object_id: p.id,
+        first_frame: p.frames[0] as u64,
+        last_frame: p.frames[1] as u64,
+        begin_time: p.from,
+        end_time: p.until,
+        velocity_change: Some(v1::Vector { x: p.velocity.x, y: p.velocity.y }),
+        spin_change: p.spin,
+        sentence: p.sentence(),
+    };
+    model.unseen_pushes().into_iter().map(one).collect()
 }
 
 pub fn revised(study: &Study) -> Option<v1::RevisedModels> {

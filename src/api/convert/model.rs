@@ -1,13 +1,12 @@
 //! Models: fit requests to domain values, fits and the catalogue of effects to replies.
 
-use super::findings::revision;
-use super::names::{model_name, video_name};
+use super::findings::{revision, unseen_pushes};
+use super::names::model_name;
 use super::violations::Violations;
 use crate::api::v1;
 use crate::effects::{EFFECTS, EffectEntry, ParamSpec, Scope};
 use crate::engine::{EngineError, JointVideos, MAX_STUDY_VIDEOS, ModelSource, StoredFit};
 use crate::fit::{Estimate, Fit, FitOptions, Method, PairRestitution, Termination};
-use crate::world::{Model, UnseenPush};
 
 /// Most iterations of a fit that a caller may ask for.
 const MAX_ITERATIONS: u32 = 10_000;
@@ -79,22 +78,6 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         covariance: None,
         unseen_pushes: unseen_pushes(&stored.video, &scene.model),
     }
-}
-
-/// What something unseen does to the objects of a video.
-pub fn unseen_pushes(video: &str, model: &Model) -> Vec<v1::UnseenPush> {
-    let one = |p: UnseenPush| v1::UnseenPush {
-        video: video_name(video),
-        object_id: p.id,
-        first_frame: p.frames[0] as u64,
-        last_frame: p.frames[1] as u64,
-        begin_time: p.from,
-        end_time: p.until,
-        velocity_change: Some(v1::Vector { x: p.velocity.x, y: p.velocity.y }),
-        spin_change: p.spin,
-        sentence: p.sentence(),
-    };
-    model.unseen_pushes().into_iter().map(one).collect()
 }
 
 fn pair(fit: &Fit, p: &PairRestitution) -> v1::PairEstimate {

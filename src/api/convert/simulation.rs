@@ -1,7 +1,7 @@
 //! Simulations: requests to domain values, predictions to replies.
 
+use super::findings::unseen_pushes;
 use super::interventions::intervention;
-use super::model::unseen_pushes;
 use super::names::{model_name, trace_name, video_name};
 use super::violations::{MAX_LIST, Violations};
 use crate::api::v1;

@@ -5,7 +5,8 @@ use crate::effects::{ActsOn, Hook, effect};
 use crate::num::{Bounds, elementary};
 use crate::scene::Scene;
 use crate::world::{
-    ActiveEffect, BODY_VALUES, BodySpec, IMPULSE_VALUES, MASS, MASS_BOUNDS, Model, Parameter, SPINS, UnknownImpulse,
+    ActiveEffect, BODY_VALUES, BodySpec, IMPULSE_VALUES, MASS, MASS_BOUNDS, Model, Parameter, SPINS,
+    UnknownImpulse,
 };
 
 /// A force parameter whose prior standard deviation is at most this share of its mean is frozen until the motion is right:

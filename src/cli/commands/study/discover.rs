@@ -3,11 +3,12 @@
 use super::ranking::ranking;
 use crate::api::v1::{
     DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter, ParameterOwner, PosePair,
-    RankedEffect, Revision, SmallestEffect, TrajectoryPair, UnseenPush, Verdict, discover_effects_response::Event,
+    RankedEffect, Revision, SmallestEffect, TrajectoryPair, UnseenPush, Verdict,
+    discover_effects_response::Event,
 };
+use crate::cli::commands::scene::fit::pushes_json;
 use crate::cli::connection::stream::{self, StreamEvent};
 use crate::cli::connection::{Connection, Target};
-use crate::cli::commands::scene::fit::pushes_json;
 use crate::cli::error::Failure;
 use crate::cli::output::revisions;
 use crate::cli::{input, output};
@@ -217,7 +218,8 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
     let formula = if found.formula.is_empty() { Value::Null } else { json!(found.formula) };
     let smallest = |s: &SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
     let pushed = |(name, c): (&String, &TrajectoryPair)| {
-        let own: Vec<UnseenPush> = found.unseen_pushes.iter().filter(|p| p.video == c.video).cloned().collect();
+        let own: Vec<UnseenPush> =
+            found.unseen_pushes.iter().filter(|p| p.video == c.video).cloned().collect();
         (!own.is_empty()).then(|| (name.clone(), json!(pushes_json(&own))))
     };
     let pushes: Map<String, Value> = names.iter().zip(&found.trajectories).filter_map(pushed).collect();
