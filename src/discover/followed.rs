@@ -3,8 +3,8 @@
 
 use super::proof;
 use super::resample::Resampled;
-use super::revise::{Revision, TRIED_BUDGET_FRACTION};
-use crate::fit::{FitError, FitOptions, SceneFit, estimate_noise, estimate_one};
+use super::revise::Revision;
+use crate::fit::{FitError, FitOptions, SceneFit, StartPoint, estimate_noise, estimate_one, initial_model};
 use crate::num::Stop;
 use crate::scene::{Sample, Scene, Track};
 use crate::world::{Event, EventKind, Model, SimulationLimits, simulate_observed, trace};
@@ -55,14 +55,16 @@ pub fn followed_start(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Option<FollowedStart>, FitError> {
-    let budget_fraction = options.budget_fraction.min(TRIED_BUDGET_FRACTION);
-    let options = FitOptions { budget_fraction, ..*options };
-    let (mut followed, mut not) = (SHORTEST, scene.times.len());
+    // Local searches, each from where the one before ended: one that misses a contact ends there, where none is passed over.
+    let options = FitOptions { start_point: StartPoint::NearOptimum, ..*options };
+    let mut from = model.clone();
+    from.copy_state_from(&initial_model(scene, model));
+    let (mut followed, mut not) = (SHORTEST.min(scene.times.len()), scene.times.len());
     let mut best: Option<Model> = None;
     while followed + 1 < not {
         let middle = (followed + not) / 2;
         let part = first_frames(scene, middle);
-        let fit = estimate_one(&part, model, &options, stop)?;
+        let fit = estimate_one(&part, best.as_ref().unwrap_or(&from), &options, stop)?;
         let fitted = fit.scenes.into_iter().next();
         match fitted.filter(|s| departure(&part, &s.model, s.noise_sigma, 0).is_none()) {
             Some(fitted) => (followed, best) = (middle, Some(fitted.model)),

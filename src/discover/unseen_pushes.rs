@@ -16,7 +16,7 @@ use super::followed::{FollowedStart, followed_start};
 use super::outcome::Discovery;
 use super::proof;
 use super::resample::speed;
-use super::smooth_track::{ChangePoint, change_near, paths, positions};
+use super::smooth_track::{ChangePoint, change_near, paths, positions, sigmas_between};
 use crate::fit::{Fit, FitError, FitOptions, Noise, SceneFit, StartPoint, estimate_noise, estimate_one};
 use crate::num::{Stop, Vec2, elementary};
 use crate::scene::{Sample, Scene, Track};
@@ -45,6 +45,8 @@ const AWAY: f64 = 0.7;
 const BEFORE: [usize; 3] = [2, 5, 10];
 /// How long a push may last (s).
 const DURATIONS: [f64; 5] = [0.06, 0.12, 0.25, 0.5, 1.0];
+/// How long one that was taken for an impulse may last (s).
+const WIDENED: [f64; 3] = [0.06, 0.12, 0.25];
 /// Samples through which the velocity after a push is measured, and fewest after it that are worth passing it over.
 const AFTER: usize = 8;
 /// Frames around a change in which the place of another object is taken for that in the change.
@@ -82,13 +84,15 @@ pub fn pass_over_pushes(
             best = widened(scene, found, options, stop)?;
         }
     }
-    while !is_followed(&best) && best.scenes.iter().all(|s| s.model.impulses.len() < MOST) {
-        match lasting(scene, &best, options, stop)? {
-            Some(found) if is_worth_its_price(scene, &best, &found) => best = found,
+    // What lasts is passed over only if the model explains all that remains.
+    let mut next = best.clone();
+    while !is_followed(&next) && next.scenes.iter().all(|s| s.model.impulses.len() < MOST) {
+        match lasting(scene, &next, options, stop)? {
+            Some(found) if is_worth_its_price(scene, &next, &found) => next = found,
             _ => break,
         }
     }
-    Ok(best)
+    Ok(if is_followed(&next) { next } else { best })
 }
 
 /// The models of a discovery with the pushes that videos need which it does not follow; `None` where there are none.
@@ -273,16 +277,19 @@ fn from_there(options: &FitOptions) -> FitOptions {
     FitOptions { start_point: StartPoint::YawSearched, ..*options }
 }
 
-/// The fit in which pushes that took longer than a frame are passed over for as long as they took: where an impulse at one time
-/// leaves more than noise, the measurements around it do not count.
+/// A local search: what differs between the trials is known well from the tracks.
+fn local(options: &FitOptions) -> FitOptions {
+    FitOptions { start_point: StartPoint::NearOptimum, ..*options }
+}
+
+/// The fit in which pushes that took longer than a frame are passed over for as long as they took: where impulses at one time leave
+/// more than noise, and it is noise that is left without the measurements around them. Otherwise a law is missing, and they stay.
 fn widened(scene: &Scene, fit: Fit, options: &FitOptions, stop: Stop) -> Result<Fit, FitError> {
-    let mut best = fit;
-    for impulse in pushes_of(&best, 0).into_iter().filter(|i| i.until.is_none()) {
-        let (Some(object), Some(interval)) = (scene.object_index(impulse.id), interval(scene, impulse.frame))
-        else {
-            continue;
-        };
-        for duration in DURATIONS {
+    let mut best = fit.clone();
+    for impulse in pushes_of(&fit, 0).into_iter().filter(|i| i.until.is_none()) {
+        let object = scene.object_index(impulse.id);
+        let Some((object, interval)) = object.zip(interval(scene, impulse.frame)) else { continue };
+        for duration in WIDENED {
             let Some(model) = best.scenes.first().filter(|s| !is_at_noise(s)).map(|s| s.model.clone()) else {
                 return Ok(best);
             };
@@ -290,15 +297,16 @@ fn widened(scene: &Scene, fit: Fit, options: &FitOptions, stop: Stop) -> Result<
             let first = impulse.frame.saturating_sub(half);
             let Some(pair) = span(scene, &model, object, first, impulse.frame + half) else { break };
             let mut with = model;
-            with.impulses.retain(|i| (i.id, i.frame) != (impulse.id, impulse.frame) && !within(i, &pair));
+            with.impulses.retain(|i| !within(i, &pair));
             with.impulses.extend(pair);
-            let found = estimate_one(scene, &with, &from_there(options), stop)?;
+            let found = estimate_one(scene, &with, &local(options), stop)?;
             if is_worth_its_price(scene, &best, &found) {
                 best = found;
             }
         }
     }
-    Ok(best)
+    let explained = best.scenes.iter().all(is_at_noise);
+    Ok(if explained { best } else { fit })
 }
 
 /// Whether an impulse is in the span of two others on the same object.
@@ -353,17 +361,20 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
     else {
         return Ok(None);
     };
+    let track = &scene.tracks[object];
+    let (noise, own) = (estimate_noise(scene).of_track(track), positions(scene, track));
     let mut best: Option<Fit> = None;
     for duration in DURATIONS {
         for before in BEFORE {
             let Some(first) = end.checked_sub(before + 1) else { continue };
             let Some(start) = impulse_time(scene, first) else { continue };
             let last = scene.times.partition_point(|t| *t < start + duration);
-            let Some(pair) = span(scene, &prefix, object, first, last) else { continue };
+            let sudden = sigmas_between(scene, &noise, &own, [first, last]).is_some_and(|s| s > CERTAIN);
+            let Some(pair) = span(scene, &prefix, object, first, last).filter(|_| sudden) else { continue };
             let mut with = model.clone();
             with.copy_state_from(&prefix);
             with.impulses.extend(pair);
-            let found = estimate_one(scene, &with, &from_there(options), stop)?;
+            let found = estimate_one(scene, &with, &local(options), stop)?;
             if best.as_ref().is_none_or(|b| proof::deviance(&found) < proof::deviance(b)) {
                 best = Some(found);
             }
@@ -372,16 +383,7 @@ fn lasting(scene: &Scene, fit: &Fit, options: &FitOptions, stop: Stop) -> Result
             }
         }
     }
-    // Otherwise the model is wrong, or more was done: what follows is explained up to the next push only.
-    let farther = |found: &Fit| -> Result<bool, FitError> {
-        let Some(model) = found.scenes.first().map(|s| &s.model) else { return Ok(false) };
-        let further = followed_start(scene, model, options, stop)?;
-        Ok(further.is_none_or(|next| next.frames >= end + AFTER + CONTACT_FRAMES))
-    };
-    match best {
-        Some(found) if farther(&found)? => Ok(Some(found)),
-        _ => Ok(None),
-    }
+    Ok(best)
 }
 
 /// Two impulses on an object between which nothing counts: one after frame `first`, one after frame `last`, as the track and a model
