@@ -123,6 +123,7 @@ fn crowd(objects: u32) -> Model {
         walls: vec![],
         effects,
         corrections: vec![],
+        impulses: vec![],
         mass_sd: 0.5,
         spin_sd: 0.0,
     }

@@ -4,6 +4,7 @@ use super::change::rank_formulas;
 use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::contact_law::with_contact;
+use super::followed::unfollowed;
 use super::formula_test;
 use super::intervals::ranked;
 use super::outcome::{Discovery, RankedEffect, Verdict};
@@ -13,6 +14,7 @@ use super::revise::{Revision, TRIED_BUDGET_FRACTION, pooled_noise, trajectories}
 use super::screen::{candidates, region, with_nuisance};
 use super::search::{FreeMotion, fewer, search, search_on};
 use super::smooth_track::ChangePoint;
+use super::unseen_pushes::{explains_pushed, name_pushes, with_unseen_pushes};
 use super::verdict::{BaseModel, DiscoverOptions, conclude, law_of};
 use super::weak_form::WeakFormRegression;
 use super::whole_trajectory::{spinning, stuck};
@@ -34,6 +36,10 @@ const SAME: f64 = 20.0;
 /// Smoothing rounds off contacts, which then look like another law.
 const SMOOTHED: &str = "errors of neighbouring frames are not independent: the positions were smoothed, filtered or \
                         interpolated, which rounds off contacts and looks like another law; give raw positions";
+/// Part of the whole that passes over nothing, and most rounds that then pass over what something unseen did: a law that one of them
+/// finds may show what the next has to pass over.
+const WITHOUT_PUSHES: [f64; 2] = [0.0, 0.6];
+const PUSH_ROUNDS: usize = 2;
 /// Parts of the whole, as progress tells them: about what they take.
 const SPINNING: [f64; 2] = [0.0, 0.05];
 const SEARCH: [f64; 2] = [0.05, 0.4];
@@ -52,8 +58,28 @@ pub fn discover(
 ) -> Result<Discovery, FitError> {
     crate::fit::check(scenes, models)?;
     let coarse = resampled(scenes);
-    let mut found = discover_in(&coarse.scenes, &coarse.models(scenes, models), options, stop)?;
+    let models = coarse.models(scenes, models);
+    let mut found = discover_in(&coarse.scenes, &models, options, &progress_within(stop, WITHOUT_PUSHES))?;
+    let mut rest = WITHOUT_PUSHES[1];
+    for _ in 0..PUSH_ROUNDS {
+        let next = 0.5 * (1.0 + rest);
+        let stop: Stop = &progress_within(stop, [rest, next]);
+        let Some(pushed) = with_unseen_pushes(&coarse.scenes, &models, &found, &options.fit, stop)? else {
+            break;
+        };
+        let other = discover_in(&coarse.scenes, &pushed, options, stop)?;
+        if !explains_pushed(&coarse.scenes, &found, &other) {
+            break;
+        }
+        (found, rest) = (other, next);
+    }
+    let left = match found.revisions.last() {
+        Some(last) => unfollowed(&coarse, last, &options.fit, stop)?,
+        None => String::new(),
+    };
     found.revisions.iter_mut().for_each(|revision| coarse.restore(scenes, revision));
+    name_pushes(scenes, &mut found);
+    found.reason += &left;
     Ok(found)
 }
 
@@ -386,10 +412,13 @@ pub fn readings(scenes: &[Scene], models: &[Model]) -> Vec<Vec<Model>> {
     let balls = models.iter().flat_map(|m| &m.bodies).any(|b| b.shape.is_ball());
     let rival = |m: &Model| Preset::named(&m.preset).and_then(|p| p.rival).and_then(Preset::named);
     // A model that the user changed is not read anew.
-    let untouched = |(s, m): (&Scene, &Model)| Preset::named(&m.preset).is_some_and(|p| p.model(s) == *m);
+    let with_pushes =
+        |preset: &Preset, s: &Scene, m: &Model| Model { impulses: m.impulses.clone(), ..preset.model(s) };
+    let untouched =
+        |(s, m): (&Scene, &Model)| Preset::named(&m.preset).is_some_and(|p| with_pushes(p, s, m) == *m);
     if balls && scenes.iter().zip(models).all(untouched) {
-        let other: Option<Vec<Model>> =
-            scenes.iter().zip(models).map(|(s, m)| rival(m).map(|p| p.model(s))).collect();
+        let read = |(s, m): (&Scene, &Model)| rival(m).map(|p| with_pushes(p, s, m));
+        let other: Option<Vec<Model>> = scenes.iter().zip(models).map(read).collect();
         all.extend(other);
     }
     all

@@ -430,28 +430,6 @@ pub fn has_contacts(lens: &WeakFormRegression, last: &Revision, these: impl Fn(&
     these.any(touches)
 }
 
-/// What to say of the videos that the trajectories do not follow, though between contacts nothing is missing there. Contacts are
-/// to blame only where the tracks or the simulation have one.
-pub fn unfollowed(lens: &WeakFormRegression, last: &Revision) -> String {
-    let mut lost: Vec<&SceneFit> = last.fit.scenes.iter().filter(|s| proof::lost(s)).collect();
-    lost.sort_by(|a, b| b.reduced_chi_square.total_cmp(&a.reduced_chi_square));
-    let Some(worst) = lost.first() else { return String::new() };
-    let others = match lost.len() {
-        1 => String::new(),
-        n => format!(" and {} more", n - 1),
-    };
-    let why = match has_contacts(lens, last, proof::lost) {
-        true => "its contacts are chaotic or differ from the model's, or another law acts",
-        false => {
-            "no object touches another or a wall there, so that another law acts, or its times or positions are wrong"
-        }
-    };
-    format!(
-        "; the simulation does not follow {}{others} (reduced chi-square {:.0}): {why}; run `compare` to see where",
-        worst.name, worst.reduced_chi_square
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::change::{Origin, change};

@@ -241,6 +241,7 @@ mod tests {
                 mass_sd: 0.0,
                 spin_sd: 0.0,
                 corrections: vec![],
+                impulses: vec![],
             },
             noise_sigma: 0.005,
             noise_yaw: None,

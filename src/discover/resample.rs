@@ -57,7 +57,10 @@ impl Resampled<'_> {
     pub fn restore(&self, given: &[Scene], revision: &mut Revision) {
         if matches!(self.scenes, Cow::Owned(_)) {
             let fits = revision.fit.scenes.iter_mut().zip(given);
-            fits.for_each(|(fit, scene)| begin_with(scene, &mut fit.model));
+            for (k, (fit, scene)) in fits.enumerate() {
+                begin_with(scene, &mut fit.model);
+                fit.model.impulses.iter_mut().for_each(|i| i.frame = self.frame(k, i.frame));
+            }
         }
     }
 }
@@ -87,7 +90,7 @@ fn joined(scene: &Scene, frames: &[usize]) -> usize {
 }
 
 /// The speed that a track rarely exceeds (m/s).
-fn speed(scene: &Scene, track: &Track) -> f64 {
+pub fn speed(scene: &Scene, track: &Track) -> f64 {
     let time = |s: &Sample| scene.time_of(s.frame);
     let later = |a: &Sample| track.samples.partition_point(|b| time(b) < time(a) + SPEED_TIME);
     let pairs = track.samples.iter().filter_map(|a| Some((a, track.samples.get(later(a))?)));

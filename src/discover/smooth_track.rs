@@ -319,6 +319,40 @@ pub fn change_near(
     Some((change, change.norm() / sigmas.max(f64::MIN_POSITIVE)))
 }
 
+/// By how much the velocity after frame `last` differs from that up to frame `first`, in deviations, beyond what motion that goes on
+/// as it does on either side explains: parabolas through the samples of both are compared at three instants between, where they differ
+/// least. `None` where too few samples are there.
+pub fn sigmas_between(
+    scene: &Scene,
+    noise: &Noise,
+    own: &[Option<Vec2>],
+    [first, last]: [usize; 2],
+) -> Option<f64> {
+    let points = |frames: &mut dyn Iterator<Item = usize>| -> Vec<(f64, Vec2)> {
+        frames.filter_map(|f| Some((*scene.times.get(f)?, (*own.get(f)?)?))).take(SPAN).collect()
+    };
+    let sides = [points(&mut (0..=first).rev()), points(&mut (last + 1..own.len()))];
+    if sides.iter().any(|side| side.len() < SHORTEST) {
+        return None;
+    }
+    let (from, until) = (*scene.times.get(first)?, *scene.times.get(last + 1)?);
+    let at = |instant: f64| {
+        let one = |side: &[(f64, Vec2)]| {
+            let along = |of: fn(&Vec2) -> f64| {
+                parabola(&side.iter().map(|(t, p)| (t - instant, of(p))).collect::<Vec<_>>())
+            };
+            let (x, y) = (along(|p| p.x)?, along(|p| p.y)?);
+            Some((vec2(x.slope, y.slope), noise.position * x.slope_sd))
+        };
+        let ((a, sd_a), (b, sd_b)) = (one(&sides[0])?, one(&sides[1])?);
+        Some((b - a).norm() / elementary::hypot(sd_a, sd_b))
+    };
+    [from, 0.5 * (from + until), until]
+        .into_iter()
+        .map(at)
+        .try_fold(f64::INFINITY, |least, s| Some(least.min(s?)))
+}
+
 /// A parabola at zero: value, slope and second derivative, and the deviations of these two where a value has deviation 1.
 struct Parabola {
     value: f64,

@@ -10,7 +10,7 @@ use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
     FOLLOWED, contact_duration, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals,
-    open_intervals, ranked, reason, smallest, table_advice, unfollowed,
+    open_intervals, ranked, reason, smallest, table_advice,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
 use super::one_sided::open_above;
@@ -345,7 +345,7 @@ pub fn conclude(
         reason += &numbers_of_rivals(&motion, &ambiguous, &substitutes);
     }
     let duration = revisions.last().map_or(String::new(), |last| contact_duration(lens, last, &effects));
-    let mut aside = revisions.last().map(|last| unfollowed(lens, last)).unwrap_or_default();
+    let mut aside = String::new();
     if verdict == Verdict::Adequate
         && ended > FOLLOWED
         && let Some(c) = of_contacts.iter().find(|c| c.proven() || c.suggested())

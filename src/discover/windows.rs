@@ -202,6 +202,7 @@ fn from_frame(mut film: Scene, first: usize) -> Scene {
 fn part(model: &Model, bodies: &[usize]) -> Model {
     let mut part = model.clone();
     part.bodies = bodies.iter().map(|&b| model.bodies[b].clone()).collect();
+    part.impulses.retain(|i| part.bodies.iter().any(|b| b.id == i.id));
     for active in &mut part.effects {
         let entry = effect(&active.name);
         let between = active.formula.is_some() || entry.is_some_and(EffectEntry::shows_in_free_motion);

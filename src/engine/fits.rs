@@ -9,7 +9,8 @@ use super::progress::{Phase, Report};
 use super::results::{StoredFit, result_digest};
 use super::state::Engine;
 use super::traces::file;
-use crate::fit::{FitOptions, estimate_one, with_draws};
+use crate::discover::fit_passing_over_pushes;
+use crate::fit::{FitOptions, with_draws};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::store::TableKind;
@@ -56,7 +57,7 @@ impl Engine {
         let report = context.progress.clone();
         let job = move |stop: Stop| {
             report(Report::Phase(Phase::Fitting));
-            let fit = estimate_one(&scene, &model, &options, stop)?;
+            let fit = fit_passing_over_pushes(&scene, &model, &options, stop)?;
             let stored = StoredFit { video, id, revision: 0, fit, record: None };
             let file = file::fit(&scene, &model, &options, &stored)?;
             report(Report::rmse(&stored.fit.scenes));

@@ -90,6 +90,17 @@ impl ModelFileViolations {
                 self.add(format!("anchors[{i}]"), format!("must be finite, within {MAX_NUMBER:e}"));
             }
         }
+        for (k, i) in model.impulses.iter().enumerate() {
+            let numbers = [i.time, i.until.unwrap_or(i.time), i.velocity.x, i.velocity.y, i.spin, i.delay];
+            let deviations = [i.velocity_sd, i.spin_sd, i.delay_sd];
+            let valid = numbers.iter().chain(&deviations).all(|v| v.abs() <= MAX_NUMBER);
+            if !valid || deviations.iter().any(|sd| *sd < 0.0) {
+                self.add(
+                    format!("impulses[{k}]"),
+                    format!("must be finite, within {MAX_NUMBER:e}; deviations not negative"),
+                );
+            }
+        }
         for (i, active) in model.effects.iter().enumerate() {
             if model.effects.iter().take(i).any(|e| e.name == active.name) {
                 self.add(format!("effects[{i}].name"), format!("{} is there twice", active.name));

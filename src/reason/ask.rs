@@ -19,7 +19,7 @@ use super::{ReasonError, ops};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{EventKind, Intervention};
+use crate::world::{EventKind, Intervention, UnseenPush};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -175,6 +175,11 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
     words += &counterfactuals.first().map_or(String::new(), |s| duration("The counterfactual", s));
     if !counterfactuals.is_empty() && !kept.is_empty() {
         words += &format!(" The change does not affect {}, which moves as observed.", kept.join(" or "));
+    }
+    let pushed = simulations.first().map_or(vec![], |s| s.model.unseen_pushes());
+    if !pushed.is_empty() {
+        let all: Vec<String> = pushed.iter().map(UnseenPush::sentence).collect();
+        words += &format!(" In every simulation {}, as in the video.", all.join("; "));
     }
     if let Some(cut) = simulations.iter().find_map(|s| s.cut_short) {
         words += &format!(" {} rollouts ended early ({}).", cut.rollouts, cut.why);

@@ -12,6 +12,7 @@ use crate::effects::effect;
 use crate::num::elementary;
 use crate::reason::DerivationStep;
 use crate::scene::Scene;
+use crate::world::UnseenPush;
 use maud::{Markup, html};
 
 const PAGE_SCRIPT: &str = include_str!("page.js");
@@ -218,6 +219,11 @@ fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup
                         p { "How the tracks look:" }
                         ul { @for finding in &scene.findings { li { (finding) } } }
                     }
+                    @let pushes = last_pushes(report, k);
+                    @if !pushes.is_empty() {
+                        p { "What something unseen does; the model passes over it:" }
+                        ul { @for push in &pushes { li { (push.sentence()) } } }
+                    }
                     @let sides: Vec<PlayerSide> = views.stages.iter().enumerate().filter_map(|(n, stage)| Some(PlayerSide {
                         title: capital(word(views, n)), run: stage.runs.get(k)?,
                         class: class(views.stages.len(), n), measured: true,
@@ -230,6 +236,12 @@ fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup
             }
         }
     }
+}
+
+/// What something unseen does in a video, by the last models.
+fn last_pushes(report: &ReportData, video: usize) -> Vec<UnseenPush> {
+    let last = report.discovery.revisions.last().and_then(|r| r.fit.scenes.get(video));
+    last.map_or(vec![], |s| s.model.unseen_pushes())
 }
 
 fn capital(text: &str) -> String {

@@ -14,6 +14,8 @@ mod shared_values;
 mod simulate;
 mod simulation;
 mod trace;
+mod unknown_impulse;
+mod unseen_push;
 
 pub use acceleration_field::{AccelerationField, FormulaForces, Snapshot};
 pub use contact::geometry::{PlacedShape, gap};
@@ -27,6 +29,8 @@ pub use observation::{ObservationModel, simulate_observed};
 pub use preset::{PRESETS, Preset};
 pub use simulate::{Rollout, SimulationLimits, simulate, trace};
 pub use trace::{Ending, Event, EventKind, State, Trace};
+pub use unknown_impulse::{IMPULSE_VALUES, UnknownImpulse};
+pub use unseen_push::UnseenPush;
 
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,7 @@ use crate::effects::{EffectEntry, EffectSpec, Hook, ParamId, ParamRole, ParamSpe
 use crate::num::{Real, Vec2};
 use crate::scene::Shape;
 use crate::world::trace::State;
+use crate::world::unknown_impulse::{IMPULSE_VALUES, UnknownImpulse};
 use serde::{Deserialize, Serialize};
 use smallvec::SmallVec;
 use std::fmt;
@@ -26,6 +27,9 @@ pub struct Model {
     /// Corrections of a prediction by observations; a fit has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty", rename = "anchors")]
     pub corrections: Vec<StateCorrection>,
+    /// What something unseen does to bodies of this video.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub impulses: Vec<UnknownImpulse>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -159,7 +163,8 @@ impl Model {
         self.effects.iter().find(|e| e.name == name)
     }
 
-    /// All numbers of the model: [`BODY_VALUES`] of each body, then the values of each effect's parameters in order.
+    /// All numbers of the model: [`BODY_VALUES`] of each body, then the values of each effect's parameters in order, then
+    /// [`IMPULSE_VALUES`] of each impulse.
     pub fn flatten(&self) -> Vec<f64> {
         let mut flat = Vec::with_capacity(self.flat_len());
         for body in &self.bodies {
@@ -170,6 +175,7 @@ impl Model {
         for parameter in self.parameters() {
             flat.extend(&parameter.values);
         }
+        flat.extend(self.impulses.iter().flat_map(UnknownImpulse::values));
         flat
     }
 
@@ -195,11 +201,15 @@ impl Model {
                 *value = next();
             }
         }
+        for impulse in &mut model.impulses {
+            impulse.set_values([next(), next(), next(), next()]);
+        }
         model
     }
 
     pub fn flat_len(&self) -> usize {
-        BODY_VALUES.len() * self.bodies.len() + self.parameters().map(|p| p.values.len()).sum::<usize>()
+        let of_effects: usize = self.parameters().map(|p| p.values.len()).sum();
+        BODY_VALUES.len() * self.bodies.len() + of_effects + IMPULSE_VALUES.len() * self.impulses.len()
     }
 
     /// For each number of [`flatten`](Self::flatten), what it belongs to.
@@ -213,7 +223,10 @@ impl Model {
                 _ => ValueOwner::Shared,
             }
         };
-        bodies.chain(self.parameters().flat_map(|p| p.labels.iter().map(move |l| of(p, l)))).collect()
+        let of_effects = self.parameters().flat_map(|p| p.labels.iter().map(move |l| of(p, l)));
+        let pushed = |i: &UnknownImpulse| self.body_index(i.id).map_or(ValueOwner::Shared, ValueOwner::Body);
+        let of_impulses = self.impulses.iter().flat_map(|i| [pushed(i); IMPULSE_VALUES.len()]);
+        bodies.chain(of_effects).chain(of_impulses).collect()
     }
 
     /// Whether bodies act on each other at a distance.

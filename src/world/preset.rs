@@ -299,7 +299,16 @@ impl Preset {
         });
         let effects = effects.collect();
         let Preset { mass_sd, spin_sd, .. } = *self;
-        Model { preset: self.name.to_string(), bodies, walls, effects, mass_sd, spin_sd, corrections: vec![] }
+        Model {
+            preset: self.name.to_string(),
+            bodies,
+            walls,
+            effects,
+            mass_sd,
+            spin_sd,
+            corrections: vec![],
+            impulses: vec![],
+        }
     }
 }
 

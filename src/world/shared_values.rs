@@ -12,9 +12,10 @@ impl Model {
         }
     }
 
-    /// Copies the bodies and the values that videos do not share from another model of the scene; priors stay.
+    /// Copies the bodies, the impulses and the values that videos do not share from another model of the scene; priors stay.
     pub fn copy_state_from(&mut self, other: &Model) {
         self.bodies.clone_from(&other.bodies);
+        self.impulses.clone_from(&other.impulses);
         for (active, own) in self.effects.iter_mut().zip(&other.effects) {
             for (p, q) in active.parameters.iter_mut().zip(&own.parameters).filter(|(_, q)| !own.shares(q)) {
                 p.values.clone_from(&q.values);

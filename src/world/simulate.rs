@@ -6,9 +6,10 @@ use crate::world::model::{BodySpec, Model, StateCorrection};
 use crate::world::motion::ground_friction::{Mode, ModeChange, REST_SPEED};
 use crate::world::motion::kinematics::{IslandVec, Kinematics};
 use crate::world::simulation::event_queue::NextEvent;
-use crate::world::simulation::impact_propagation::CONTACT_SPEED;
+use crate::world::simulation::impact_propagation::{CONTACT_SPEED, IMPACT_SPEED};
 use crate::world::simulation::state::{MAX_STEP, Simulation};
 use crate::world::trace::{Ending, Event, State, Trace};
+use crate::world::unknown_impulse::{ImpulseValues, UnknownImpulse};
 
 /// Longest step where a force that changes with time may wake a body at rest (s).
 const WAKING_STEP: f64 = 0.02;
@@ -54,6 +55,9 @@ pub fn simulate<T: Scalar>(
         now = cut;
         run.enter(cut);
         model.corrections.iter().filter(|c| c.time == cut).for_each(|c| run.correct(c));
+        for (which, impulse) in model.impulses.iter().enumerate().filter(|(_, i)| i.time == cut) {
+            run.push(impulse, ImpulseValues::of(flat, which, model.impulses.len()));
+        }
     }
     run.advance(now, end);
     let (states, events) = run.sim.recorder.finish();
@@ -90,10 +94,13 @@ fn kinetic_energy(k: &Kinematics<f64>, body: &BodySpec) -> f64 {
     0.5 * body.mass * (k.velocity.norm_squared() + turn)
 }
 
-/// Times at which bodies enter or are corrected (s), increasing.
+/// Times at which bodies enter, are corrected or pushed by something unseen (s), increasing. What is before all bodies is left out.
 fn cuts(model: &Model) -> Vec<f64> {
     let starts = model.bodies.iter().map(|b| b.start.time);
-    let mut cuts: Vec<f64> = starts.chain(model.corrections.iter().map(|a| a.time)).collect();
+    let first = starts.clone().fold(f64::INFINITY, f64::min);
+    let pushes = model.impulses.iter().map(|i| i.time);
+    let mut cuts: Vec<f64> = starts.chain(model.corrections.iter().map(|a| a.time)).chain(pushes).collect();
+    cuts.retain(|time| *time >= first);
     cuts.sort_by(f64::total_cmp);
     cuts.dedup();
     cuts
@@ -154,6 +161,35 @@ impl<T: Scalar> Run<'_, T> {
             }
         }
         sim.bodies[i].set_state(state);
+    }
+
+    /// Something unseen pushes a body: its velocity and rate of turn change at once. A ball then slides until it rolls.
+    fn push(&mut self, impulse: &UnknownImpulse, by: ImpulseValues<T>) {
+        let sim = &mut self.sim;
+        let Some(i) = sim.model.body_index(impulse.id).filter(|i| !sim.bodies[*i].is_absent()) else {
+            return;
+        };
+        let mut after = sim.collision_body(i).kinematics;
+        after.velocity += by.velocity;
+        after.spin += by.spin;
+        // Where it acts later, the way and the turn of the time until then are those of before.
+        after.position -= by.velocity * by.delay;
+        after.yaw -= by.spin * by.delay;
+        sim.set_motion(i, after, Some(Mode::Slide));
+        let single = sim.bonds.cluster(i).is_none();
+        let held = |sim: &Simulation<T>| {
+            let k = *sim.bodies[i].state();
+            k.is_still()
+                && sim.dynamics.friction_holds(i, &sim.dynamics.wrench(i, &k, T::constant(impulse.time)))
+        };
+        if single && held(sim) {
+            sim.bodies[i].come_to_rest();
+        }
+        if sim.contacts.any_of(i) {
+            sim.find_islands();
+            let island: IslandVec<usize> = sim.islands.of(i).into();
+            sim.propagate_impulses(impulse.time, &island, IMPACT_SPEED);
+        }
     }
 
     /// Moves everything from `now` to `end` (s).

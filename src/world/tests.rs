@@ -23,7 +23,7 @@ pub(super) fn model(bodies: Vec<BodySpec>, effects: &[(&str, &[f64])]) -> Model 
         active
     });
     let (effects, preset, walls, corrections) = (active.collect(), "test".into(), vec![], vec![]);
-    Model { preset, bodies, walls, effects, mass_sd: 0.5, spin_sd: 0.0, corrections }
+    Model { preset, bodies, walls, effects, mass_sd: 0.5, spin_sd: 0.0, corrections, impulses: vec![] }
 }
 
 pub(super) fn seconds(n: usize) -> Vec<f64> {

@@ -10,6 +10,7 @@ use crate::engine::{
     Discovered, Findings, OptionalPose, RevisionRecord, SideDifference, StoredFit, Study, TrajectoryPair,
 };
 use crate::num::Vec2;
+use crate::world::{Model, UnseenPush};
 
 /// Sorts by the order in which the request named the videos; a study has an order of its own.
 fn in_request_order<T>(mut all: Vec<T>, requested: &[String], video: impl Fn(&T) -> &str) -> Vec<T> {
@@ -141,6 +142,8 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
     };
     let trajectories =
         study.videos.iter().zip(trajectories).map(|(video, c)| trajectory_pair(video, c)).collect();
+    let last = discovery.revisions.last().into_iter().flat_map(|r| &r.fit.scenes);
+    let pushes = study.videos.iter().zip(last).flat_map(|(v, s)| unseen_pushes(v, &s.model)).collect();
     Some(v1::Discovery {
         verdict: verdict.into(),
         reason: discovery.reason.clone(),
@@ -174,7 +177,24 @@ pub fn discovered(study: &Study, requested: &[String]) -> Option<v1::Discovery> 
         noise_sigma: discovery.noise_sigma,
         revisions: records.iter().map(revision).collect(),
         trajectories: in_request_order(trajectories, requested, |c: &v1::TrajectoryPair| &c.video),
+        unseen_pushes: in_request_order(pushes, requested, |p: &v1::UnseenPush| &p.video),
     })
+}
+
+/// What something unseen does to the objects of a video.
+pub fn unseen_pushes(video: &str, model: &Model) -> Vec<v1::UnseenPush> {
+    let one = |p: UnseenPush| v1::UnseenPush {
+        video: video_name(video),
+        object_id: p.id,
+        first_frame: p.frames[0] as u64,
+        last_frame: p.frames[1] as u64,
+        begin_time: p.from,
+        end_time: p.until,
+        velocity_change: Some(v1::Vector { x: p.velocity.x, y: p.velocity.y }),
+        spin_change: p.spin,
+        sentence: p.sentence(),
+    };
+    model.unseen_pushes().into_iter().map(one).collect()
 }
 
 pub fn revised(study: &Study) -> Option<v1::RevisedModels> {

@@ -1,6 +1,6 @@
 //! Models: fit requests to domain values, fits and the catalogue of effects to replies.
 
-use super::findings::revision;
+use super::findings::{revision, unseen_pushes};
 use super::names::model_name;
 use super::violations::Violations;
 use crate::api::v1;
@@ -76,6 +76,7 @@ pub fn model(stored: &StoredFit) -> v1::Model {
         create_time: None,
         pairs: stored.fit.posterior.pairs.iter().map(|p| pair(&stored.fit, p)).collect(),
         covariance: None,
+        unseen_pushes: unseen_pushes(&stored.video, &scene.model),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Simulations: requests to domain values, predictions to replies.
 
+use super::findings::unseen_pushes;
 use super::interventions::intervention;
 use super::names::{model_name, trace_name, video_name};
 use super::violations::{MAX_LIST, Violations};
@@ -45,6 +46,7 @@ pub fn simulation(video: &str, done: &PublishedSimulation) -> v1::SimulateRespon
         trace: trace_name(&done.trace),
         unreached_object_ids: done.prediction.unreached.clone(),
         cut_short: done.prediction.cut_short.map(cut_short),
+        unseen_pushes: unseen_pushes(video, &done.prediction.model),
     }
 }
 

@@ -180,7 +180,9 @@ impl<'a> SceneProblem<'a> {
         let usual = self.noise.whitener(None);
         for (body, track) in self.scene.tracks.iter().enumerate() {
             let turns = !self.model.bodies[body].shape.is_ball();
-            for sample in track.samples.iter().take_while(|s| s.frame < horizon) {
+            let id = self.model.bodies[body].id;
+            let counts = |s: &&Sample| !self.model.passes_over(id, self.scene.time_of(s.frame));
+            for sample in track.samples.iter().take_while(|s| s.frame < horizon).filter(counts) {
                 let yaw = sample.yaw.zip(self.noise.yaw).filter(|_| turns);
                 let whitener = sample.covariance.map_or(usual, |c| self.noise.whitener(Some(c)));
                 f(WhitenedSample { body, sample, whitener, yaw }, row);

@@ -4,11 +4,19 @@ use super::super::noise::Noise;
 use crate::effects::{ActsOn, Hook, effect};
 use crate::num::{Bounds, elementary};
 use crate::scene::Scene;
-use crate::world::{ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Parameter, SPINS};
+use crate::world::{
+    ActiveEffect, BODY_VALUES, BodySpec, IMPULSE_VALUES, MASS, MASS_BOUNDS, Model, Parameter, SPINS,
+    UnknownImpulse,
+};
 
 /// A force parameter whose prior standard deviation is at most this share of its mean is frozen until the motion is right:
 /// it hardly moves, but would cost a part of every pass with derivatives.
 const WELL_KNOWN: f64 = 0.1;
+
+/// Place of the delay in [`IMPULSE_VALUES`], and its bound in prior standard deviations: one of these is half a frame, so that the
+/// bound is the next frame but one.
+const IMPULSE_DELAY: usize = 3;
+const MAX_DELAY: f64 = 3.0;
 
 /// One parameter, in the space in which it is searched.
 #[derive(Debug, Clone)]
@@ -65,6 +73,9 @@ pub(super) fn add_parameters(
         for k in 0..active.parameters.len() {
             list.add_effect_parameter(active, k, &model.bodies, &mut at);
         }
+    }
+    for (which, impulse) in model.impulses.iter().enumerate() {
+        list.add_impulse(which, impulse, at + which * IMPULSE_VALUES.len());
     }
     list.slots
 }
@@ -132,6 +143,30 @@ impl ParameterList<'_> {
                 frozen: false,
             };
             self.push(b * BODY_VALUES.len() + value, parameter);
+        }
+    }
+
+    /// The numbers of an impulse of unknown origin, whose first is at `at` in [`Model::flatten`]; a standard deviation of 0 keeps one
+    /// as it is. The tracks say where the prior is centred, as for start states.
+    fn add_impulse(&mut self, which: usize, impulse: &UnknownImpulse, at: usize) {
+        let units = ["m/s", "m/s", "rad/s", "s"];
+        let mean = [impulse.velocity.x, impulse.velocity.y, impulse.spin, 0.0];
+        let sd = [impulse.velocity_sd, impulse.velocity_sd, impulse.spin_sd, impulse.delay_sd];
+        for value in (0..IMPULSE_VALUES.len()).filter(|value| sd[*value] > 0.0) {
+            // A delay is within the frames next to it.
+            let most = if value == IMPULSE_DELAY { MAX_DELAY * impulse.delay_sd } else { f64::INFINITY };
+            let parameter = SearchParameter {
+                scene: Some(self.index),
+                name: format!("impulses[{which}].{}", IMPULSE_VALUES[value]),
+                unit: units[value].into(),
+                log: false,
+                min: -most,
+                max: most,
+                mean: mean[value],
+                sd: sd[value],
+                frozen: false,
+            };
+            self.push(at + value, parameter);
         }
     }
 

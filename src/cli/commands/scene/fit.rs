@@ -1,7 +1,7 @@
 //! `fit`: fits a model to each scene, separately or jointly.
 
 use crate::api::v1::{
-    Estimate, FitMethod, FitModelRequest, Model, ObjectEstimate, PairEstimate, SharedEstimate,
+    Estimate, FitMethod, FitModelRequest, Model, ObjectEstimate, PairEstimate, SharedEstimate, UnseenPush,
 };
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
@@ -182,8 +182,9 @@ pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
     let rows: Vec<Vec<String>> = model.objects.iter().map(row).collect();
     let header = &["object", "mass", "restitution factor r"][..if has_factors { 3 } else { 2 }];
     let shared: String = model.shared.iter().map(shared_line).collect();
+    let pushes = pushes(&model.unseen_pushes, ": the model passes over it");
     format!(
-        "{}{shared}{}{LEGEND}{}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
+        "{}{shared}{}{LEGEND}{}{pushes}  noise {:.2} mm, rmse {:.2} mm, reduced chi-square {:.2}{}\n",
         output::table(header, &rows),
         pairs(model, name),
         if model.pairs.is_empty() { "" } else { RESTITUTION },
@@ -192,6 +193,24 @@ pub fn table(model: &Model, name: impl Fn(u32) -> String) -> String {
         model.reduced_chi_square,
         if model.adequate { "" } else { ": above what noise explains; try `vrdp discover`" },
     )
+}
+
+/// What something unseen does to objects, a line each.
+pub fn pushes(all: &[UnseenPush], what: &str) -> String {
+    all.iter().map(|p| format!("  {}{what}\n", p.sentence)).collect()
+}
+
+/// The same as JSON.
+pub fn pushes_json(all: &[UnseenPush]) -> Vec<Value> {
+    let one = |p: &UnseenPush| {
+        let change = p.velocity_change.unwrap_or_default();
+        json!({
+            "object_id": p.object_id, "first_frame": p.first_frame, "last_frame": p.last_frame,
+            "begin_s": p.begin_time, "end_s": p.end_time, "velocity_change": [change.x, change.y],
+            "spin_change": p.spin_change, "sentence": p.sentence,
+        })
+    };
+    all.iter().map(one).collect()
 }
 
 /// Whether each object has a restitution factor of its own.
@@ -274,6 +293,7 @@ fn to_json(model: &Model, seconds: f64) -> Value {
         "objects": objects,
         "pairs": model.pairs.iter().map(pair_json).collect::<Vec<_>>(),
         "shared": shared,
+        "unseen_pushes": pushes_json(&model.unseen_pushes),
     })
 }
 

@@ -218,6 +218,7 @@ fn notes(scene: &Scene, reply: &SimulateResponse) -> String {
             unreached.join(", ")
         );
     }
+    notes += &super::fit::pushes(&reply.unseen_pushes, ": here too, as it happened in the video");
     if let Some(cut) = &reply.cut_short {
         let shown = cut.frame.map_or(String::new(), |f| format!(", the shown one at frame {f}"));
         notes +=
@@ -274,6 +275,7 @@ fn to_json(scene: &Scene, reply: &SimulateResponse, trace: Option<String>) -> Va
         "events": events,
         "trace": trace,
         "unreached": reply.unreached_object_ids,
+        "unseen_pushes": super::fit::pushes_json(&reply.unseen_pushes),
         "cut_short": cut_short.map(|c| json!({ "rollouts": c.rollouts, "frame": c.frame, "message": c.message })),
     })
 }

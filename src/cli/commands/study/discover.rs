@@ -3,8 +3,10 @@
 use super::ranking::ranking;
 use crate::api::v1::{
     DiscoverEffectsRequest, DiscoverEffectsResponse, Discovery, FoundParameter, ParameterOwner, PosePair,
-    RankedEffect, Revision, SmallestEffect, TrajectoryPair, Verdict, discover_effects_response::Event,
+    RankedEffect, Revision, SmallestEffect, TrajectoryPair, UnseenPush, Verdict,
+    discover_effects_response::Event,
 };
+use crate::cli::commands::scene::fit::pushes_json;
 use crate::cli::connection::stream::{self, StreamEvent};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
@@ -215,6 +217,12 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
     };
     let formula = if found.formula.is_empty() { Value::Null } else { json!(found.formula) };
     let smallest = |s: &SmallestEffect| json!({ "kind": s.kind, "parameter": s.parameter, "value": s.value, "unit": s.unit });
+    let pushed = |(name, c): (&String, &TrajectoryPair)| {
+        let own: Vec<UnseenPush> =
+            found.unseen_pushes.iter().filter(|p| p.video == c.video).cloned().collect();
+        (!own.is_empty()).then(|| (name.clone(), json!(pushes_json(&own))))
+    };
+    let pushes: Map<String, Value> = names.iter().zip(&found.trajectories).filter_map(pushed).collect();
     let scenes: Map<String, Value> =
         names.iter().zip(&found.trajectories).map(|(name, c)| (name.clone(), course(c))).collect();
     json!({
@@ -227,6 +235,7 @@ fn to_json(found: &Discovery, names: &[String]) -> Value {
         "smallest": found.smallest.iter().map(smallest).collect::<Vec<_>>(),
         "noise_sigma_m": found.noise_sigma,
         "revisions": found.revisions.iter().map(revision).collect::<Vec<_>>(),
+        "unseen_pushes": pushes,
         "scenes": scenes,
     })
 }
