@@ -8,7 +8,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use vrdp::num::{Vec2, vec2};
+use vrdp::num::{Vec2, elementary, vec2};
 use vrdp::scene::{FindingKind, Sample, Scene, parse, parse_csv};
 
 /// A fault: its name, the finding that names it, its strengths, and how it is put into a scene.
@@ -250,7 +250,7 @@ fn kalman(scene: &mut Scene, alpha: f64, _: &mut ChaCha8Rng) {
 /// Parabolas over so many frames.
 fn savitzky_golay(scene: &mut Scene, over: f64, _: &mut ChaCha8Rng) {
     let half = over as usize / 2;
-    let power = |n: i32| -> f64 { (0..=2 * half).map(|k| (k as f64 - half as f64).powi(n)).sum() };
+    let power = |n: i32| -> f64 { (0..=2 * half).map(|k| elementary::powi(k as f64 - half as f64, n)).sum() };
     let (s0, s2, s4) = (power(0), power(2), power(4));
     let weight = |d: f64| (s4 - s2 * d * d) / (s0 * s4 - s2 * s2);
     filtered(scene, |raw| {
@@ -317,7 +317,8 @@ fn swaying(scene: &mut Scene, times: f64, _: &mut ChaCha8Rng) {
         return;
     }
     let (size, seconds) = (times * noise(scene), scene.times.clone());
-    let way = |f: usize| vec2(0.9, 0.4).scaled(size * (std::f64::consts::TAU * seconds[f]).sin());
+    let way =
+        |f: usize| vec2(0.9, 0.4).scaled(size * elementary::sin_cos(std::f64::consts::TAU * seconds[f]).0);
     each(scene, |s| s.position += way(s.frame));
 }
 
@@ -334,7 +335,7 @@ fn zooming(scene: &mut Scene, percent: f64, _: &mut ChaCha8Rng) {
         return;
     }
     let seconds = scene.times.clone();
-    let zoom = |f: usize| 1.0 + 0.01 * percent * (std::f64::consts::TAU * seconds[f]).sin();
+    let zoom = |f: usize| 1.0 + 0.01 * percent * elementary::sin_cos(std::f64::consts::TAU * seconds[f]).0;
     each(scene, |s| s.position = s.position.scaled(zoom(s.frame)));
 }
 

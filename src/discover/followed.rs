@@ -119,9 +119,9 @@ fn last_contact(scene: &Scene, model: &Model, object: usize, end: usize) -> Opti
     let frame_of = |e: &Event| scene.times.partition_point(|t| *t <= e.time).saturating_sub(1);
     let run = trace(model, &scene.times);
     let touched = run.events.iter().filter(|e| e.kind == EventKind::Collision && e.objects.contains(&id));
-    let simulated = touched
+    let mut simulated = touched
         .map(|e| LastContact { frame: frame_of(e), other: e.objects.iter().find(|o| **o != id).copied() });
-    let simulated = simulated.filter(|c| c.frame < end + BESIDE).last();
+    let simulated = simulated.rfind(|c| c.frame < end + BESIDE);
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();
     let near = |other: usize, frame: usize| {
         let place = |k: usize| scene.tracks[k].at(frame).map(|s| s.position);

@@ -37,7 +37,7 @@ impl Effect for AxisScale {
 
     fn observe<T: Real>(p: &[T], out: &mut Observation<T>) {
         let half = p[0] * 0.5;
-        out.position.x = out.position.x * (half + 1.0);
-        out.position.y = out.position.y * (-half + 1.0);
+        out.position.x *= half + 1.0;
+        out.position.y *= -half + 1.0;
     }
 }

@@ -318,7 +318,7 @@ fn frames_lost_near_each_other_are_all_found() {
 fn a_camera_that_sways_is_seen_in_what_is_at_rest() {
     let rest = |_: f64| vec2(0.6, -0.4);
     let moving = |t: f64| vec2(-0.5 + 0.4 * t, 0.1);
-    let sway = |t: f64| vec2(8.0 * NOISE * (6.28 * t).sin(), 0.0);
+    let sway = |t: f64| vec2(8.0 * NOISE * (std::f64::consts::TAU * t).sin(), 0.0);
     // One object at rest is a proof as the other follows it; what oscillates alone is not.
     let scene = video(200, &[&|t| rest(t) + sway(t), &|t| moving(t) + sway(t)]).validate().unwrap();
     let [found] = &scene.findings[..] else { panic!("{:?}", scene.findings) };
