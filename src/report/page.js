@@ -73,6 +73,18 @@ if (choose) {
   pick();
 }
 
+// Frames of a video: a slider moves the row, and follows it.
+for (const seen of document.querySelectorAll(".seen-frames")) {
+  const slider = seen.querySelector(".frame"), row = seen.querySelector(".stills"), frames = [...row.children];
+  const left = (frame) => frame.offsetLeft - frames[0].offsetLeft;
+  slider.addEventListener("input", () => row.scrollTo({ left: left(frames[+slider.value]) }));
+  row.addEventListener("scroll", () => {
+    if (document.activeElement === slider) return;
+    const far = frames.map((frame) => Math.abs(left(frame) - row.scrollLeft));
+    slider.value = far.indexOf(Math.min(...far));
+  }, { passive: true });
+}
+
 // Pictures: values under the pointer, zoom, and files to keep.
 const PNG_SCALE = 3, NEAR = 24, STEP = 1.5;
 
