@@ -4,9 +4,10 @@ use super::error::check_size;
 use super::limits::{MAX_STILL_BYTES, MAX_STILL_SIDE, MAX_STILLS, MIN_FRAME_SIDE};
 use super::pictures::picture;
 use super::video::VideoFrame;
-use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
+use image::{ExtendedColorType, ImageFormat, ImageReader};
 use serde::{Deserialize, Serialize};
+use std::io::Cursor;
 
 /// Qualities of JPEG that are tried in turn: at the first, edges of bodies show no rings; noise may need the others.
 const QUALITIES: [u8; 3] = [75, 50, 25];
@@ -39,7 +40,7 @@ pub enum StillError {
 impl Still {
     /// A still of a frame; `None` if it cannot be made small enough.
     pub fn of(frame: &VideoFrame) -> Option<Still> {
-        let size = picture_size(frame.size);
+        let size = scaled_size(frame.size);
         if size.iter().any(|side| *side < MIN_FRAME_SIDE) {
             return None;
         }
@@ -52,6 +53,13 @@ impl Still {
             let still = Still { frame: frame.index, size: frame.size, jpeg };
             (still.jpeg.len() <= MAX_STILL_BYTES).then_some(still)
         })
+    }
+
+    /// Width and height of the picture (px); `None` if it cannot be read.
+    pub fn picture_size(&self) -> Option<[usize; 2]> {
+        let reader = ImageReader::with_format(Cursor::new(&self.jpeg), ImageFormat::Jpeg);
+        let (width, height) = reader.into_dimensions().ok()?;
+        Some([width as usize, height as usize])
     }
 
     /// Checks a picture from outside: it must decode, be small, and have the shape of the video's frames.
@@ -92,7 +100,7 @@ pub fn still_frames(times: &[f64]) -> Vec<usize> {
 }
 
 /// Size of a still of frames of this size (px).
-fn picture_size(size: [usize; 2]) -> [usize; 2] {
+fn scaled_size(size: [usize; 2]) -> [usize; 2] {
     let longest = size[0].max(size[1]).max(1);
     match longest <= MAX_STILL_SIDE {
         true => size,
@@ -186,7 +194,7 @@ mod tests {
             assert!(still.jpeg.len() < 20_000, "{}", still.jpeg.len());
             assert_eq!(still.check(), Ok(()));
             let (rgb, seen) = picture(&still.jpeg, 0).unwrap();
-            assert_eq!(seen, shown);
+            assert_eq!((seen, still.picture_size()), (shown, Some(shown)));
             for (u, v) in [(10, 20), (shown[0] / 2, shown[1] / 2), (shown[0] - 9, shown[1] - 9)] {
                 let at = 3 * (v * shown[0] + u);
                 let expected = [255.0 * u as f64 / shown[0] as f64, 255.0 * v as f64 / shown[1] as f64, 80.0];

@@ -68,6 +68,7 @@ if (choose) {
   const pick = () => {
     players.forEach((p) => p.stopPlaying());
     videos.forEach((v, k) => { v.hidden = k !== +choose.value; });
+    document.querySelectorAll(".seen-frames").forEach((seen) => seen.showFrame?.());
   };
   choose.addEventListener("change", pick);
   pick();
@@ -77,7 +78,10 @@ if (choose) {
 for (const seen of document.querySelectorAll(".seen-frames")) {
   const slider = seen.querySelector(".frame"), row = seen.querySelector(".stills"), frames = [...row.children];
   const left = (frame) => frame.offsetLeft - frames[0].offsetLeft;
-  slider.addEventListener("input", () => row.scrollTo({ left: left(frames[+slider.value]) }));
+  const show = () => row.scrollTo({ left: left(frames[+slider.value]) });
+  slider.addEventListener("input", show);
+  seen.showFrame = show;
+  show();
   row.addEventListener("scroll", () => {
     if (document.activeElement === slider) return;
     const far = frames.map((frame) => Math.abs(left(frame) - row.scrollLeft));

@@ -255,7 +255,7 @@ fn seen(report: &ReportData, views: &ReportViews, pictures: &[Picture], video: u
                     (word(views, views.stages.len() - 1)) ". Numbers: the object, and the latter distance on the ground and in the image." }
             }
             div class="controls" {
-                input type="range" class="frame" min="0" max=(count - 1) value="0" step="1" aria-label={ "Frame of " (scene.name) };
+                input type="range" class="frame" min="0" max=(count - 1) value=(stills::start(report, views, video)) step="1" aria-label={ "Frame of " (scene.name) };
             }
             div class="stills" tabindex="0" role="group" aria-label={ "Frames of " (scene.name) } { (figures(pictures, &start)) }
         }

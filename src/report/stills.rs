@@ -1,7 +1,7 @@
 //! Frames of the videos with what was seen drawn over them: outlines, tracks so far, and the residuals of the models.
 
 use super::ReportData;
-use super::chart::{Picture, PictureData, Series, line, number, px};
+use super::chart::{Picture, PictureData, Series, line, px};
 use super::plots::class;
 use super::top_view::{colour, name};
 use super::views::{PositionResidual, ReportViews};
@@ -14,15 +14,17 @@ use base64::engine::general_purpose::STANDARD;
 use maud::{Markup, html};
 
 /// Width of a picture (px); that of a still of a wide video, so that nothing is interpolated.
-const WIDTH: f64 = 480.0;
+const STILL_WIDTH: f64 = 480.0;
 /// Most stills of a page (about 0.6 MB); each video has one at least.
 const PAGE_STILLS: usize = 24;
 /// Largest length of a magnified residual at the 90 % quantile (px).
 const LENGTH: f64 = 24.0;
 const MAGNIFICATIONS: [f64; 7] = [100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
-/// Height of a line of text, and width of a letter (px).
+/// Height of a line of text, its part below the letters, width of a letter, and distance from what it belongs to (px).
 const TEXT_HEIGHT: f64 = 13.0;
+const BELOW_LETTERS: f64 = 3.0;
 const LETTER: f64 = 6.4;
+const GAP: f64 = 4.0;
 
 /// A still with what belongs to it.
 struct AnnotatedStill<'a> {
@@ -58,6 +60,52 @@ impl ImageResidual {
     }
 }
 
+/// A rectangle in a picture (px).
+#[derive(Clone, Copy)]
+struct ImageBox {
+    left: f64,
+    top: f64,
+    right: f64,
+    bottom: f64,
+}
+
+impl ImageBox {
+    fn overlaps(&self, other: &ImageBox) -> bool {
+        self.left < other.right
+            && other.left < self.right
+            && self.top < other.bottom
+            && other.top < self.bottom
+    }
+
+    /// A free place for a text of this width beside the box: to the right, to the left, above or below it. Where none is free,
+    /// below all that is in the way.
+    fn label(&self, wide: f64, taken: &[ImageBox]) -> ImageBox {
+        let top = 0.5 * (self.top + self.bottom - TEXT_HEIGHT);
+        let place =
+            |left: f64, top: f64| ImageBox { left, top, right: left + wide, bottom: top + TEXT_HEIGHT };
+        let middle = (0.5 * (self.left + self.right - wide)).clamp(0.0, (STILL_WIDTH - wide).max(0.0));
+        let places = [
+            place(self.right + GAP, top),
+            place(self.left - GAP - wide, top),
+            place(middle, self.top - GAP - TEXT_HEIGHT),
+            place(middle, self.bottom + GAP),
+        ];
+        let is_free = |b: &ImageBox| {
+            let is_inside = b.left >= 0.0 && b.right <= STILL_WIDTH && b.top >= 0.0;
+            is_inside && !taken.iter().any(|other| b.overlaps(other))
+        };
+        let mut label = places.into_iter().find(is_free).unwrap_or(place(middle, top));
+        // Each step leaves one of them behind for good, so that these are enough.
+        for _ in 0..taken.len() {
+            match taken.iter().find(|other| label.overlaps(other)) {
+                Some(other) => label = place(label.left, other.bottom),
+                None => break,
+            }
+        }
+        label
+    }
+}
+
 /// The stills of all videos.
 pub fn all(report: &ReportData, views: &ReportViews) -> Vec<Picture> {
     let annotated = (0..report.scenes.len()).flat_map(|k| {
@@ -68,14 +116,17 @@ pub fn all(report: &ReportData, views: &ReportViews) -> Vec<Picture> {
     annotated.collect()
 }
 
+/// The still of a video in which an object is farthest from where a model has it; the first without a model.
+pub fn start(report: &ReportData, views: &ReportViews, video: usize) -> usize {
+    let largest = |still: &AnnotatedStill| still.lengths().into_iter().fold(0.0, f64::max);
+    let all: Vec<f64> = of_video(report, views, video).iter().map(largest).collect();
+    (0..all.len()).rev().max_by(|&a, &b| all[a].total_cmp(&all[b])).unwrap_or(0)
+}
+
 /// How many times as long as they are the residuals of a video are drawn.
 pub fn magnification(report: &ReportData, views: &ReportViews, video: usize) -> f64 {
     let stills = of_video(report, views, video);
-    let of_still = |still: &AnnotatedStill| -> Vec<f64> {
-        let residuals = still.objects().into_iter().flat_map(|seen| still.residuals(&seen));
-        residuals.map(|r| r.pixels() * still.scale()).collect()
-    };
-    let mut lengths: Vec<f64> = stills.iter().flat_map(of_still).filter(|v| v.is_finite()).collect();
+    let mut lengths: Vec<f64> = stills.iter().flat_map(AnnotatedStill::lengths).collect();
     let typical = quantile(&mut lengths, 0.9).unwrap_or(LENGTH);
     MAGNIFICATIONS.into_iter().find(|m| m * typical <= LENGTH).unwrap_or(1.0)
 }
@@ -112,7 +163,7 @@ fn evenly(count: usize, most: usize) -> Vec<usize> {
 impl AnnotatedStill<'_> {
     /// Pixels of the picture for one of the video.
     fn scale(&self) -> f64 {
-        WIDTH / self.camera.image_size[0].max(1.0)
+        STILL_WIDTH / self.camera.image_size[0].max(1.0)
     }
 
     fn at(&self, [u, v]: [f64; 2]) -> (f64, f64) {
@@ -123,6 +174,12 @@ impl AnnotatedStill<'_> {
     fn centre(&self, object: usize, sample: &Sample) -> Option<(f64, f64)> {
         let height = self.scene.objects.get(object)?.shape.centre_height();
         self.camera.project(sample.position, height).map(|pixel| self.at(pixel))
+    }
+
+    /// Lengths of the residuals of all objects and models in the picture (px).
+    fn lengths(&self) -> Vec<f64> {
+        let residuals = self.objects().into_iter().flat_map(|seen| self.residuals(&seen));
+        residuals.map(|r| r.pixels() * self.scale()).filter(|length| length.is_finite()).collect()
     }
 
     fn objects(&self) -> Vec<SeenObject<'_>> {
@@ -152,7 +209,7 @@ impl AnnotatedStill<'_> {
 
     fn picture(&self, video: usize, number: usize) -> Picture {
         let [width, height] = self.camera.image_size;
-        let size = [WIDTH, WIDTH * height / width.max(1.0)];
+        let size = [STILL_WIDTH, STILL_WIDTH * height / width.max(1.0)];
         let objects = self.objects();
         let residuals: Vec<Vec<ImageResidual>> = objects.iter().map(|seen| self.residuals(seen)).collect();
         let labels = self.labels(&objects, &residuals);
@@ -217,36 +274,34 @@ impl AnnotatedStill<'_> {
         }
     }
 
-    /// The number of each object beside it, with the residual of the last model; no label covers another.
+    /// The number of each object beside it, with the residual of the last model.
     fn labels(&self, objects: &[SeenObject], residuals: &[Vec<ImageResidual>]) -> Markup {
-        let mut taken: Vec<[f64; 3]> = vec![];
+        let boxes: Vec<ImageBox> = objects.iter().map(|seen| self.bounds(seen)).collect();
+        let mut taken = boxes.clone();
         let mut all = vec![];
-        for (seen, residuals) in objects.iter().zip(residuals) {
+        for ((seen, residuals), own) in objects.iter().zip(residuals).zip(&boxes) {
             let id = self.scene.objects.get(seen.index).map_or(0, |o| o.id);
             let text = match residuals.last() {
-                Some(r) => format!("{id}: {} mm, {} px", number(1e3 * r.ground), number(r.pixels())),
+                Some(r) => format!("{id}: {:.1} mm, {:.2} px", 1e3 * r.ground, r.pixels()),
                 None => id.to_string(),
             };
-            let wide = LETTER * text.chars().count() as f64;
-            let columns = seen.outline.iter().map(|p| self.at(*p).0);
-            let (left, right) =
-                columns.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, r), u| (l.min(u), r.max(u)));
-            let start = if right + 4.0 + wide < WIDTH { right + 4.0 } else { (left - 4.0 - wide).max(2.0) };
-            let mut y = seen.centre.1 + 4.0;
-            let covers = |y: f64, other: &[f64; 3]| {
-                start < other[1] && other[0] < start + wide && (y - other[2]).abs() < TEXT_HEIGHT
-            };
-            // Each step leaves one label behind, so that these are enough.
-            for _ in 0..taken.len() {
-                match taken.iter().find(|other| covers(y, other)) {
-                    Some(other) => y = other[2] + TEXT_HEIGHT,
-                    None => break,
-                }
-            }
-            taken.push([start, start + wide, y]);
-            all.push((start, y, text));
+            let label = own.label(LETTER * text.chars().count() as f64, &taken);
+            taken.push(label);
+            all.push((label.left, label.bottom - BELOW_LETTERS, text));
         }
         html! { @for (x, y, text) in &all { text class="seen" x=(px(*x)) y=(px(*y)) { (text) } } }
+    }
+
+    /// The part of the picture that the outline of an object takes.
+    fn bounds(&self, seen: &SeenObject) -> ImageBox {
+        let (x, y) = seen.centre;
+        let centre = ImageBox { left: x, top: y, right: x, bottom: y };
+        seen.outline.iter().map(|p| self.at(*p)).fold(centre, |b, (x, y)| ImageBox {
+            left: b.left.min(x),
+            top: b.top.min(y),
+            right: b.right.max(x),
+            bottom: b.bottom.max(y),
+        })
     }
 
     /// The residuals of the last model.
@@ -270,5 +325,26 @@ mod tests {
         assert_eq!(evenly(12, 4), [0, 3, 7, 11]);
         assert_eq!(evenly(12, 1), [6]);
         assert_eq!(evenly(0, 1), Vec::<usize>::new());
+    }
+
+    #[test]
+    fn a_label_covers_neither_objects_nor_labels() {
+        let body = |left: f64| ImageBox { left, top: 100.0, right: left + 30.0, bottom: 140.0 };
+        let bodies = [body(200.0), body(232.0), body(264.0)];
+        let mut taken = bodies.to_vec();
+        let places: Vec<(f64, f64)> = bodies
+            .iter()
+            .map(|own| {
+                let label = own.label(90.0, &taken);
+                assert!(taken.iter().all(|other| !label.overlaps(other)));
+                taken.push(label);
+                (label.left, label.top)
+            })
+            .collect();
+        // To the left, above, and to the right.
+        assert_eq!(places, [(106.0, 113.5), (202.0, 83.0), (298.0, 113.5)]);
+        let crowd: Vec<ImageBox> = (0..40).map(|k| body(12.0 * k as f64)).collect();
+        let label = crowd[20].label(90.0, &crowd);
+        assert!(crowd.iter().all(|other| !label.overlaps(other)));
     }
 }

@@ -156,6 +156,24 @@ async fn the_report_of_a_video_file_shows_its_frames() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn a_trace_shows_stills_where_they_are_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = imported(&service).await.name;
+    let mut counts = vec![];
+    for stills in [false, true] {
+        let request =
+            v1::SimulateRequest { video: video.clone(), rollouts: Some(0), stills, ..Default::default() };
+        let done = service.reasoning().simulate(request).await.unwrap().into_inner();
+        let read = vrdp::recording::read(&download(&service, &done.trace).await).unwrap();
+        counts.push(["/camera/image", "/camera/annotations"].map(|t| read.counts.get(t).copied()));
+    }
+    assert_eq!(counts, [[None, None], [Some(12), Some(12)]]);
+    assert_eq!(verified(&service).await.len(), 3);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_file_that_is_no_video_is_refused_with_the_cure() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
