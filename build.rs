@@ -15,8 +15,13 @@ const SERVICES: [&str; 8] = [
 ];
 
 /// Messages in a trace; each file's descriptors become the schema of its messages.
-const RECORDING: [&str; 4] =
-    ["foxglove/pose.proto", "foxglove/scene.proto", "foxglove/log.proto", "vrdp/v1/recording.proto"];
+const RECORDING: [&str; 5] = [
+    "foxglove/pose.proto",
+    "foxglove/scene.proto",
+    "foxglove/image.proto",
+    "foxglove/log.proto",
+    "vrdp/v1/recording.proto",
+];
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!("cargo:rerun-if-changed=proto");

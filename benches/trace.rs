@@ -35,6 +35,7 @@ fn benches(criterion: &mut Criterion) {
             model: "m",
             seed: 0,
             request_json: "{}",
+            stills: &[],
         };
         let bytes = encode(&recording).expect("the simulation has finite times");
         println!("{} objects, {rollouts} rollouts: {} bytes", scene.objects.len(), bytes.len());

@@ -53,14 +53,22 @@ pub enum TableKind {
     Fits,
     /// By `{first video}/{study}`.
     Studies,
+    /// By `{video}/stills`: frames of the video file as pictures.
+    Stills,
     /// By trace id; the value has a `video`.
     Traces,
     /// By operation id; the value has `videos`.
     Operations,
 }
 
-const TABLES: [TableKind; 5] =
-    [TableKind::Videos, TableKind::Fits, TableKind::Studies, TableKind::Traces, TableKind::Operations];
+const TABLES: [TableKind; 6] = [
+    TableKind::Videos,
+    TableKind::Fits,
+    TableKind::Studies,
+    TableKind::Stills,
+    TableKind::Traces,
+    TableKind::Operations,
+];
 
 impl TableKind {
     fn table(self) -> RowTable {
@@ -72,6 +80,7 @@ impl TableKind {
             TableKind::Videos => "videos",
             TableKind::Fits => "fits",
             TableKind::Studies => "studies",
+            TableKind::Stills => "stills",
             TableKind::Traces => "traces",
             TableKind::Operations => "operations",
         }
@@ -428,7 +437,7 @@ impl Store {
         .await
     }
 
-    /// Deletes a video with its models, studies, operations and traces; `false` if it does not exist.
+    /// Deletes a video with its models, studies, stills, operations and traces; `false` if it does not exist.
     pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
         let (video, row, tenant) = (id.to_string(), self.key(id), self.tenant.clone());
         let (found, traces) = self
@@ -443,7 +452,7 @@ impl Store {
                     let prefix = format!("{row}/");
                     let mut times = write.open_table(TIMES).map_err(failed)?;
                     times.remove(TableKind::Videos.time_key(&row).as_str()).map_err(failed)?;
-                    for kind in [TableKind::Fits, TableKind::Studies] {
+                    for kind in [TableKind::Fits, TableKind::Studies, TableKind::Stills] {
                         let mut rows = write.open_table(kind.table()).map_err(failed)?;
                         rows.retain(|key, _| !key.starts_with(&prefix)).map_err(failed)?;
                         let of_video = kind.time_key(&prefix);

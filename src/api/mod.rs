@@ -7,7 +7,8 @@ mod status;
 
 pub use self::http::router::serve_http;
 pub(crate) use convert::ingest::camera::camera_message;
-pub use convert::ingest::new_video::scene_from_request;
+pub use convert::ingest::new_video::new_video;
+pub(crate) use convert::ingest::stills::still_message;
 pub use convert::video::{scene_from_message, video_message};
 pub use server::auth::{Security, TokenError, Tokens};
 pub use server::serve::{ServeError, ServerLimits, serve};

@@ -26,6 +26,8 @@ pub struct SimulateOptions {
     pub frames: Option<usize>,
     pub rollouts: usize,
     pub seed: u64,
+    /// Whether the trace shows the stills of the video.
+    pub stills: bool,
 }
 
 impl Engine {
@@ -43,9 +45,13 @@ impl Engine {
         let fitted = self.drawn(video, &scene, source).await?;
         let model = &fitted.fit.scenes.first().ok_or_else(|| EngineError::no_video(video))?.model;
         let edited = limits::edit(model, &options.interventions)?;
+        let stills = if options.stills { self.stills(video).await? } else { vec![] };
         let SimulateOptions { interventions, rollouts, seed, .. } = options;
         let request = PredictionRequest { interventions, frames, rollouts, seed };
-        let digest = result_digest("simulation", &(video, &fitted.id, &request));
+        let digest = match stills.is_empty() {
+            true => result_digest("simulation", &(video, &fitted.id, &request)),
+            false => result_digest("simulation", &(video, &fitted.id, &request, &stills)),
+        };
         let engine = self.clone();
         let work = move |context| async move {
             metric_names::count_result("simulation", "made");
@@ -56,7 +62,8 @@ impl Engine {
                     let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
                     limits::finite(&prediction)?;
                     let json = serde_json::json!({ "simulate": &request }).to_string();
-                    let file = file::simulation(&scene, &fitted, &prediction, request.seed, &json)?;
+                    let file =
+                        file::simulation(&scene, &fitted, &prediction, (request.seed, &stills), &json)?;
                     Ok((Prediction { ensemble: vec![], ..prediction }, backlog.admit(vec![file], stop)?))
                 };
                 engine.pool.run(context, job).await?
@@ -91,7 +98,7 @@ impl Engine {
                 for prediction in &mut answer.simulations {
                     limits::places(&prediction.model, &prediction.interventions)?;
                     limits::finite(prediction)?;
-                    files.push(file::simulation(&scene, &fitted, prediction, options.seed, &request)?);
+                    files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
                     prediction.ensemble = vec![];
                 }
                 Ok((answer, backlog.admit(files, stop)?))

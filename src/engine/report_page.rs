@@ -152,7 +152,7 @@ impl Engine {
         prefix: Option<String>,
     ) -> Result<ReportPage, EngineError> {
         let last = &subject.models;
-        let mut scenes = vec![];
+        let (mut scenes, mut stills) = (vec![], vec![]);
         let (mut ids, mut links) = (vec![], vec![]);
         for (k, video) in subject.videos.iter().enumerate() {
             let scene = self.video(video).await?;
@@ -164,6 +164,7 @@ impl Engine {
                     }
                 }
             }
+            stills.push(self.stills(video).await?);
             scenes.push(scene);
         }
         let mut answers = vec![];
@@ -202,6 +203,7 @@ impl Engine {
             let answers: Vec<AnsweredQuestion> = answered.collect();
             let (html, pictures) = report(&ReportData {
                 scenes: &scenes,
+                stills: &stills,
                 discovery: &subject.discovery,
                 steps: &subject.steps,
                 kept: subject.kept.as_ref(),

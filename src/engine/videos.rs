@@ -5,7 +5,7 @@ use super::pool::JobContext;
 use super::progress::Report;
 use super::state::Engine;
 use crate::fit::FitError;
-use crate::media::Video;
+use crate::media::{Still, Video};
 use crate::num::Stop;
 use crate::perception::{Perception, PerceptionError, PerceptionOptions, PerceptionReport, perceive};
 use crate::scene::Scene;
@@ -14,22 +14,35 @@ use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
 impl Engine {
-    /// Stores the scene that `make` returns (it runs on the ingest pool) and returns its id. The id is a digest of the
-    /// scene alone, so storing the same scene again changes nothing.
+    /// Stores the scene that `make` returns (it runs on the ingest pool), with stills of its video, and returns its id. The id is
+    /// a digest of the scene alone, so storing the same scene again changes nothing but the stills, if it has any.
     pub async fn create_video<F>(&self, make: F) -> Result<(String, Arc<Scene>), EngineError>
     where
-        F: FnOnce() -> Result<Scene, EngineError> + Send + 'static,
+        F: FnOnce() -> Result<(Scene, Vec<Still>), EngineError> + Send + 'static,
     {
         let made = self.ingest_pool.run(self.uncancelled(), move |_| {
-            let scene = make()?;
-            Ok((scene.digest(), scene))
+            let (scene, stills) = make()?;
+            Ok((scene.digest(), scene, stills))
         });
-        let ((id, scene), _slot) = made.await?;
-        self.store.put_video(&id, &scene).await?;
+        let ((id, scene, stills), _slot) = made.await?;
+        self.put_video(&id, &scene, stills).await?;
         Ok((id, Arc::new(scene)))
     }
 
-    /// Finds the objects of a video file and stores their tracks. `token` stops the work.
+    async fn put_video(&self, id: &str, scene: &Scene, stills: Vec<Still>) -> Result<(), EngineError> {
+        self.store.put_video(id, scene).await?;
+        match stills.is_empty() {
+            true => Ok(()),
+            false => self.put_of_video(TableKind::Stills, id, &stills_key(id), &stills).await,
+        }
+    }
+
+    /// Stills of a video, by frame; none of one that was not made from a video file.
+    pub async fn stills(&self, id: &str) -> Result<Vec<Still>, EngineError> {
+        Ok(self.store.get(TableKind::Stills, &stills_key(id)).await?.unwrap_or_default())
+    }
+
+    /// Finds the objects of a video file and stores their tracks and a few frames. `token` stops the work.
     pub async fn import_video(
         &self,
         bytes: Vec<u8>,
@@ -40,16 +53,17 @@ impl Engine {
         let context = JobContext { token, deadline: self.deadline(), progress };
         let work = move |stop: Stop| {
             let video = Video::open(bytes).map_err(|e| EngineError::invalid("data", e.to_string()))?;
-            let Perception { scene, report } = perceive(&video, &options, stop).map_err(|e| match e {
-                PerceptionError::Stopped(stopped) => FitError::Stopped(stopped).into(),
-                e => EngineError::invalid("data", e.to_string()),
-            })?;
+            let Perception { scene, report, stills } =
+                perceive(&video, &options, stop).map_err(|e| match e {
+                    PerceptionError::Stopped(stopped) => FitError::Stopped(stopped).into(),
+                    e => EngineError::invalid("data", e.to_string()),
+                })?;
             let scene =
                 Scene { setup, ..scene }.validate().map_err(|e| EngineError::Invalid(e.violations))?;
-            Ok((scene.digest(), scene, report))
+            Ok((scene.digest(), scene, report, stills))
         };
-        let ((id, scene, report), _slot) = self.pool.run(context, work).await?;
-        self.store.put_video(&id, &scene).await?;
+        let ((id, scene, report, stills), _slot) = self.pool.run(context, work).await?;
+        self.put_video(&id, &scene, stills).await?;
         Ok((id, Arc::new(scene), report))
     }
 
@@ -75,4 +89,9 @@ impl Engine {
         self.forget();
         if found? { Ok(()) } else { Err(EngineError::no_video(id)) }
     }
+}
+
+/// The key of the stills of a video.
+fn stills_key(id: &str) -> String {
+    format!("{id}/stills")
 }

@@ -5,7 +5,7 @@ use super::body_size::{ball_scale, common_size};
 use super::body_track::BodyTrack;
 use super::report::{PerceivedObject, PerceptionReport, joined};
 use super::tracking::{Setting, Tracker};
-use crate::media::{MediaError, Video, VideoFrame};
+use crate::media::{MediaError, Still, Video, VideoFrame, still_frames};
 use crate::num::{Stop, Stopped, median, wrap_angle};
 use crate::perception::image::ground::{GROUND_FRAMES, Ground};
 use crate::perception::outlines::outline::{BodyForm, FORMS};
@@ -92,6 +92,8 @@ impl PerceptionOptions {
 pub struct Perception {
     pub scene: Scene,
     pub report: PerceptionReport,
+    /// A few frames at even distances in time.
+    pub stills: Vec<Still>,
 }
 
 /// Why a video gives no tracks.
@@ -156,12 +158,18 @@ pub fn perceive(
         Some(frames) => Box::new(frames.into_iter().map(Ok)),
         None => video.frames(),
     };
+    let (shown, mut stills) = (still_frames(&info.times), vec![]);
     for (k, frame) in frames.enumerate() {
         stop(GROUND_SHARE + (1.0 - GROUND_SHARE) * k as f64 / info.times.len() as f64)?;
-        tracker.step(k, frame?);
+        let frame = frame?;
+        if shown.binary_search(&k).is_ok() {
+            stills.extend(Still::of(&frame));
+        }
+        tracker.step(k, frame);
     }
     tracker.finish();
-    conclude(tracker, video, options)
+    let (scene, report) = conclude(tracker, video, options)?;
+    Ok(Perception { scene, report, stills })
 }
 
 /// The camera that the options say or imply.
@@ -232,7 +240,7 @@ fn conclude(
     tracker: Tracker,
     video: &Video,
     options: &PerceptionOptions,
-) -> Result<Perception, PerceptionError> {
+) -> Result<(Scene, PerceptionReport), PerceptionError> {
     let info = video.info();
     let fps = info.fps.unwrap_or(25.0);
     let mut order: Vec<&BodyTrack> = tracker.tracks.iter().collect();
@@ -276,7 +284,7 @@ fn conclude(
         unexplained: joined(&tracker.counts.unexplained),
         warnings,
     };
-    Ok(Perception { scene, report })
+    Ok((scene, report))
 }
 
 /// Root mean square deviation of a coordinate (m).

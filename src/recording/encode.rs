@@ -3,6 +3,7 @@
 use super::draw::{color, entity, pose};
 use super::messages::{self as m, Topic, foxglove as fox, v1};
 use super::origin::metadata;
+use super::stills::stills;
 use super::writer::{TraceWriter, timestamp};
 use super::{FRAME, Recording, RecordingError};
 use crate::fit::Fit;
@@ -10,6 +11,7 @@ use crate::num::Vec2;
 use crate::reason::{LikelyEvent, Prediction};
 use crate::scene::Scene;
 use crate::world::{BodySpec, EventKind, Model, State, Trace};
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Most states of rollouts in one file: about 25 MB. Rollouts beyond it can be simulated again from the file.
@@ -29,6 +31,9 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     if kept > 0 {
         topics.extend([m::MEAN, m::MEAN_POSES, m::ROLLOUTS]);
     }
+    if !recording.stills.is_empty() {
+        topics.extend([m::IMAGE, m::ANNOTATIONS]);
+    }
     let mut writer = TraceWriter::new(topics);
     measured(scene, &mut writer)?;
     residuals(scene, &prediction.best, &m::RESIDUALS, &mut writer)?;
@@ -36,12 +41,16 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     ensemble(prediction, kept, &mut writer)?;
     events(recording, &mut writer)?;
     parameters(fit, &mut writer)?;
-    let attachments = [
+    stills(recording, &mut writer)?;
+    let mut attachments = vec![
         ("request.json", JSON, recording.request_json.as_bytes().to_vec()),
         ("model.json", JSON, serde_json::to_vec(&prediction.model)?),
         ("scene.json", JSON, serde_json::to_vec(scene)?),
         ("fit.cbor", CBOR, cbor(fit)?),
     ];
+    if !recording.stills.is_empty() {
+        attachments.push(("stills.cbor", CBOR, cbor(&recording.stills)?));
+    }
     let mut metadata = metadata("simulation", scene, recording.video, recording.model);
     metadata.extend(
         [
@@ -58,10 +67,10 @@ pub fn encode(recording: &Recording) -> Result<Vec<u8>, RecordingError> {
     writer.finish(metadata, &attachments)
 }
 
-/// The fit as CBOR: it has infinite bounds, which JSON cannot hold.
-pub fn cbor(fit: &Fit) -> Result<Vec<u8>, RecordingError> {
+/// A value as CBOR: a fit has infinite bounds, which JSON cannot hold.
+pub fn cbor<T: Serialize>(value: &T) -> Result<Vec<u8>, RecordingError> {
     let mut bytes = Vec::new();
-    ciborium::into_writer(fit, &mut bytes).map_err(|e| RecordingError::Cbor(e.to_string()))?;
+    ciborium::into_writer(value, &mut bytes).map_err(|e| RecordingError::Cbor(e.to_string()))?;
     Ok(bytes)
 }
 

@@ -49,9 +49,13 @@ pub const LOG: Topic = topic("/log", "foxglove.Log", descriptors!("log"));
 pub const MEAN: Topic = topic("/ensemble/mean", "vrdp.v1.TraceFrame", OWN);
 pub const MEAN_POSES: Topic = topic("/ensemble/mean/poses", "foxglove.PosesInFrame", POSE);
 
+pub const IMAGE: Topic = topic("/camera/image", "foxglove.CompressedImage", descriptors!("image"));
+pub const ANNOTATIONS: Topic =
+    topic("/camera/annotations", "foxglove.ImageAnnotations", descriptors!("image"));
+
 pub const ROLLOUTS: Topic = topic("/ensemble/rollouts", "vrdp.v1.TraceRollouts", OWN);
 
-/// Every topic of a simulation; messages of equal time stand in this order. Those of the ensemble follow.
+/// Every topic of a simulation; messages of equal time stand in this order. Those of the ensemble and of the stills follow.
 pub const SIMULATION: [Topic; 9] =
     [PARAMETERS, MEASURED, POSES, SHAPES, TRANSFORMS, STATES, RESIDUALS, EVENTS, LOG];
 

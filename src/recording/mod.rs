@@ -4,7 +4,8 @@
 //! * The log time of a message is the time in the video (ns); no wall clock is in a file.
 //! * Every number is on a topic of ours (`/simulated/states`, `/events`, `/parameters`, ...) in double precision. The
 //!   other topics repeat them in Foxglove's schemas, for viewers.
-//! * Attachments hold the inputs: `scene.json`, `fit.cbor` (CBOR keeps infinite bounds), the request and the models.
+//! * Attachments hold the inputs: `scene.json`, `fit.cbor` (CBOR keeps infinite bounds), the request, the models, and
+//!   `stills.cbor` where frames of the video were asked for.
 //! * Metadata name the program, its numeric fingerprint, the video, the model and the seed.
 //!
 //! The file is a function of its inputs: the same recording gives the same bytes (`writer` sorts messages by time and
@@ -19,6 +20,7 @@ pub mod messages;
 mod origin;
 mod read;
 mod scan;
+mod stills;
 mod verify;
 mod writer;
 
@@ -31,6 +33,7 @@ pub use verify::{Difference, Verification, verify};
 pub use writer::MAX_TIME;
 
 use crate::fit::Fit;
+use crate::media::Still;
 use crate::reason::Prediction;
 use crate::scene::Scene;
 
@@ -48,6 +51,8 @@ pub struct Recording<'a> {
     pub seed: u64,
     /// The request as JSON.
     pub request_json: &'a str,
+    /// Frames of the video that the trace shows too; usually none.
+    pub stills: &'a [Still],
 }
 
 #[derive(Debug, thiserror::Error)]

@@ -2,10 +2,12 @@
 
 use super::*;
 use crate::fit::{FitOptions, fit, initial_model};
+use crate::media::VideoFrame;
 use crate::num::{NUMERIC_FINGERPRINT, never, vec2};
 use crate::reason::{LikelyEvent, PredictionRequest, predict};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::{Event, EventKind, Intervention, Preset, trace};
+use prost::Message as _;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::sync::LazyLock;
@@ -91,7 +93,8 @@ static FITTED: LazyLock<(Scene, Fit)> = LazyLock::new(|| {
 fn encoded(prediction: &Prediction) -> Result<Vec<u8>, RecordingError> {
     let (scene, fit) = &*FITTED;
     let request_json = "{\"frames\":30}";
-    encode(&Recording { scene, prediction, fit, video: "v", model: "m", seed: 7, request_json })
+    let (video, model, seed, stills) = ("v", "m", 7, [].as_slice());
+    encode(&Recording { scene, prediction, fit, video, model, seed, request_json, stills })
 }
 
 /// A simulation as the service computes it, then altered by `change`.
@@ -121,6 +124,37 @@ fn change() -> Vec<u8> {
         request_json: "{}",
     })
     .unwrap()
+}
+
+#[test]
+fn stills_are_shown_with_outlines_and_simulated_again() {
+    let (scene, fit) = &*FITTED;
+    let scene = &Scene { camera: Some(crate::perception::top_camera(0.01, [960.0, 640.0])), ..scene.clone() };
+    let size = [960, 640];
+    let frame = |index| VideoFrame { index, time: 0.0, size, rgb: vec![90; 3 * size[0] * size[1]] };
+    let stills: Vec<Still> = [0, 10, 19].into_iter().filter_map(|k| Still::of(&frame(k))).collect();
+    let request = PredictionRequest { interventions: vec![], frames: 30, rollouts: 1, seed: 7 };
+    let prediction = &predict(scene, fit, 0, &request, &never).unwrap();
+    let (video, model, seed, request_json) = ("v", "m", 7, "{}");
+    let of = |stills| Recording { scene, prediction, fit, video, model, seed, request_json, stills };
+    let bytes = encode(&of(&stills)).unwrap();
+    let found = verify(Cursor::new(bytes.as_slice()), &never).unwrap();
+    assert!(found.holds() && found.identical, "{found:?}");
+    let reading = read(&bytes).unwrap();
+    assert_eq!((reading.counts["/camera/image"], reading.counts["/camera/annotations"]), (3, 3));
+    let mut file = TraceReader::open(Cursor::new(bytes.as_slice())).unwrap();
+    let first = file.messages(&["/camera/annotations"], [0.0, 1.0]).next().unwrap().unwrap();
+    let drawn = messages::foxglove::ImageAnnotations::decode(first.data.as_slice()).unwrap();
+    // In frame 0 one of the objects was measured; the picture has half the size of the frame.
+    assert_eq!(drawn.texts.len(), 1);
+    let corners = &drawn.points[0].points;
+    let middle = corners.iter().map(|p| p.x).sum::<f64>() / corners.len() as f64;
+    let x = scene.tracks[0].samples[0].position.x;
+    assert!((middle - 0.5 * (480.0 + 100.0 * x)).abs() < 0.1, "{middle} {x}");
+    // Without stills the file is what it was before there were any.
+    let without = read(&encode(&of(&[])).unwrap()).unwrap();
+    assert!(without.counts.keys().all(|topic| !topic.starts_with("/camera")));
+    assert!(!without.attachments.contains_key("stills.cbor"));
 }
 
 #[test]

@@ -10,6 +10,7 @@ use super::origin::{TOLERANCE, origin_difference};
 use super::read::{Message, TraceReader};
 use super::{RecordedChange, Recording, RecordingError, encode, encode_change};
 use crate::fit::Fit;
+use crate::media::Still;
 use crate::num::Stop;
 use crate::reason::{PredictionRequest, predict};
 use crate::scene::Scene;
@@ -122,7 +123,7 @@ fn recomputed<R: Read + Seek>(
     let scene: Scene = json(trace, "scene.json")?;
     let fit: Fit = {
         let bytes = trace.attachment("fit.cbor")?.ok_or(RecordingError::Missing { what: "fit.cbor" })?;
-        ciborium::from_reader(bytes.as_slice()).map_err(|e| RecordingError::Cbor(e.to_string()))?
+        from_cbor(&bytes)?
     };
     let request_json = text(trace, "request.json")?;
     let word =
@@ -156,9 +157,17 @@ fn recomputed<R: Read + Seek>(
         return Err(RecordingError::Missing { what: "number of rollouts that can be simulated" });
     }
     let prediction = predict(&scene, &fit, 0, &request, stop)?;
-    let seed = request.seed;
+    let stills: Vec<Still> = match trace.attachment("stills.cbor")? {
+        Some(bytes) => from_cbor(&bytes)?,
+        None => vec![],
+    };
+    let (seed, stills) = (request.seed, stills.as_slice());
     let (scene, prediction, fit, request_json) = (&scene, &prediction, &fit, request_json.as_str());
-    encode(&Recording { scene, prediction, fit, video, model, seed, request_json })
+    encode(&Recording { scene, prediction, fit, video, model, seed, request_json, stills })
+}
+
+fn from_cbor<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, RecordingError> {
+    ciborium::from_reader(bytes).map_err(|e| RecordingError::Cbor(e.to_string()))
 }
 
 fn text<R: Read + Seek>(trace: &mut TraceReader<R>, what: &'static str) -> Result<String, RecordingError> {

@@ -6,6 +6,7 @@ mod document;
 mod numbers;
 mod page;
 mod plots;
+mod stills;
 #[cfg(test)]
 mod tests;
 mod top_view;
@@ -14,6 +15,7 @@ mod views;
 pub use numbers::step_words;
 
 use crate::discover::Discovery;
+use crate::media::Still;
 use crate::reason::Answer;
 use crate::scene::Scene;
 use crate::world::Model;
@@ -22,6 +24,8 @@ use crate::world::Model;
 pub struct ReportData<'a> {
     /// The videos of the study, in order.
     pub scenes: &'a [Scene],
+    /// Stills of each video; none of one that was not made from a video file.
+    pub stills: &'a [Vec<Still>],
     pub discovery: &'a Discovery,
     /// What each revision of the discovery changes, such as `+ tilt`.
     pub steps: &'a [String],
@@ -59,7 +63,8 @@ pub struct TraceLink {
 /// The page, and each of its pictures as `(file name, SVG)`.
 pub fn report(report: &ReportData) -> (String, Vec<(String, String)>) {
     let views = views::ReportViews::of(report);
-    let pictures = plots::all(report, &views);
+    let mut pictures = plots::all(report, &views);
+    pictures.extend(stills::all(report, &views));
     let strobes = top_view::strobes(report, &views);
     let files = pictures.iter().chain(&strobes).map(|p| (p.name.clone() + ".svg", p.file()));
     let files: Vec<(String, String)> = files.collect();

@@ -68,9 +68,25 @@ if (choose) {
   const pick = () => {
     players.forEach((p) => p.stopPlaying());
     videos.forEach((v, k) => { v.hidden = k !== +choose.value; });
+    document.querySelectorAll(".seen-frames").forEach((seen) => seen.showFrame?.());
   };
   choose.addEventListener("change", pick);
   pick();
+}
+
+// Frames of a video: a slider moves the row, and follows it.
+for (const seen of document.querySelectorAll(".seen-frames")) {
+  const slider = seen.querySelector(".frame"), row = seen.querySelector(".stills"), frames = [...row.children];
+  const left = (frame) => frame.offsetLeft - frames[0].offsetLeft;
+  const show = () => row.scrollTo({ left: left(frames[+slider.value]) });
+  slider.addEventListener("input", show);
+  seen.showFrame = show;
+  show();
+  row.addEventListener("scroll", () => {
+    if (document.activeElement === slider) return;
+    const far = frames.map((frame) => Math.abs(left(frame) - row.scrollLeft));
+    slider.value = far.indexOf(Math.min(...far));
+  }, { passive: true });
 }
 
 // Pictures: values under the pointer, zoom, and files to keep.

@@ -4,6 +4,7 @@ use super::chart::{Picture, number};
 use super::document::document;
 use super::numbers::{parameters, reported, unit};
 use super::plots::{class, word};
+use super::stills;
 use super::top_view::{self, PlayerSide, name, player};
 use super::views::{ReportViews, direction, label};
 use super::{AnsweredQuestion, ReportData};
@@ -232,6 +233,7 @@ fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup
                     (player(&format!("video-{}", k + 1), scene, &sides, views.farthest(k), html! {
                         div class="figures wide" { @if let Some(p) = time { (p.figure()) } }
                     }))
+                    (seen(report, views, pictures, k))
                 }
             }
         }
@@ -242,6 +244,34 @@ fn see(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> Markup
 fn last_pushes(report: &ReportData, video: usize) -> Vec<UnseenPush> {
     let last = report.discovery.revisions.last().and_then(|r| r.fit.scenes.get(video));
     last.map_or(vec![], |s| s.model.unseen_pushes())
+}
+
+/// Frames of a video with what was seen in them, as a row that scrolls.
+fn seen(report: &ReportData, views: &ReportViews, pictures: &[Picture], video: usize) -> Markup {
+    let start = format!("still-{}-", video + 1);
+    let count = pictures.iter().filter(|p| p.name.starts_with(&start)).count();
+    let Some(scene) = report.scenes.get(video).filter(|_| count > 0) else { return html! {} };
+    let factor = match stills::magnification(report, views, video) {
+        1.0 => String::new(),
+        factor => format!(", drawn {} times as long", number(factor)),
+    };
+    html! {
+        div class="seen-frames" {
+            h3 { "What was seen" }
+            p { "Frames of the video. White: outlines at the measured positions. Coloured lines: the tracks so far." }
+            @if let [_] = &views.stages[..] {
+                p { "Red: from the measured to the simulated centre" (factor) ". Numbers: the object, and this distance on the ground and \
+                     in the image." }
+            } @else if !views.stages.is_empty() {
+                p { "From the measured centre to the simulated one" (factor) ": orange " (word(views, 0)) ", blue "
+                    (word(views, views.stages.len() - 1)) ". Numbers: the object, and the latter distance on the ground and in the image." }
+            }
+            div class="controls" {
+                input type="range" class="frame" min="0" max=(count - 1) value=(stills::start(report, views, video)) step="1" aria-label={ "Frame of " (scene.name) };
+            }
+            div class="stills" tabindex="0" role="group" aria-label={ "Frames of " (scene.name) } { (figures(pictures, &start)) }
+        }
+    }
 }
 
 fn capital(text: &str) -> String {

@@ -4,6 +4,7 @@ use super::chart::{dots, line, number, px};
 use super::*;
 use crate::discover::{FoundEffect, ParameterEstimate, ParameterValue, RankedEffect, Revision, Verdict};
 use crate::fit::{FitOptions, fit};
+use crate::media::VideoFrame;
 use crate::num::{never, vec2};
 use crate::reason::{AskOptions, Question, ask};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
@@ -44,7 +45,16 @@ fn scene() -> Scene {
 }
 
 fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
-    let scenes = [scene()];
+    made_of(scene(), vec![], verdict, revisions)
+}
+
+fn made_of(
+    scene: Scene,
+    stills: Vec<Still>,
+    verdict: Verdict,
+    revisions: usize,
+) -> (String, Vec<(String, String)>) {
+    let scenes = [scene];
     let model = Preset::for_world(WorldKind::Table).model(&scenes[0]);
     let fitted = fit(&scenes, &[model], &FitOptions::default(), &never).unwrap();
     let revision = |k: usize| Revision {
@@ -105,7 +115,16 @@ fn made(verdict: Verdict, revisions: usize) -> (String, Vec<(String, String)>) {
     let steps: Vec<String> =
         discovery.revisions.iter().map(|r| step_words(r.effect.as_deref(), None)).collect();
     let (discovery, steps, kept) = (&discovery, &steps, None);
-    report(&ReportData { scenes: &scenes, discovery, steps, kept, answers: &answers, traces: &traces })
+    let stills = &[stills];
+    report(&ReportData {
+        scenes: &scenes,
+        stills,
+        discovery,
+        steps,
+        kept,
+        answers: &answers,
+        traces: &traces,
+    })
 }
 
 #[test]
@@ -138,6 +157,49 @@ fn a_page_says_what_was_missing_and_shows_both_models() {
     assert!(!html.contains("Largest residual"));
     // No model was fitted.
     assert!(made(Verdict::NotIdentifiable, 0).0.contains("These videos do not suffice"));
+}
+
+/// Grey frames of a camera straight above with 10 mm per pixel: the scene, and one still for each of these frames.
+fn seen(frames: &[usize]) -> (Scene, Vec<Still>) {
+    let size = [640, 480];
+    let camera = Some(crate::perception::top_camera(0.01, [640.0, 480.0]));
+    let rgb = vec![128; 3 * size[0] * size[1]];
+    let still = |&index: &usize| Still::of(&VideoFrame { index, time: 0.0, size, rgb: rgb.clone() }).unwrap();
+    (Scene { camera, ..scene() }, frames.iter().map(still).collect())
+}
+
+#[test]
+fn frames_of_a_video_show_outlines_tracks_and_residuals() {
+    let (scene, stills) = seen(&[0, 20, 39]);
+    let (html, pictures) = made_of(scene.clone(), stills.clone(), Verdict::Adequate, 1);
+    assert!(html.contains("What was seen") && html.contains("img-src data:"));
+    assert_eq!(html.matches("<image href=\"data:image/jpeg;base64,").count(), 3);
+    // Two objects in each.
+    assert_eq!(html.matches("class=\"seen outline\"").count(), 2 * 3);
+    assert_eq!(html.matches("class=\"seen residual only\"").count(), 2 * 3);
+    assert!(html.contains("0.80 s: frame 20 with the outlines of 2 objects"));
+    let (_, svg) = pictures.iter().find(|p| p.0 == "still-1-2.svg").unwrap();
+    // The disc is at x = 0.8 m and something: 320 + 80 px of 640, which are shown as 480.
+    let read = roxmltree::Document::parse(svg).unwrap();
+    let centres: Vec<f64> = read
+        .descendants()
+        .filter(|n| n.attribute("class") == Some("seen centre"))
+        .filter_map(|n| n.attribute("cx")?.parse().ok())
+        .collect();
+    let position = scene.tracks[0].samples[20].position.x;
+    assert!((centres[0] - 0.75 * (320.0 + 100.0 * position)).abs() < 0.1, "{centres:?}");
+    // Residuals of jitter are small, and said to be magnified.
+    assert!(html.contains("times as long") && html.matches(" px</text>").count() >= 2 * 3);
+    // Two models: a residual of each.
+    let (html, _) = made_of(scene.clone(), stills.clone(), Verdict::EffectFound, 2);
+    for class in ["before", "after"] {
+        assert_eq!(html.matches(&format!("class=\"seen residual {class}\"")).count(), 2 * 3, "{class}");
+    }
+    // Without a model the outlines are there all the same; without a camera nothing is.
+    let (html, _) = made_of(scene.clone(), stills.clone(), Verdict::NotIdentifiable, 0);
+    assert!(html.matches("class=\"seen outline\"").count() == 6 && !html.contains("seen residual"));
+    let (html, _) = made_of(Scene { camera: None, ..scene }, stills, Verdict::Adequate, 1);
+    assert!(!html.contains("What was seen"));
 }
 
 #[test]

@@ -9,6 +9,7 @@ async fn a_store_keeps_lists_and_deletes() {
         let store = Store::open(folder.path()).unwrap();
         store.put_video("a", &1.5).await.unwrap();
         store.put_of_video(TableKind::Fits, "a", "a/m", &[0.1, f64::INFINITY]).await.unwrap();
+        store.put_of_video(TableKind::Stills, "a", "a/stills", &7).await.unwrap();
         store.put_of_video(TableKind::Traces, "a", "t", &serde_json::json!({"video": "a"})).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
         store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
@@ -18,12 +19,14 @@ async fn a_store_keeps_lists_and_deletes() {
     std::fs::write(folder.path().join("traces/t.mcap#1"), b"ha").unwrap();
     let store = Store::open(folder.path()).unwrap();
     assert_eq!(store.get(TableKind::Fits, "a/m").await.unwrap(), Some([0.1, f64::INFINITY]));
+    assert_eq!(store.get(TableKind::Stills, "a/stills").await.unwrap(), Some(7));
     assert_eq!(store.read_blob("t", 1, 3).await.unwrap(), "hol");
     assert!(!folder.path().join("traces/t.mcap#1").exists());
     let gone = store.put_of_video(TableKind::Fits, "b", "b/m", &1).await;
     assert_eq!(gone, Err(StoreError::VideoGone));
     assert!(store.delete_video("a").await.unwrap());
     assert!(!store.delete_video("a").await.unwrap());
+    assert_eq!(store.get::<u32>(TableKind::Stills, "a/stills").await.unwrap(), None);
     assert_eq!(store.list(TableKind::Fits, "", "", 9, |_: &f64| true).await.unwrap(), vec![]);
     assert_eq!(store.get::<serde_json::Value>(TableKind::Traces, "t").await.unwrap(), None);
     assert!(store.read_blob("t", 0, 1).await.is_err());

@@ -31,7 +31,7 @@ pub fn simulate_request(
     violations.finish((
         video,
         source,
-        SimulateOptions { interventions, frames, rollouts, seed: request.seed },
+        SimulateOptions { interventions, frames, rollouts, seed: request.seed, stills: request.stills },
     ))
 }
 

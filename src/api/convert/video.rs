@@ -192,6 +192,7 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         create_time: None,
         outliers: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
         findings: scene.findings.iter().map(finding_message).collect(),
+        stills: vec![],
     }
 }
 

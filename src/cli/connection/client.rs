@@ -5,7 +5,6 @@ use super::local::{LocalService, start_with};
 use super::remote::{ServiceChannel, remote};
 use super::stream::{self, StreamEvent};
 use super::target::Target;
-use crate::api;
 use crate::api::v1::models_client::ModelsClient;
 use crate::api::v1::operations_client::OperationsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
@@ -16,6 +15,7 @@ use crate::api::v1::{
     ListModelsRequest, ListVideosRequest, Model, ModelChoice, Video, fit_model_response,
 };
 use crate::cli::error::Failure;
+use crate::cli::input::post_request;
 use crate::config::{Config, Flags};
 use crate::scene::Scene;
 use std::net::SocketAddr;
@@ -84,11 +84,9 @@ impl Connection {
         }
     }
 
-    /// Posts a scene; returns the name of its video.
+    /// Posts a scene, with the stills of its video; returns the name of its video.
     pub async fn post(&self, scene: &Scene) -> Result<String, Failure> {
-        let request =
-            CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() };
-        Ok(self.create(request).await?.name)
+        Ok(self.create(post_request(scene)).await?.name)
     }
 
     pub async fn create(&self, request: CreateVideoRequest) -> Result<Video, Failure> {

@@ -4,10 +4,12 @@ mod files;
 mod models;
 mod pairs;
 mod scenes;
+mod stills;
 mod videos;
 
 pub use files::{bytes, text};
 pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
 pub use scenes::{OBSERVED, outlier_message, scene, scene_paths, scenes};
+pub use stills::post_request;
 pub use videos::{SeenVideo, VideoView, ViewArgs, camera, is_video_file, see, video_name};

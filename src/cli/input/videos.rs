@@ -1,6 +1,7 @@
 //! Reads video files: frames to tracks, with what the user knows of the view.
 
 use super::files::{bytes, last};
+use super::stills;
 use crate::cli::error::Failure;
 use crate::cli::output;
 use crate::media::{MAX_VIDEO_BYTES, MediaError, Video, VideoFrame, is_video};
@@ -144,8 +145,9 @@ pub fn see(path: &Path, view: &VideoView) -> Result<SeenVideo, Failure> {
     };
     let seen = perceive(&video, &options, &stop).map_err(|e| Failure::input(advice(&e)).at(&place))?;
     drop(progress);
-    let Perception { scene, report } = seen;
+    let Perception { scene, report, stills } = seen;
     let scene = scene.validate().map_err(|e| Failure::input(e.to_string()).at(&place))?;
+    stills::keep(&scene, stills);
     report.warnings.iter().for_each(|warning| output::tell(&format!("{}: {warning}", scene.name)));
     Ok(SeenVideo { scene, report, seconds: start.elapsed().as_secs_f64() })
 }

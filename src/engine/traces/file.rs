@@ -3,6 +3,7 @@
 use crate::engine::error::EngineError;
 use crate::engine::results::{Discovered, StoredFit};
 use crate::fit::{FitOptions, StartPoint, initial_model};
+use crate::media::Still;
 use crate::reason::Prediction;
 use crate::recording::{self, RecordedChange, RecordedRevision, Recording};
 use crate::scene::Scene;
@@ -54,16 +55,17 @@ pub struct TraceFile {
     pub(super) record: TraceRecord,
 }
 
-/// The trace file of one simulation.
+/// The trace file of one simulation; with `stills` it shows them too.
 pub fn simulation(
     scene: &Scene,
     fitted: &StoredFit,
     prediction: &Prediction,
-    seed: u64,
+    (seed, stills): (u64, &[Still]),
     request_json: &str,
 ) -> Result<TraceFile, EngineError> {
     let (video, model, fit) = (&fitted.video, &fitted.id, &fitted.fit);
-    let bytes = recording::encode(&Recording { scene, prediction, fit, video, model, seed, request_json })?;
+    let recording = Recording { scene, prediction, fit, video, model, seed, request_json, stills };
+    let bytes = recording::encode(&recording)?;
     let interventions = prediction.interventions.iter().map(in_words).collect();
     let frames = prediction.best.times.len();
     let mut file = TraceFile::new(bytes, video, model, frames, TraceKind::Simulation);

@@ -11,6 +11,7 @@
 
 use crate::num::{Vec2, elementary};
 use crate::perception::outlines::viewpoint::{Point, Viewpoint};
+use crate::scene::{Camera, Shape};
 
 /// Points on a rim. The polygon lies inside the circle by at most `1 - cos(pi/48) = 0.2 %` of the radius: 0.04 px of 20.
 const RIM_POINTS: usize = 48;
@@ -205,6 +206,34 @@ impl Outline {
         let rows = edges.into_iter().map(|[l, r]| if l < r { [column(l), column(r)] } else { [0, 0] });
         Spans { top, rows: rows.collect() }
     }
+}
+
+/// The outline of an object in the image: the corners of a polygon (px). A box is as high as it is wide. `None` where it reaches
+/// behind the camera.
+pub fn outline_of(camera: &Camera, shape: &Shape, at: Vec2, yaw: f64) -> Option<Vec<[f64; 2]>> {
+    let view = Viewpoint::new(*camera);
+    let (form, size) = match *shape {
+        Shape::Ball { radius } => (BodyForm::Ball, radius),
+        Shape::Disc { radius } => (BodyForm::Cylinder, radius),
+        Shape::Square { half_side } => (BodyForm::Cube, half_side),
+        Shape::Rectangle { half_length, half_width } => {
+            return box_outline(&view, [half_length, half_width], at, yaw);
+        }
+    };
+    let outline = Outline::new(&view, &Pose { form, size, at, yaw })?;
+    Some(outline.corners.iter().map(|(pixel, _)| *pixel).collect())
+}
+
+fn box_outline(view: &Viewpoint, [length, width]: [f64; 2], at: Vec2, yaw: f64) -> Option<Vec<[f64; 2]>> {
+    let (s, c) = elementary::sin_cos(yaw);
+    let corner = |k: usize| {
+        let sign = |bit: usize| if k >> bit & 1 == 1 { 1.0 } else { -1.0 };
+        let (x, y) = (sign(0) * length, sign(1) * width);
+        let point = [at.x + c * x - s * y, at.y + s * x + c * y, width * (1.0 + sign(2))];
+        Some((view.pixel(point)?, point))
+    };
+    let corners: Option<Vec<Corner>> = (0..8).map(corner).collect();
+    Some(hull(corners?).into_iter().map(|(pixel, _)| pixel).collect())
 }
 
 /// Points of the body's surface whose hull in the image is its outline.
@@ -414,6 +443,32 @@ mod tests {
                 .creases(&view, 2.0)
                 .is_empty()
         );
+    }
+
+    #[test]
+    fn the_outline_of_an_object_is_that_of_its_body() {
+        let at = vec2(0.4, -0.6);
+        let extent = |shape: Shape, yaw: f64| {
+            let outline = outline_of(&CLEVRER_CAMERA, &shape, at, yaw).unwrap();
+            let side = |k: usize, start: f64, most: fn(f64, f64) -> f64| {
+                outline.iter().map(|p| p[k]).fold(start, most)
+            };
+            let low = [0, 1].map(|k| side(k, f64::INFINITY, f64::min));
+            (low, [0, 1].map(|k| side(k, f64::NEG_INFINITY, f64::max)))
+        };
+        let centre = CLEVRER_CAMERA.project(at, 0.2).unwrap();
+        let box_of = |width| Shape::Rectangle { half_length: 0.2, half_width: width };
+        for shape in [Shape::Ball { radius: 0.2 }, Shape::Disc { radius: 0.2 }, box_of(0.2)] {
+            let (low, high) = extent(shape, 0.3);
+            assert!((0..2).all(|k| low[k] < centre[k] && centre[k] < high[k]), "{shape:?} {low:?} {high:?}");
+        }
+        // But for its rounded edges a cube is a box.
+        let (cube, same) = (extent(Shape::Square { half_side: 0.2 }, 0.3), extent(box_of(0.2), 0.3));
+        for k in 0..2 {
+            assert!((cube.0[k] - same.0[k]).abs() < 2.0 && (cube.1[k] - same.1[k]).abs() < 2.0);
+        }
+        let (flat, high) = (extent(box_of(0.1), 0.3), same);
+        assert!(flat.1[1] - flat.0[1] < high.1[1] - high.0[1]);
     }
 
     #[test]

@@ -3,4 +3,5 @@
 pub mod camera;
 pub mod detections;
 pub mod new_video;
+pub mod stills;
 pub mod video_file;

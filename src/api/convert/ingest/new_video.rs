@@ -1,10 +1,12 @@
 //! The scene of a request that creates a video, from tracks or from detections.
 
 use super::detections::linked;
+use super::stills::checked;
 use crate::api::convert::video::{scene_from_message, world};
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
+use crate::media::Still;
 use crate::scene::{LinkReport, Scene, SceneFile, TableDefaults, Violation, read_scene};
 
 /// How a video was made from a request.
@@ -16,8 +18,30 @@ pub struct IngestReport {
     pub assumptions: Vec<String>,
 }
 
+/// What a request asks to store.
+pub struct NewVideo {
+    pub scene: Scene,
+    pub stills: Vec<Still>,
+    pub report: IngestReport,
+}
+
+/// The scene and the stills of a request, or all its violations at once.
+pub fn new_video(mut request: v1::CreateVideoRequest) -> Result<NewVideo, EngineError> {
+    let given = request.video.as_mut().map(|video| std::mem::take(&mut video.stills)).unwrap_or_default();
+    let made = scene_from_request(request);
+    let mut violations = Violations::default();
+    let stills = checked(&mut violations, given, made.as_ref().ok().map(|(scene, _)| scene));
+    match made {
+        Ok((scene, report)) => violations.finish(NewVideo { scene, stills, report }),
+        Err(EngineError::Invalid(first)) => {
+            Err(EngineError::Invalid(first.into_iter().chain(violations.0).collect()))
+        }
+        Err(error) => Err(error),
+    }
+}
+
 /// The scene of a request, and how it was made.
-pub fn scene_from_request(request: v1::CreateVideoRequest) -> Result<(Scene, IngestReport), EngineError> {
+fn scene_from_request(request: v1::CreateVideoRequest) -> Result<(Scene, IngestReport), EngineError> {
     if !request.file.is_empty() {
         return of_file(request);
     }

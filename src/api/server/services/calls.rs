@@ -3,7 +3,7 @@
 use super::updates::{LongCall, long_call, long_call_of};
 use super::{comparison, report};
 use crate::api::convert::ingest::detections::linking_message;
-use crate::api::convert::ingest::new_video::scene_from_request;
+use crate::api::convert::ingest::new_video::{NewVideo, new_video};
 use crate::api::convert::video::video_message;
 use crate::api::convert::{findings, model, study};
 use crate::api::v1;
@@ -98,10 +98,10 @@ pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Resul
     let made = Arc::new(OnceLock::new());
     let report_to = made.clone();
     let make = move || {
-        let (scene, report) = scene_from_request(given)?;
+        let NewVideo { scene, stills, report } = new_video(given)?;
         // The closure runs once, so the cell is empty.
         let _ = report_to.set(report);
-        Ok(scene)
+        Ok((scene, stills))
     };
     let (id, scene) = owner.create_video(make).await?;
     tracing::info!(video = id, request_id, "video created");

@@ -3,6 +3,7 @@
 use super::import::import_video;
 use super::{RpcResult, RpcStream, Services, calls, cut_page};
 use crate::api::convert::ingest::camera::{calibration, pairs, uncalibrated};
+use crate::api::convert::ingest::stills::still_message;
 use crate::api::convert::video::video_message;
 use crate::api::convert::violations::video_id;
 use crate::api::convert::{listing, trace::timestamp};
@@ -36,7 +37,9 @@ impl v1::videos_server::Videos for Services {
         let mask = listing::mask(given.read_mask, "Video").map_err(status)?;
         let scene = owner.video(&id).await.map_err(status)?;
         let create_time = owner.video_created_ms(&id).await.map_err(status)?.map(timestamp);
-        Ok(Response::new(mask.apply(v1::Video { create_time, ..video_message(&id, &scene, true) })))
+        let stills = owner.stills(&id).await.map_err(status)?.iter().map(still_message).collect();
+        let video = v1::Video { create_time, stills, ..video_message(&id, &scene, true) };
+        Ok(Response::new(mask.apply(video)))
     }
 
     async fn list_videos(

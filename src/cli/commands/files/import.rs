@@ -253,7 +253,7 @@ impl ImportArgs {
             let message = format!("{flag} has no effect on a video; leave it out");
             return Err(Failure::input(message).at(&path.display().to_string()));
         }
-        Ok(ImportedFile { kind: "video", request: of_scene(&seen.scene) })
+        Ok(ImportedFile { kind: "video", request: input::post_request(&seen.scene) })
     }
 
     fn parsed(&self, name: &str, bytes: &[u8]) -> Result<ImportedFile, Failure> {
@@ -264,7 +264,7 @@ impl ImportArgs {
             let SceneFile { scene, kind, assumed } =
                 read_scene(name, bytes, &self.stated.defaults()).map_err(bad)?;
             output::assumptions::add(&scene, assumed);
-            (kind, of_scene(&scene))
+            (kind, input::post_request(&scene))
         };
         // After the parser: its error about a broken file says more.
         if let Some(flag) = self.unused_flag(kind) {
@@ -286,10 +286,6 @@ impl ImportArgs {
         ];
         given.into_iter().find(|(_, unused)| *unused).map(|(flag, _)| flag)
     }
-}
-
-fn of_scene(scene: &Scene) -> CreateVideoRequest {
-    CreateVideoRequest { video: Some(api::video_message("", scene, true)), ..Default::default() }
 }
 
 fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRequest, Failure> {

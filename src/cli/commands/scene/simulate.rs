@@ -56,6 +56,9 @@ pub struct SimulateArgs {
     /// Writes the trace; else it is kept only with --data-dir or --server.
     #[arg(long, value_name = "FILE.mcap")]
     trace: Option<PathBuf>,
+    /// The trace shows frames of the video too, with the outlines of the objects.
+    #[arg(long)]
+    stills: bool,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -83,6 +86,7 @@ pub async fn run(target: &Target, args: SimulateArgs) -> Result<(), Failure> {
         frames: args.frames.unwrap_or(0),
         rollouts: args.rollouts,
         seed: args.seed,
+        stills: args.stills,
         ..Default::default()
     };
     let reply = progress::during("simulating", connection.reasoning().simulate(request)).await;
