@@ -1,11 +1,13 @@
-//! Reads what a command is given: scenes, videos, models, formulas, and `ID=VALUE` pairs.
+//! Reads what a command is given: scenes, videos, detectors, models, formulas, and `ID=VALUE` pairs.
 
+mod detector;
 mod files;
 mod models;
 mod pairs;
 mod scenes;
 mod videos;
 
+pub use detector::{DetectedVideo, detect};
 pub use files::{bytes, text};
 pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
