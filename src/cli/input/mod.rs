@@ -7,9 +7,9 @@ mod pairs;
 mod scenes;
 mod videos;
 
-pub use detector::{DetectedVideo, detect};
+pub use detector::detect;
 pub use files::{bytes, text};
 pub use models::{ModelArgument, formula, is_model, model};
 pub use pairs::{id_and_number, id_and_vector};
 pub use scenes::{OBSERVED, outlier_message, scene, scene_paths, scenes};
-pub use videos::{SeenVideo, VideoView, ViewArgs, camera, is_video_file, see, video_name};
+pub use videos::{VideoView, ViewArgs, camera, is_video_file, see, video_name};

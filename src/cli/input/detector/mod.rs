@@ -17,4 +17,4 @@ mod onnx;
 mod outputs;
 mod regions;
 
-pub use detect::{DetectedVideo, detect};
+pub use detect::detect;
