@@ -323,7 +323,7 @@ fn a_users_own_network_finds_the_objects_of_a_video() {
             let (_, measured) =
                 known.iter().find(|(other, _)| other == look).unwrap_or_else(|| panic!("{look}"));
             let off = |(frame, at): (&u64, &[f64; 2])| {
-                measured.get(frame).map(|other| (other[0] - at[0]).hypot(other[1] - at[1]))
+                measured.get(frame).map(|other| (other[0] - at[0]).abs().max((other[1] - at[1]).abs()))
             };
             let mut off: Vec<f64> = places.iter().filter_map(off).collect();
             off.sort_by(f64::total_cmp);

@@ -30,11 +30,14 @@ pub(super) struct OutputReader<'a> {
     pub length: Option<usize>,
 }
 
+/// How likely each label is, by its index.
+type LabelScores = Vec<(usize, f64)>;
+
 /// A detection in the making: where it is, its score, and how likely each label is.
 struct LabelledBox {
     bounds: BoundingBox,
     score: f64,
-    labels: Vec<(usize, f64)>,
+    labels: LabelScores,
     features: Vec<f32>,
 }
 
@@ -186,11 +189,7 @@ impl OutputReader<'_> {
     }
 
     /// Score and labels of each detection: of one label each, or with a score for every label.
-    fn judged(
-        &self,
-        outputs: &FrameOutputs,
-        count: usize,
-    ) -> Result<Vec<(f64, Vec<(usize, f64)>)>, DetectorError> {
+    fn judged(&self, outputs: &FrameOutputs, count: usize) -> Result<Vec<(f64, LabelScores)>, DetectorError> {
         let Some(scores) = &outputs.scores else { return Ok(vec![(1.0, vec![]); count]) };
         let name = self.contract.scores.as_deref();
         let known = self.contract.labels.len();
