@@ -285,7 +285,14 @@ fn add_objects(
         movers.masses.push(mass);
         movers.mus.push(setup.mu[name]);
         let (color, material) = ("gray".into(), name.into());
-        scene.objects.push(Object { id: id as u32, color, material, shape, mass: Some(stated_mass) });
+        scene.objects.push(Object {
+            id: id as u32,
+            color,
+            material,
+            shape,
+            mass: Some(stated_mass),
+            features: vec![],
+        });
     }
     movers
 }

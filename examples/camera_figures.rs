@@ -402,7 +402,7 @@ fn false_detection(
     };
     let (color, material, shape) = (look(0), look(1), look(2));
     let frame = uniform(0.0, frames as f64) as usize;
-    Detection { frame, bounds, color, material, shape, score: 1.0 }
+    Detection { frame, bounds, color, material, shape, score: 1.0, features: vec![] }
 }
 
 /// Simulated detections in random order, each with its object; `None`: a false detection.
@@ -451,7 +451,10 @@ fn detections(world: &World, masks: bool, random: &mut ChaCha8Rng) -> Vec<(Detec
                 AttributeScores::from([(words.to_string(), 1.0)])
             };
             let (color, material, shape) = (look(0), look(1), look(2));
-            found.push((Detection { frame, bounds, color, material, shape, score: 1.0 }, Some(o)));
+            found.push((
+                Detection { frame, bounds, color, material, shape, score: 1.0, features: vec![] },
+                Some(o),
+            ));
         }
     }
     for _ in 0..found.len() / 20 {

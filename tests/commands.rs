@@ -279,3 +279,85 @@ fn a_video_becomes_tracks_near_those_that_were_measured() {
     let (done, _, err) = run(&["import", &cut, "--out", &scratch.path("seen")]);
     assert!(!done.status.success() && err.contains("cut.mp4") && err.contains("again"), "{err}");
 }
+
+#[cfg(not(feature = "onnx"))]
+#[test]
+fn a_detector_needs_a_program_that_was_built_with_it() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let video = root.join("videos/scene_00011/video.mp4").display().to_string();
+    let model = root.join("onnx/masks.onnx").display().to_string();
+    let (done, _, err) = run(&["import", &video, "--detector", &model]);
+    assert!(!done.status.success() && err.contains("cargo build --release --features onnx"), "{err}");
+}
+
+/// Needs ONNX Runtime: `ORT_DYLIB_PATH` is the path of its library.
+#[cfg(feature = "onnx")]
+#[test]
+fn a_users_own_network_finds_the_objects_of_a_video() {
+    assert!(
+        std::env::var_os("ORT_DYLIB_PATH").is_some(),
+        "set ORT_DYLIB_PATH to the library of ONNX Runtime"
+    );
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let video = root.join("videos/scene_00011/video.mp4").display().to_string();
+    let known = objects(&root.join("clevrer/scene_00011/observed.json").display().to_string());
+    let scratch = Scratch::new("detector");
+    for model in ["masks", "boxes"] {
+        let (out, file) =
+            (scratch.path(model), root.join(format!("onnx/{model}.onnx")).display().to_string());
+        let (done, text, err) = run(&["import", &video, "--detector", &file, "--noise", "2", "--out", &out]);
+        assert!(
+            done.status.success() && text.contains(&format!("detections by {model}.onnx")),
+            "{text}{err}"
+        );
+        let scene = format!("{out}/scene_00011/observed.json");
+        let written: serde_json::Value = serde_json::from_str(&fs::read_to_string(&scene).unwrap()).unwrap();
+        for object in written["object_property"].as_array().unwrap() {
+            let rgb: Vec<f64> =
+                object["features"].as_array().unwrap().iter().filter_map(|f| f.as_f64()).collect();
+            assert!(rgb.len() == 3 && rgb[0] > rgb[1] && rgb[1] > 0.95 * rgb[2], "{object}");
+        }
+        let found = objects(&scene);
+        assert_eq!(found.len(), known.len(), "{text}");
+        for (look, places) in &found {
+            let (_, measured) =
+                known.iter().find(|(other, _)| other == look).unwrap_or_else(|| panic!("{look}"));
+            let off = |(frame, at): (&u64, &[f64; 2])| {
+                measured.get(frame).map(|other| (other[0] - at[0]).abs().max((other[1] - at[1]).abs()))
+            };
+            let mut off: Vec<f64> = places.iter().filter_map(off).collect();
+            off.sort_by(f64::total_cmp);
+            println!("{model}: {look}: {} frames, median {:.3} m off", off.len(), off[off.len() / 2]);
+            // Half a body's size: such a network sees shades, not outlines.
+            assert!(off.len() > 60 && off[off.len() / 2] < 0.1, "{look}: {}", off[off.len() / 2]);
+        }
+    }
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn what_a_detector_lacks_is_named() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let video = root.join("videos/scene_00011/video.mp4").display().to_string();
+    let model = root.join("onnx/masks.onnx");
+    let scratch = Scratch::new("no_detector");
+    let bare = scratch.path("bare.onnx");
+    fs::copy(&model, &bare).unwrap();
+    let model = model.display().to_string();
+    let import = |model: &str, library: Option<&str>| {
+        let mut command = vrdp(&["import", &video, "--detector", model]);
+        command.envs(library.map(|path| ("ORT_DYLIB_PATH", path)));
+        let done = command.output().unwrap();
+        assert!(!done.status.success());
+        String::from_utf8_lossy(&done.stderr).into_owned()
+    };
+    let said = import(&model, Some("/nowhere/libonnxruntime.so"));
+    assert!(said.contains("set ORT_DYLIB_PATH") && said.contains("pip install onnxruntime"), "{said}");
+    let said = import(&bare, None);
+    assert!(said.contains("bare.json: is missing; write what the outputs of the model are"), "{said}");
+    let wrong = scratch.write("bare.json", r#"{"output": "masks", "names": {"masks": "mask"}}"#);
+    let said = import(&bare, None);
+    assert!(said.contains("names: the model has no output \"mask\"; it has logits, colour"), "{said}");
+    let said = import(&wrong, None);
+    assert!(said.contains("is not read by ONNX Runtime"), "{said}");
+}

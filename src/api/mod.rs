@@ -7,6 +7,7 @@ mod status;
 
 pub use self::http::router::serve_http;
 pub(crate) use convert::ingest::camera::camera_message;
+pub(crate) use convert::ingest::detections::linking_message;
 pub use convert::ingest::new_video::new_video;
 pub(crate) use convert::ingest::stills::still_message;
 pub use convert::video::{scene_from_message, video_message};

@@ -62,6 +62,7 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             material: "rubber".into(),
             shape: launch.0,
             mass: Some(launch.1),
+            features: vec![],
         };
         let mut scene = Scene {
             name: format!("video {number}"),

@@ -14,7 +14,14 @@ use rand_distr::{Distribution, StandardNormal};
 const SIGMA: f64 = 0.004;
 
 fn objects() -> Vec<Object> {
-    let one = |id, shape| Object { id, color: "red".into(), material: "rubber".into(), shape, mass: None };
+    let one = |id, shape| Object {
+        id,
+        color: "red".into(),
+        material: "rubber".into(),
+        shape,
+        mass: None,
+        features: vec![],
+    };
     vec![
         one(0, Shape::Disc { radius: 0.2 }),
         one(1, Shape::Ball { radius: 0.2 }),
@@ -279,6 +286,7 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
         material: "phenolic".into(),
         shape: Shape::Ball { radius },
         mass: Some(0.17),
+        features: vec![],
     };
     let mut scene = Scene {
         name: "shot".into(),

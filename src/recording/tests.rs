@@ -25,6 +25,7 @@ fn scene() -> Scene {
         material: "rubber".into(),
         shape,
         mass: None,
+        features: vec![],
     };
     let track = |i: usize| Track {
         samples: (i..20)

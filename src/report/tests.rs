@@ -18,8 +18,14 @@ const HOSTILE: &str = "</script><script>alert(1)</script>\"'&";
 
 /// A disc that slides past a cube at rest; both have hostile names.
 fn scene() -> Scene {
-    let object =
-        |id, shape| Object { id, color: HOSTILE.into(), material: "rubber".into(), shape, mass: None };
+    let object = |id, shape| Object {
+        id,
+        color: HOSTILE.into(),
+        material: "rubber".into(),
+        shape,
+        mass: None,
+        features: vec![],
+    };
     let track = |speed: f64, y: f64| {
         let sample = |frame| {
             let jitter = 0.004 * ((7 * frame + 3) % 5) as f64;

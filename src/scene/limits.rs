@@ -6,6 +6,8 @@ pub const MAX_OBJECTS: usize = 128;
 pub const MAX_FRAMES: usize = 15_000;
 /// Longest name of a scene or a set-up (bytes): it becomes part of keys and file names.
 pub const MAX_NAME: usize = 200;
+/// Most features of an object or a detection: four times the 256 that region features of detectors have.
+pub const MAX_FEATURES: usize = 1024;
 /// Largest coordinate (m); beyond it the resolution of positions suffers.
 pub const MAX_POSITION: f64 = 1e6;
 /// Radius or half side taken where a scene gives none (m): that of CLEVRER's objects.

@@ -36,13 +36,15 @@ pub use files::{
     Proposals, SceneFile, TableDefaults, decoded, holds_positions, holds_records, observed_json, parse,
     parse_csv, parse_pairs, parse_proposals, read_scene, written_csv,
 };
-pub use limits::{DEFAULT_SIZE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE};
+pub use limits::{
+    DEFAULT_SIZE, MASS_RANGE, MAX_FEATURES, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, SIZE_RANGE,
+};
 pub use measurement::{FindingKind, TrackFinding};
 pub use object::{Object, Shape};
 pub use observation::{Outlier, Sample, Scene, Table, Track, WorldKind};
 pub use spelling::misspelt;
 pub use tracks::{
     AttributeScores, BoundingBox, Detection, LinkError, LinkOptions, LinkReport, LinkedTracks,
-    MAX_DETECTIONS, MaskError, decompress, link, mask_bounds, outline,
+    MAX_DETECTIONS, MAX_IN_FRAME, MaskError, checked_features, decompress, link, mask_bounds, outline,
 };
 pub use violations::{SceneError, Violation};

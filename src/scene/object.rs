@@ -12,6 +12,9 @@ pub struct Object {
     pub shape: Shape,
     /// Known mass (kg); masses are relative where none is given.
     pub mass: Option<f64>,
+    /// What a detector's network saw of it, for learning concepts; of one length in a scene, or empty.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub features: Vec<f32>,
 }
 
 /// Outline in the bird's-eye plane, and whether it rolls.

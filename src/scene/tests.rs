@@ -10,7 +10,14 @@ use rand_distr::{Distribution, StandardNormal};
 fn a_description_names_color_material_and_shape() {
     let check = |color: &str, material: &str, expected: &str| {
         let (color, material) = (color.into(), material.into());
-        let object = Object { id: 3, color, material, shape: Shape::Square { half_side: 0.2 }, mass: None };
+        let object = Object {
+            id: 3,
+            color,
+            material,
+            shape: Shape::Square { half_side: 0.2 },
+            mass: None,
+            features: vec![],
+        };
         assert_eq!(object.description(), expected);
     };
     check("red", "metal", "red metal cube");
@@ -165,15 +172,15 @@ fn detections() -> Vec<Detection> {
             let one = |word: &str| AttributeScores::from([(word.to_string(), 1.0)]);
             let bounds = BoundingBox { left, top, right, bottom };
             let (color, material, shape) = (one(color), one(material), one(shape));
-            all.push(Detection { frame, bounds, color, material, shape, score: 0.9 });
+            let features = vec![k as f32, frame as f32];
+            all.push(Detection { frame, bounds, color, material, shape, score: 0.9, features });
         }
     }
     for frame in [9, 31] {
         let bounds = BoundingBox { left: 20.0, top: 200.0, right: 60.0, bottom: 250.0 };
         let none = AttributeScores::new();
-        let detection =
-            Detection { frame, bounds, color: none.clone(), material: none.clone(), shape: none, score: 0.3 };
-        all.push(detection);
+        let (color, material, shape) = (none.clone(), none.clone(), none);
+        all.push(Detection { frame, bounds, color, material, shape, score: 0.3, features: vec![] });
     }
     all
 }
@@ -196,6 +203,7 @@ fn detections_become_tracks_in_whatever_order_they_come() {
     words.sort();
     assert_eq!(words, ["blue rubber cube", "red metal sphere", "red rubber cylinder"]);
     let ball = found.objects.iter().position(|o| o.shape.is_ball()).unwrap();
+    assert_eq!(found.objects[ball].features, [0.0, 19.5]);
     for s in &found.tracks[ball].samples {
         assert!((s.position - vec2(-1.0 + 0.06 * s.frame as f64, 0.0)).norm() < 1e-3, "{s:?}");
     }

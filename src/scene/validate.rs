@@ -7,6 +7,7 @@ use crate::scene::limits::{
 use crate::scene::measurement::examine;
 use crate::scene::object::{Object, Shape};
 use crate::scene::observation::{Sample, Scene, Table, Track};
+use crate::scene::tracks::detection::checked_features;
 use crate::scene::tracks::outliers::reject_outliers;
 use crate::scene::violations::{SceneError, SceneViolations, readable};
 
@@ -68,7 +69,11 @@ impl Scene {
             let (tracks, objects) = (self.tracks.len(), self.objects.len());
             r.add("tracks", format!("has {tracks} tracks for {objects} objects; give one for each object"));
         }
+        let mut length = None;
         for (i, object) in self.objects.iter().enumerate() {
+            if let Err(message) = checked_features(&object.features, &mut length) {
+                r.add(format!("objects[{i}].features"), message);
+            }
             if let Some(j) = self.objects[..i].iter().position(|o| o.id == object.id) {
                 r.add(
                     format!("objects[{i}].id"),
@@ -289,6 +294,7 @@ fn check_track(r: &mut SceneViolations, i: usize, track: &Track, frames: usize) 
 mod tests {
     use super::*;
     use crate::num::vec2;
+    use crate::scene::MAX_FEATURES;
     use crate::scene::violations::MAX_VIOLATIONS;
     use crate::scene::{CLEVRER_CAMERA, Camera, WorldKind};
     use proptest::prelude::*;
@@ -301,6 +307,7 @@ mod tests {
             material: "metal".into(),
             shape: Shape::Ball { radius: 0.2 },
             mass: Some(1.0),
+            features: vec![],
         };
         let track = |y: f64| Track {
             samples: (0..5)
@@ -338,6 +345,8 @@ mod tests {
         |s| (s.camera.as_mut().unwrap().image_size[1] = 0.0, "camera.image_size[1]").1,
         |s| (s.objects[2].id = 0, "objects[2].id").1,
         |s| (s.objects[1].mass = Some(-1.0), "objects[1].mass").1,
+        |s| (s.objects[0].features = vec![f32::NAN], "objects[0].features").1,
+        |s| (s.objects[1].features = vec![0.0; MAX_FEATURES + 1], "objects[1].features").1,
         |s| (s.objects[0].shape = Shape::Disc { radius: 0.0 }, "objects[0].size").1,
         |s| (s.tracks[0].samples[1].position.x = f64::NAN, "objects[0].samples[1].x").1,
         |s| (s.tracks[0].samples[2].position.y = 2e6, "objects[0].samples[2].y").1,
@@ -373,6 +382,9 @@ mod tests {
         let mut s = scene();
         (s.objects, s.tracks) = (vec![], vec![]);
         assert_eq!(paths(&s), ["objects"]);
+        let mut s = scene();
+        (s.objects[0].features, s.objects[2].features) = (vec![1.0; 3], vec![1.0; 2]);
+        assert_eq!(paths(&s), ["objects[2].features"]);
         let mut s = scene();
         s.tracks[1].samples.clear();
         assert_eq!(paths(&s), ["objects[1].samples"]);

@@ -154,6 +154,71 @@ fn detections() -> Vec<v1::Detection> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn features_of_detections_are_kept_bounded_and_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut videos = service.videos();
+    let request = |detections| v1::CreateVideoRequest {
+        video: Some(v1::Video { camera: Some(matrix()), ..Default::default() }),
+        detections,
+        ..Default::default()
+    };
+    let plain = videos.create_video(request(detections())).await.unwrap().into_inner();
+    assert!(plain.objects.iter().all(|o| o.features.is_empty()));
+    // A red body's features are 1 in all frames, a blue one's 3 and, where the detector is half as sure, 0; a false box has none.
+    let mut given = detections();
+    for d in &mut given {
+        let (is_red, is_sure) = (d.color.first().is_some_and(|c| c.word == "red"), d.frame >= 14);
+        (d.score, d.features) = match (d.color.is_empty(), is_red, is_sure) {
+            (true, ..) => (0.0, vec![]),
+            (_, true, _) => (0.8, vec![1.0; 1024]),
+            (_, _, true) => (0.8, vec![3.0; 1024]),
+            _ => (0.4, vec![0.0; 1024]),
+        };
+    }
+    let made = videos.create_video(request(given.clone())).await.unwrap().into_inner();
+    assert_ne!(made.name, plain.name);
+    let get = v1::GetVideoRequest { name: made.name.clone(), read_mask: None };
+    let kept = videos.get_video(get).await.unwrap().into_inner();
+    for object in &kept.objects {
+        // 11 sure frames and 10 unsure ones of the blue body.
+        let mean = if object.color == "red" { 1.0 } else { 3.0 * 11.0 * 0.8 / (11.0 * 0.8 + 10.0 * 0.4) };
+        assert_eq!(object.features.len(), 1024);
+        assert!(
+            object.features.iter().all(|f| (f64::from(*f) - mean).abs() < 1e-6),
+            "{}",
+            object.features[0]
+        );
+    }
+    assert_eq!(service.create(kept).await.unwrap(), made.name, "what the reply holds may be posted again");
+    let listed = videos.list_videos(v1::ListVideosRequest::default()).await.unwrap().into_inner().videos;
+    assert!(listed.len() == 2 && listed.iter().flat_map(|v| &v.objects).all(|o| o.features.is_empty()));
+
+    type Wrong = (fn(&mut v1::Detection), &'static str);
+    let cases: [Wrong; 3] = [
+        (|d| d.features = vec![0.0; 1025], "at most 1024"),
+        (|d| d.features[7] = f32::NAN, "number 7 is NaN; give finite numbers"),
+        (|d| d.features.truncate(256), "has 256 numbers, but those before have 1024"),
+    ];
+    for (change, message) in cases {
+        let mut wrong = given.clone();
+        change(&mut wrong[3]);
+        let status = videos.create_video(request(wrong)).await.unwrap_err();
+        assert_eq!(fields(&status), ["detections[3].features"]);
+        assert!(status.message().contains(message), "{status:?}");
+    }
+    let mut wrong = made;
+    wrong.objects[1].features.pop();
+    let status = videos
+        .create_video(v1::CreateVideoRequest { video: Some(wrong), ..Default::default() })
+        .await
+        .unwrap_err();
+    assert_eq!(fields(&status), ["video.objects[1].features"]);
+    drop(videos);
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn detections_are_linked_and_the_reply_says_how() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;

@@ -145,6 +145,7 @@ pub fn video(name: &str, frames: u32) -> v1::Video {
         material: "rubber".into(),
         shape: Some(v1::Shape { kind: Some(kind) }),
         mass: None,
+        features: vec![],
         samples: (0..frames).map(|f| sample(f, 0.04 * speed * f as f64, id as f64)).collect(),
     };
     let disc = || Kind::Disc(Disc { radius: 0.2 });

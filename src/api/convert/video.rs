@@ -110,8 +110,8 @@ fn measured(r: &mut Violations, given: Vec<v1::Object>) -> MeasuredObjects {
                 covariance: sample.covariance.map(camera::covariance),
             });
         }
-        let (id, color, material, mass) = (object.id, object.color, object.material, object.mass);
-        found.objects.push(Object { id, color, material, shape, mass });
+        let v1::Object { id, color, material, mass, features, .. } = object;
+        found.objects.push(Object { id, color, material, shape, mass, features });
         found.tracks.push(Track { samples });
     }
     found
@@ -158,7 +158,7 @@ fn size_field(scene: &Scene, at: &str, size: &str) -> String {
     }
 }
 
-/// The message of a scene; without its times and samples in a list.
+/// The message of a scene; without its times, samples and features in a list.
 pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
     let world = match scene.world {
         WorldKind::Clevrer => v1::World::Clevrer,
@@ -166,9 +166,9 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         WorldKind::AirTable => v1::World::AirTable,
         WorldKind::Billiards => v1::World::Billiards,
     };
-    let objects = scene.objects.iter().enumerate().map(|(index, object)| {
-        let samples = if whole { scene.all_samples(index) } else { vec![] };
-        object_message(object, &samples)
+    let objects = scene.objects.iter().enumerate().map(|(index, object)| match whole {
+        true => object_message(object, &scene.all_samples(index)),
+        false => v1::Object { features: vec![], ..object_message(object, &[]) },
     });
     let outlier = |outlier: &Outlier| v1::Outlier {
         object: scene.objects.get(outlier.object).map_or(0, |o| o.id),
@@ -221,6 +221,7 @@ pub fn object_message(object: &Object, samples: &[Sample]) -> v1::Object {
         material: object.material.clone(),
         shape: Some(shape(&object.shape)),
         mass: object.mass,
+        features: object.features.clone(),
         samples: samples.iter().map(sample).collect(),
     }
 }

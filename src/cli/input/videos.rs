@@ -163,7 +163,7 @@ fn advice(error: &PerceptionError) -> String {
     format!("{error}{flags}")
 }
 
-fn open(path: &Path, decoder: Option<Decoder>) -> Result<Video, Failure> {
+pub(super) fn open(path: &Path, decoder: Option<Decoder>) -> Result<Video, Failure> {
     if decoder == Some(Decoder::Ffmpeg) {
         return Video::open(decoded_by_ffmpeg(path)?).map_err(|e| Failure::input(e.to_string()));
     }
@@ -207,7 +207,7 @@ fn decoded_by_ffmpeg(path: &Path) -> Result<Vec<u8>, Failure> {
 }
 
 impl VideoView {
-    fn options(&self, path: &Path) -> Result<PerceptionOptions, Failure> {
+    pub(super) fn options(&self, path: &Path) -> Result<PerceptionOptions, Failure> {
         let radius = self.args.ball_radius;
         let above = match self.args.view {
             Some(view) => view == ViewKind::Top,

@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
 /// Reads the text of an annotation file. Besides CLEVRER's keys it may have `fps`, `times` (s, one a frame), `world`, `setup`,
-/// `camera_matrix`, `image_size`, `image_noise_px`, `table`, `noise_sigma`, an object's `size` and `mass`, and a sample's
+/// `camera_matrix`, `image_size`, `image_noise_px`, `table`, `noise_sigma`, an object's `size`, `mass` and `features`, and a sample's
 /// `covariance` (xx, xy, yy in m^2). A sample with `image_center` (px) and no `location` is placed by the camera.
 /// Unknown keys are ignored; everything that is wrong is reported at once.
 pub fn parse(name: &str, text: &str) -> Result<Scene, SceneError> {
@@ -173,13 +173,14 @@ impl AnnotationReader {
             let mut word = |key| self.fields.text(entry, key, &path).unwrap_or_default().to_lowercase();
             let (color, material) = (word("color"), word("material"));
             let mass = self.fields.number(entry, "mass", &path);
+            let features = self.fields.features(entry, &path);
             match id {
                 Some(id) if objects.iter().any(|o: &Object| o.id == id) => {
                     let message = format!("is {id}, the id of another object; give each object its own id");
                     self.violation(format!("{path}.object_id"), message);
                     self.bad_ids = true;
                 }
-                Some(id) => objects.push(Object { id, color, material, shape, mass }),
+                Some(id) => objects.push(Object { id, color, material, shape, mass, features }),
                 None => self.bad_ids = true,
             }
         }

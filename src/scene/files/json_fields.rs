@@ -70,6 +70,14 @@ impl JsonFields {
         value.as_str().map(str::to_string)
     }
 
+    /// The list of numbers under `features`; empty where there is none.
+    pub(super) fn features(&mut self, from: &Map<String, Value>, path: &str) -> Vec<f32> {
+        let Some(value) = from.get("features").filter(|v| !v.is_null()) else { return vec![] };
+        let length = value.as_array().map_or(0, Vec::len);
+        let numbers = self.numbers(Some(value), &join(path, "features"), &[length]);
+        numbers.unwrap_or_default().into_iter().map(|f| f as f32).collect()
+    }
+
     /// A required list of numbers with one of these lengths.
     pub(super) fn numbers(
         &mut self,

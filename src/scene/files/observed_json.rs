@@ -51,6 +51,9 @@ fn object_property(object: &Object) -> Value {
     if let Some(mass) = object.mass {
         entry["mass"] = mass.into();
     }
+    if !object.features.is_empty() {
+        entry["features"] = json!(object.features);
+    }
     entry
 }
 
@@ -88,6 +91,7 @@ mod tests {
         scene.tracks[0].samples[3].covariance = Some(Covariance { xx: 1e-4, xy: -2e-5, yy: 3e-4 });
         scene.times[5] += 0.003;
         scene.setup = Some("bench".into());
+        scene.objects[1].features = vec![0.1, -2.5e-7, 3.0];
         assert_eq!(parse("scene", &observed_json(&scene).to_string()).unwrap(), scene);
         scene.camera = None;
         scene.tracks[0].samples[5].position.x += 1.0;

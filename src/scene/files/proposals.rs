@@ -1,7 +1,7 @@
 //! Reads detections: CLEVRER's `derender_proposals` files, and the same with boxes or scores.
 
 use crate::scene::limits::MAX_FRAMES;
-use crate::scene::tracks::detection::{AttributeScores, Detection};
+use crate::scene::tracks::detection::{AttributeScores, Detection, checked_features};
 use crate::scene::tracks::link::MAX_DETECTIONS;
 use crate::scene::tracks::mask::{BoundingBox, bounds, decompress};
 use crate::scene::violations::{SceneError, SceneViolations};
@@ -15,7 +15,7 @@ pub struct Proposals {
 }
 
 /// Reads `{"frames": [{"frame_index", "objects": [{"mask": {"size", "counts"} | "box": [left, top, width, height], "color",
-/// "material", "shape", "score"}]}]}`. An attribute is a word, or words with scores. Everything that is wrong is reported at
+/// "material", "shape", "score", "features"}]}]}`. An attribute is a word, or words with scores. Everything that is wrong is reported at
 /// once, with frame and field. `image_size`: width and height of the camera's image (px).
 pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, SceneError> {
     let mut r = SceneViolations::default();
@@ -31,7 +31,7 @@ pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, Sc
         );
     }
     let mut detections = vec![];
-    let mut frames = 0;
+    let (mut frames, mut length) = (0, None);
     let list = root["frames"].as_array().map(Vec::as_slice).unwrap_or_default();
     if list.is_empty() && !root.is_null() {
         r.add("frames", "is missing or empty; give a list of frames with their objects");
@@ -63,7 +63,7 @@ pub fn parse_proposals(text: &str, image_size: [f64; 2]) -> Result<Proposals, Sc
                 wrong(("", format!("is one more than {MAX_DETECTIONS} detections; split the video")));
                 break;
             }
-            match detection(object, index, image_size) {
+            match detection(object, index, image_size, &mut length) {
                 Ok(found) => detections.push(found),
                 Err(error) => wrong(error),
             }
@@ -80,7 +80,12 @@ fn pair(value: &Value) -> Option<[f64; 2]> {
 /// The field that is wrong, and the message.
 type FieldError = (&'static str, String);
 
-fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection, FieldError> {
+fn detection(
+    object: &Value,
+    frame: usize,
+    image: [f64; 2],
+    length: &mut Option<usize>,
+) -> Result<Detection, FieldError> {
     let bounds = match (object.get("mask"), object.get("box").or(object.get("bbox"))) {
         (Some(mask), _) => of_mask(mask, image)?,
         (None, Some(list)) => {
@@ -104,7 +109,20 @@ fn detection(object: &Value, frame: usize, image: [f64; 2]) -> Result<Detection,
     };
     let (color, material, shape) =
         (words(object, "color")?, words(object, "material")?, words(object, "shape")?);
-    Ok(Detection { frame, bounds, color, material, shape, score })
+    let features = features(object)?;
+    checked_features(&features, length).map_err(|message| ("features", message))?;
+    Ok(Detection { frame, bounds, color, material, shape, score, features })
+}
+
+fn features(object: &Value) -> Result<Vec<f32>, FieldError> {
+    let wrong = |other: &Value| ("features", format!("has {other}; give a list of numbers"));
+    match object.get("features") {
+        None | Some(Value::Null) => Ok(vec![]),
+        Some(Value::Array(list)) => {
+            list.iter().map(|v| v.as_f64().map(|f| f as f32).ok_or_else(|| wrong(v))).collect()
+        }
+        Some(other) => Err(wrong(other)),
+    }
 }
 
 fn of_mask(mask: &Value, image: [f64; 2]) -> Result<BoundingBox, FieldError> {
@@ -154,12 +172,13 @@ mod tests {
         // A mask of 4 x 6 pixels, rows 1 and 2 of columns 2 and 3.
         let good = r#"{"frames": [{"frame_index": 7, "objects": [
             {"mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}, "color": "Red", "material": {"metal": 0.7, "rubber": 0.3},
-             "shape": "cube", "score": 0.9}]}]}"#;
+             "shape": "cube", "score": 0.9, "features": [0.5, -2]}]}]}"#;
         let parse_proposals = |text: &str| parse_proposals(text, [6.0, 4.0]);
         let read = parse_proposals(good).unwrap();
         assert_eq!(read.frames, 8);
         assert_eq!(read.detections[0].bounds.edges(), [2.0, 1.0, 4.0, 3.0]);
         assert_eq!(read.detections[0].material["rubber"], 0.3);
+        assert_eq!(read.detections[0].features, [0.5, -2.0]);
         let wrong = |from: &str, to: &str| {
             let error = parse_proposals(&good.replacen(from, to, 1)).unwrap_err();
             (error.violations[0].path.clone(), error.violations[0].message.clone())
@@ -172,6 +191,9 @@ mod tests {
             (r#""mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}"#, r#""box": [3, 1, 6, 3]"#, "box"),
             ("0.9", "7", "score"),
             ("\"cube\"", "3", "shape"),
+            ("[0.5, -2]", "[0.5, \"-2\"]", "features"),
+            ("[0.5, -2]", "[1e60, 0]", "features"),
+            ("[0.5, -2]", "0.5", "features"),
             (r#""mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}"#, r#""box": [500, 20, 30, 30]"#, "box"),
             (r#""mask": {"size": [4, 6], "counts": [9, 2, 2, 2, 9]}"#, r#""box": [50, 20, -3, 30]"#, "box"),
         ] {

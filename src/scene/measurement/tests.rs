@@ -34,6 +34,7 @@ fn video(frames: usize, ways: &[&dyn Fn(f64) -> Vec2]) -> Scene {
         material: String::new(),
         shape: Shape::Disc { radius: 0.03 },
         mass: None,
+        features: vec![],
     };
     Scene {
         name: "a".into(),

@@ -6,7 +6,8 @@
 //!
 //! 1. Each detection is placed on the ground plane with its covariance (`silhouette`).
 //! 2. Frame by frame, detections are assigned; tracks continue over gaps.
-//! 3. Tracks with too few detections are dropped; attributes are decided by votes weighted with confidence.
+//! 3. Tracks with too few detections are dropped; attributes are decided by votes weighted with confidence, and so is the mean of
+//!    the features.
 //! 4. Detections are placed again with the voted shape. Where two bodies overlap, the less certain sample is dropped.
 
 use crate::scene::camera::projection::{Camera, CameraError};
@@ -26,7 +27,7 @@ use std::collections::BTreeMap;
 /// Most detections of one video.
 pub const MAX_DETECTIONS: usize = 200_000;
 /// Most detections of one frame: the work of an assignment grows with the third power.
-const MAX_IN_FRAME: usize = 128;
+pub const MAX_IN_FRAME: usize = 128;
 /// Most tracks followed at a time.
 const MAX_FOLLOWED: usize = 256;
 /// Cost of a new track: more than a body at the gate with the right look, less than one with a wrong look there.
@@ -204,8 +205,9 @@ fn linked(
         material: word(&p.votes[1]),
         shape: voted_shape(&p.votes[2], options.size),
         mass: None,
+        features: vec![],
     };
-    let objects: Vec<Object> = candidates.iter().enumerate().map(object).collect();
+    let mut objects: Vec<Object> = candidates.iter().enumerate().map(object).collect();
     let mut taken: Vec<bool> = vec![false; detections.len()];
     candidates.iter().flat_map(|p| &p.placed).for_each(|s| taken[s.detection] = true);
     let mut tracks: Vec<Track> = vec![];
@@ -235,6 +237,9 @@ fn linked(
         members.push(own);
     }
     separate(&objects, &mut tracks, &mut members);
+    for (object, own) in objects.iter_mut().zip(&members) {
+        object.features = mean_features(own.iter().map(|&i| &detections[i]));
+    }
     let gaps = tracks.iter().flat_map(|t| t.samples.windows(2)).map(|w| w[1].frame - w[0].frame - 1);
     let (bridged, missing) = gaps.filter(|&g| g > 0).fold((0, 0), |(n, sum), g| (n + 1, sum + g));
     let report = LinkReport {
@@ -246,6 +251,17 @@ fn linked(
         detections_dropped: detections.len() - members.iter().map(Vec::len).sum::<usize>(),
     };
     LinkedTracks { objects, tracks, members, camera: options.camera, report }
+}
+
+/// The mean features of the detections that have some, weighted by their scores.
+fn mean_features<'a>(members: impl Iterator<Item = &'a Detection>) -> Vec<f32> {
+    let (mut sums, mut weight) = (vec![], 0.0);
+    for member in members.filter(|d| !d.features.is_empty()) {
+        sums.resize(member.features.len(), 0.0);
+        weight += member.score;
+        sums.iter_mut().zip(&member.features).for_each(|(sum, &f)| *sum += member.score * f64::from(f));
+    }
+    sums.into_iter().map(|sum| (sum / weight) as f32).collect()
 }
 
 /// Drops the less certain of two samples of a frame that put two bodies inside each other.
@@ -272,5 +288,22 @@ fn separate(objects: &[Object], tracks: &mut [Track], members: &mut [Vec<usize>]
                 members[track].remove(sample);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn features_are_means_weighted_by_scores() {
+        let bounds = BoundingBox { left: 0.0, top: 0.0, right: 1.0, bottom: 1.0 };
+        let detection = |score: f64, features: &[f32]| {
+            let (color, material, shape) = Default::default();
+            Detection { frame: 0, bounds, color, material, shape, score, features: features.to_vec() }
+        };
+        let members = [detection(0.75, &[1.0, 0.0]), detection(0.5, &[]), detection(0.25, &[5.0, -4.0])];
+        assert_eq!(mean_features(members.iter()), [2.0, -1.0]);
+        assert_eq!(mean_features(members[1..2].iter()), [0.0; 0]);
     }
 }

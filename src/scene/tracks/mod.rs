@@ -7,7 +7,7 @@ pub(in crate::scene) mod outliers;
 mod silhouette;
 mod track_candidate;
 
-pub use detection::{AttributeScores, Detection, LinkOptions};
-pub use link::{LinkError, LinkReport, LinkedTracks, MAX_DETECTIONS, link};
+pub use detection::{AttributeScores, Detection, LinkOptions, checked_features};
+pub use link::{LinkError, LinkReport, LinkedTracks, MAX_DETECTIONS, MAX_IN_FRAME, link};
 pub use mask::{BoundingBox, MaskError, bounds as mask_bounds, decompress};
 pub use silhouette::outline;

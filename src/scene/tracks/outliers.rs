@@ -171,6 +171,7 @@ mod tests {
                 material: String::new(),
                 shape: Shape::Disc { radius: 0.2 },
                 mass: None,
+                features: vec![],
             }],
             tracks: vec![Track { samples: positions.into_iter().enumerate().map(sample).collect() }],
             outliers: vec![],

@@ -7,7 +7,7 @@ use crate::api::v1;
 use crate::engine::EngineError;
 use crate::scene::{
     AttributeScores, BoundingBox, DEFAULT_SIZE, Detection, LinkError, LinkOptions, LinkReport,
-    MAX_DETECTIONS, MAX_FRAMES, MAX_NAME, SIZE_RANGE, decompress, link, mask_bounds,
+    MAX_DETECTIONS, MAX_FRAMES, MAX_NAME, SIZE_RANGE, checked_features, decompress, link, mask_bounds,
 };
 
 /// Most words for one attribute of a detection.
@@ -40,9 +40,13 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
         ));
     }
     let image_size = camera.map_or([f64::INFINITY; 2], |c| c.image_size);
-    let mut detections = vec![];
+    let (mut detections, mut length) = (vec![], None);
     for (i, d) in request.detections.into_iter().enumerate() {
-        detections.extend(detection(&mut r, &format!("detections[{i}]"), d, image_size));
+        let path = format!("detections[{i}]");
+        if let Err(message) = checked_features(&d.features, &mut length) {
+            r.add(format!("{path}.features"), format!("frame {}: {message}", d.frame));
+        }
+        detections.extend(detection(&mut r, &path, d, image_size));
     }
     let last = detections.iter().map(|d| d.frame + 1).max().unwrap_or(0);
     let frames = last.max(request.frame_count as usize);
@@ -133,7 +137,7 @@ fn detection(
     };
     let (color, material, shape) =
         (words("color", d.color), words("material", d.material), words("shape", d.shape));
-    Some(Detection { frame, bounds, color, material, shape, score })
+    Some(Detection { frame, bounds, color, material, shape, score, features: d.features })
 }
 
 pub fn linking_message(report: &LinkReport) -> v1::Linking {

@@ -1,7 +1,7 @@
 //! `import`: converts files of other programs to scene folders.
 
 use crate::api;
-use crate::api::v1::{Box, CreateVideoRequest, Detection, Score, Video, detection};
+use crate::api::v1::{Box, CreateVideoRequest, Detection, Linking, Score, Video, detection};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress;
@@ -45,6 +45,9 @@ pub struct ImportArgs {
     /// Standard deviation of the edges of detections (px) [default: 1].
     #[arg(long, value_name = "PIXELS", value_parser = positive)]
     noise: Option<f64>,
+    /// Finds the objects of videos by your own network: an ONNX model, with a JSON beside it that says what its outputs are.
+    #[arg(long, value_name = "MODEL")]
+    detector: Option<PathBuf>,
     #[command(flatten)]
     stated: StatedArgs,
     #[command(flatten)]
@@ -150,13 +153,12 @@ async fn one(
     (path, bytes): (&Path, &[u8]),
     name: &str,
 ) -> Result<(String, Value), Failure> {
-    let mut seen = None;
     let parsed = match input::is_video_file(path) {
-        true => args.seen(path, seen.insert(args.see(path)?))?,
+        true => args.seen(path)?,
         false => args.parsed(name, bytes)?,
     };
     let video = connection.create(parsed.request).await?;
-    let linking = video.linking;
+    let linking = video.linking.or(parsed.linking);
     let scene = api::scene_from_message(Some(video)).map_err(Failure::other)?;
     let file = args.out.join(name).join(input::OBSERVED);
     if file.canonicalize().ok().is_some_and(|f| path.canonicalize().is_ok_and(|p| p == f)) {
@@ -168,10 +170,9 @@ async fn one(
     std::fs::create_dir_all(args.out.join(name))
         .map_err(|e| Failure::other(format!("{}: {e}", args.out.display())))?;
     let mut observed = observed_json(&scene);
-    if let Some(seen) = &seen {
+    if let Some((report, _)) = &parsed.report {
         observed["times"] = json!(scene.times);
-        let report = args.out.join(name).join("perception.json");
-        output::file(&report, seen.report_json().to_string().as_bytes())?;
+        output::file(&args.out.join(name).join("perception.json"), report.to_string().as_bytes())?;
     }
     output::file(&file, observed.to_string().as_bytes())?;
     let (kind, file) = (parsed.kind, file.display().to_string());
@@ -185,7 +186,7 @@ async fn one(
     if let (Some(given), Some(dropped)) = (given, dropped) {
         text += &format!(", {dropped} of {given} detections dropped");
     }
-    text.extend(seen.iter().map(|seen| format!("\n  {}", seen.line())));
+    text.extend(parsed.report.iter().map(|(_, line)| format!("\n  {line}")));
     text += &object_lines(&scene);
     text.extend(input::outlier_message(&scene).map(|line| format!("\n  {line}")));
     let json = json!({
@@ -222,6 +223,10 @@ fn object_lines(scene: &Scene) -> String {
 struct ImportedFile {
     kind: &'static str,
     request: CreateVideoRequest,
+    /// How the objects of a video were found: as JSON, and in a line.
+    report: Option<(Value, String)>,
+    /// How detections were linked here.
+    linking: Option<Linking>,
 }
 
 /// Whether a file holds detections.
@@ -236,24 +241,32 @@ fn holds_detections(bytes: &[u8]) -> bool {
 }
 
 impl ImportArgs {
-    /// The tracks of a video.
-    fn see(&self, path: &Path) -> Result<input::SeenVideo, Failure> {
+    /// The tracks of a video, found by a detector if there is one.
+    fn seen(&self, path: &Path) -> Result<ImportedFile, Failure> {
+        let unused = [
+            ("--fps", self.stated.fps.is_some()),
+            ("--noise", self.noise.is_some() && self.detector.is_none()),
+        ];
+        if let Some((flag, _)) = unused.into_iter().find(|(_, given)| *given) {
+            let message = format!("{flag} has no effect on a video; leave it out");
+            return Err(Failure::input(message).at(&path.display().to_string()));
+        }
         let view = input::VideoView {
             args: self.view.clone(),
             camera: self.camera.clone(),
             scale: self.stated.scale,
             size: self.stated.size,
         };
-        input::see(path, &view)
-    }
-
-    fn seen(&self, path: &Path, seen: &input::SeenVideo) -> Result<ImportedFile, Failure> {
-        let unused = [("--fps", self.stated.fps.is_some()), ("--noise", self.noise.is_some())];
-        if let Some((flag, _)) = unused.into_iter().find(|(_, given)| *given) {
-            let message = format!("{flag} has no effect on a video; leave it out");
-            return Err(Failure::input(message).at(&path.display().to_string()));
+        if let Some(model) = &self.detector {
+            let found = input::detect(path, model, &view, self.noise)?;
+            let (report, linking) =
+                ((found.report_json(), found.line()), api::linking_message(&found.linking));
+            let request = input::post_request(&found.scene);
+            return Ok(ImportedFile { kind: "video", request, report: Some(report), linking: Some(linking) });
         }
-        Ok(ImportedFile { kind: "video", request: input::post_request(&seen.scene) })
+        let seen = input::see(path, &view)?;
+        let report = Some((seen.report_json(), seen.line()));
+        Ok(ImportedFile { kind: "video", request: input::post_request(&seen.scene), report, linking: None })
     }
 
     fn parsed(&self, name: &str, bytes: &[u8]) -> Result<ImportedFile, Failure> {
@@ -270,7 +283,7 @@ impl ImportArgs {
         if let Some(flag) = self.unused_flag(kind) {
             return Err(Failure::input(format!("{flag} has no effect on this format; leave it out")));
         }
-        Ok(ImportedFile { kind, request })
+        Ok(ImportedFile { kind, request, report: None, linking: None })
     }
 
     /// A given flag that has no effect on this format.
@@ -278,6 +291,7 @@ impl ImportArgs {
         let (detected, stated) = (kind == "proposals", kind == "annotation");
         let given = [
             ("--camera", self.camera.is_some() && !detected),
+            ("--detector", self.detector.is_some()),
             ("--fps", self.stated.fps.is_some() && stated),
             ("--noise", self.noise.is_some() && !detected),
             ("--size", self.stated.size.is_some() && stated),
@@ -314,6 +328,7 @@ fn detections(args: &ImportArgs, name: &str, text: &str) -> Result<CreateVideoRe
         material: scores(&d.material),
         shape: scores(&d.shape),
         score: d.score,
+        features: d.features.clone(),
     };
     let video = Video {
         display_name: name.into(),

@@ -121,7 +121,7 @@ struct ObjectRows {
 impl ObjectRows {
     fn new(id: u32, notes: &Notes) -> Self {
         let (shape, material) = (Shape::Disc { radius: notes.size }, notes.material.clone());
-        let object = Object { id, color: String::new(), material, shape, mass: None };
+        let object = Object { id, color: String::new(), material, shape, mass: None, features: vec![] };
         ObjectRows {
             object,
             track: Track::default(),
