@@ -14,7 +14,7 @@ use super::revise::Revision;
 use super::screen::{ForceCandidate, LinearisationPoint, detectable, region};
 use super::search::{ELSEWHERE, FreeMotion, PROOF};
 use super::weak_form::{WeakFormRegression, fit_forces};
-use crate::effects::{EffectEntry, Hook, ObstacleForm, ParamId, ParamSpec, SearchStart, effect};
+use crate::effects::{EffectEntry, ObstacleForm, ParamId, ParamSpec, SearchStart, effect};
 use crate::fit::{Estimate, Fit, SceneFit, widened};
 use crate::num::elementary;
 use crate::world::{EventKind, trace};
@@ -396,27 +396,6 @@ pub fn table_advice(effects: &[FoundEffect]) -> String {
     format!(
         "; walls stand around the objects: state them in each file with the line `# table: {left:.4} {right:.4} {bottom:.4} {top:.4}`"
     )
-}
-
-/// Amplitudes of laws of contact that are known from below only.
-pub fn open_intervals(effects: &[FoundEffect]) -> String {
-    let one = |found: &FoundEffect| -> Option<String> {
-        let (entry, first) = (effect(&found.effect)?, found.parameters.first()?);
-        let spec = entry.spec.params.first().filter(|p| p.name == first.name)?;
-        let (ParameterValue::Number(low), ParameterValue::Number(high)) = (&first.low, &first.high) else {
-            return None;
-        };
-        let is_open =
-            entry.uses(Hook::Contact) && entry.obstacle().is_none() && *high == spec.max && *low > 0.0;
-        let decimals = decimals(first.sd.first().copied().unwrap_or(0.0));
-        is_open.then(|| {
-            format!(
-                "; {}.{} is at least {low:.decimals$}: the contacts stick, so that a larger value changes nothing; record glancing contacts",
-                found.kind, spec.name
-            )
-        })
-    };
-    effects.iter().filter_map(one).collect()
 }
 
 /// Whether objects come near each other in one of these videos, or collide in its simulation.

@@ -18,7 +18,6 @@ mod hidden_geometry;
 mod intervals;
 mod jackknife;
 mod negligible;
-mod one_sided;
 mod outcome;
 mod proof;
 mod proposal;

@@ -10,11 +10,10 @@ use super::formula::{MOST_TERMS, ResidualLaw};
 use super::formula_test::{formula_beats_library, law_beside, once, predicts_held_out, written};
 use super::intervals::{
     FOLLOWED, contact_duration, contact_numbers, found, found_contact, has_contacts, numbers_of_rivals,
-    open_intervals, ranked, reason, smallest, table_advice,
+    ranked, reason, smallest, table_advice,
 };
 use super::jackknife::{SharedEstimate, numbers_of, of_videos};
-use super::one_sided::open_above;
-use super::outcome::{Discovery, FoundEffect, NINETY_FIVE, ParameterValue, Verdict, may_be_none};
+use super::outcome::{Discovery, FoundEffect, Verdict, may_be_none};
 use super::proof::{self, alike_kinds, at_noise, explains_all};
 use super::proposal::FORMULA;
 use super::revise::{Revision, fits_of_revision, pooled_noise, revise, revise_from};
@@ -359,7 +358,7 @@ pub fn conclude(
         aside += &departure(lens, last, &options.fit, stop)?.unwrap_or_default();
     }
     Ok(Discovery {
-        reason: reason + &strength + &table_advice(&effects) + &open_intervals(&effects) + &duration + &aside,
+        reason: reason + &strength + &table_advice(&effects) + &duration + &aside,
         verdict,
         effects,
         ranked,
@@ -392,18 +391,8 @@ fn contact_effect(
     if doubtful && amplitude.is_some_and(|s| may_be_none(s.value, s.scatter)) {
         return Ok(None);
     }
-    let (values, mut sd) = contact_numbers(c, pooled_noise(lens), videos.as_deref());
-    let open = match proof::loses(&last.fit) {
-        true => None,
-        false => open_above(lens, &last.fit, c.entry, values[0], options, stop)?,
-    };
-    if let Some(open) = &open {
-        sd[0] = (values[0] - open.low) / NINETY_FIVE;
-    }
-    let mut found = found_contact(c, &values, &sd);
-    if let (Some(open), Some(first)) = (open, found.parameters.first_mut()) {
-        first.high = ParameterValue::Number(open.high);
-    }
+    let (values, sd) = contact_numbers(c, pooled_noise(lens), videos.as_deref());
+    let found = found_contact(c, &values, &sd);
     Ok((!found.uncertain).then_some(found))
 }
 
