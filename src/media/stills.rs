@@ -1,6 +1,6 @@
 //! Stills: a few frames of a video as small JPEG files, so that people see later what was seen.
 
-use super::error::check_size;
+use super::error::{MediaError, check_size};
 use super::limits::{MAX_STILL_BYTES, MAX_STILL_SIDE, MAX_STILLS, MIN_FRAME_SIDE};
 use super::pictures::picture;
 use super::video::VideoFrame;
@@ -29,6 +29,8 @@ pub struct Still {
 pub enum StillError {
     #[error("has {given} bytes, more than {MAX_STILL_BYTES}; scale the picture down, or compress it more")]
     TooLarge { given: usize },
+    #[error("is of a video that {0}")]
+    VideoSize(MediaError),
     #[error("is no JPEG that can be read ({what}); give a JPEG")]
     NotJpeg { what: String },
     #[error("has {given:?} px, more than {MAX_STILL_SIDE} on a side; scale the picture down")]
@@ -71,7 +73,7 @@ impl Still {
         if !self.jpeg.starts_with(&JPEG_START) {
             return Err(unread("it does not begin as one".into()));
         }
-        check_size(self.size[0], self.size[1]).map_err(|e| unread(format!("the frame {e}")))?;
+        check_size(self.size[0], self.size[1]).map_err(StillError::VideoSize)?;
         let (_, given) = picture(&self.jpeg, self.frame).map_err(|e| unread(e.to_string()))?;
         if given.iter().any(|side| *side > MAX_STILL_SIDE) {
             return Err(StillError::TooWide { given });
@@ -252,7 +254,7 @@ mod tests {
         assert!(matches!(checked(&|s| s.jpeg.truncate(300)), StillError::NotJpeg { .. }));
         assert!(matches!(checked(&|s| s.jpeg.resize(MAX_STILL_BYTES + 1, 0)), StillError::TooLarge { .. }));
         assert!(matches!(checked(&|s| s.size = [480, 270]), StillError::OtherShape { .. }));
-        assert!(matches!(checked(&|s| s.size = [0, 0]), StillError::NotJpeg { .. }));
+        assert!(matches!(checked(&|s| s.size = [0, 0]), StillError::VideoSize(_)));
         let mut wide = vec![];
         let mut encoder = JpegEncoder::new(&mut wide);
         encoder.encode(&[0; 3 * 960 * 64], 960, 64, ExtendedColorType::Rgb8).unwrap();
