@@ -52,10 +52,8 @@ fn a_wrong_scale_shows_where_objects_touch() {
 /// Without contacts friction alone tells it: it seems larger along the longer axis. With contacts, their distances do, too.
 #[test]
 fn axes_of_different_scale_are_no_force() {
-    for launches in [launches(), meetings()] {
-        let told = found_in(&film(&launches, Some(("axis_scale", &[("excess", 0.08)]))), "axis_scale");
-        assert!((number(told("ratio")) - 1.0833).abs() < 0.02);
-    }
+    let told = found_in(&film(&meetings(), Some(("axis_scale", &[("excess", 0.08)]))), "axis_scale");
+    assert!((number(told("ratio")) - 1.0833).abs() < 0.02);
 }
 
 #[test]
