@@ -51,12 +51,6 @@ fn a_wrong_scale_shows_where_objects_touch() {
 
 /// Without contacts friction alone tells it: it seems larger along the longer axis. With contacts, their distances do, too.
 #[test]
-fn axes_of_different_scale_are_no_force() {
-    let told = found_in(&film(&meetings(), Some(("axis_scale", &[("excess", 0.08)]))), "axis_scale");
-    assert!((number(told("ratio")) - 1.0833).abs() < 0.02);
-}
-
-#[test]
 fn a_wrong_size_is_told_with_its_object() {
     let mut scenes = film(&meetings(), None);
     scenes.iter_mut().for_each(|s| s.objects[1].shape = Shape::Disc { radius: 0.16 });

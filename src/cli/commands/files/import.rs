@@ -236,8 +236,17 @@ fn holds_detections(bytes: &[u8]) -> bool {
     let root = text.and_then(|text| serde_json::from_str::<Map<String, Value>>(&text).ok());
     let is_one =
         |root: &Map<String, Value>| root.contains_key("frames") && !root.contains_key("motion_trajectory");
-    // Frames of objects with positions are tracks.
-    root.is_some_and(|root| is_one(&root) && !holds_records(bytes))
+    // Frames of objects with positions or identities are tracks.
+    root.is_some_and(|root| is_one(&root) && (has_unlinked(&root) || !holds_records(bytes)))
+}
+
+/// Whether frames hold objects with a box or a mask, of which none has an identity.
+fn has_unlinked(root: &Map<String, Value>) -> bool {
+    let list = |value: Option<&Value>| value.and_then(Value::as_array).cloned().unwrap_or_default();
+    let objects: Vec<Value> =
+        list(root.get("frames")).iter().flat_map(|frame| list(frame.get("objects"))).collect();
+    let any = |names: &[&str]| objects.iter().any(|o| names.iter().any(|name| o.get(name).is_some()));
+    any(&["box", "mask"]) && !any(&["id", "object_id", "track_id"])
 }
 
 impl ImportArgs {
@@ -366,6 +375,10 @@ mod tests {
         assert_eq!(kind(r#"{"frames": [{"objects": [{"mask": {"size": [1, 1]}}]}]}"#), Ok("proposals"));
         let tracks = r#"{"frames": [{"objects": [{"id": 1, "x": 0, "y": 0}]}, {"objects": [{"id": 1, "x": 1, "y": 0}]}]}"#;
         assert_eq!(kind(tracks), Ok("csv"));
+        let boxes =
+            r#"{"frames": [{"objects": [{"box": [10, 20, 4, 6]}]}, {"objects": [{"box": [12, 20, 4, 6]}]}]}"#;
+        assert_eq!(kind(boxes), Ok("proposals"));
+        assert_eq!(kind(&boxes.replace("{\"box\"", "{\"id\": 3, \"box\"")), Ok("csv"));
         assert_eq!(kind("mass A\nt\tx\ty\n0\t1\t2\n1\t1\t2\n"), Ok("csv"));
         assert_eq!(kind("# unit: mm\nid,t,x,y\n1,0,1,2\n1,1,1,2\n"), Ok("csv"));
         // The parser of annotations explains what is wrong with JSON.
