@@ -49,7 +49,6 @@ fn a_wrong_scale_shows_where_objects_touch() {
     assert!((number(told("scale")) - 1.08).abs() < 0.01);
 }
 
-/// Without contacts friction alone tells it: it seems larger along the longer axis. With contacts, their distances do, too.
 #[test]
 fn a_wrong_size_is_told_with_its_object() {
     let mut scenes = film(&meetings(), None);
