@@ -7,7 +7,7 @@
 use crate::num::{Real, Vec2, vec2};
 use serde::{Deserialize, Serialize};
 
-/// Numbers that describe one impulse in [`Model::flatten`], in this order; they follow those of the effects.
+/// Numbers that describe one impulse in [`crate::world::Model::flatten`], in this order; they follow those of the effects.
 pub const IMPULSE_VALUES: [&str; 4] = ["vx", "vy", "spin", "delay"];
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
