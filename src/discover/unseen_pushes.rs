@@ -40,7 +40,7 @@ const DEALT: f64 = 0.4;
 /// A wall that is nearer than this share of the radius deals changes away from it (cosine).
 const WALL_REACH: f64 = 1.5;
 const AWAY: f64 = 0.7;
-/// Frames before the first that leaves its track in which a push may have begun: it is seen once it has moved the object by more than
+/// Frames before the first that leaves its track in which a push may have started: it is seen once it has moved the object by more than
 /// the noise.
 const BEFORE: [usize; 3] = [2, 5, 10];
 /// How long a push may last (s).
