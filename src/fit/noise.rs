@@ -87,9 +87,8 @@ impl Noise {
 
 /// Mean variance of the covariances that the samples state (m^2); 1 where none does.
 fn stated(scene: &Scene) -> f64 {
-    let all = scene.tracks.iter().flat_map(|t| &t.samples).filter_map(|s| s.covariance);
-    let (sum, count) = all.fold((0.0, 0), |(sum, n), c| (sum + c.mean(), n + 1));
-    if count == 0 { 1.0 } else { sum / count as f64 }
+    let samples = scene.tracks.iter().flat_map(|t| &t.samples);
+    Covariance::mean_variance(samples.map(|s| s.covariance)).unwrap_or(1.0)
 }
 
 /// The noise of a scene's positions and yaws.

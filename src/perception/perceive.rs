@@ -10,7 +10,7 @@ use crate::num::{Stop, Stopped, median, wrap_angle};
 use crate::perception::image::ground::{GROUND_FRAMES, Ground};
 use crate::perception::outlines::outline::{BodyForm, FORMS};
 use crate::perception::outlines::viewpoint::{Viewpoint, top_camera};
-use crate::scene::{Camera, Object, Sample, Scene, Shape, Table, Track, WorldKind};
+use crate::scene::{Camera, Covariance, Object, Sample, Scene, Shape, Table, Track, WorldKind};
 
 /// Bytes of frames that are kept for following new bodies back.
 const PAST_BYTES: usize = 192 << 20;
@@ -259,6 +259,7 @@ fn conclude(
         objects.push(object);
         perceived.push(seen);
     }
+    let stated = tracks.iter().flat_map(|t: &Track| &t.samples).map(|s| s.covariance);
     let scene = Scene {
         name: options.name.clone(),
         setup: None,
@@ -267,7 +268,7 @@ fn conclude(
         times: info.times.clone(),
         camera: Some(tracker.setting.view.camera),
         table: options.table,
-        noise_sigma: deviation(&tracks),
+        noise_sigma: Covariance::mean_variance(stated).map(f64::sqrt),
         objects,
         tracks,
         outliers: vec![],
@@ -285,13 +286,6 @@ fn conclude(
         warnings,
     };
     Ok((scene, report))
-}
-
-/// Root mean square deviation of a coordinate (m).
-fn deviation(tracks: &[Track]) -> Option<f64> {
-    let variances = tracks.iter().flat_map(|t| &t.samples).filter_map(|s| s.covariance).map(|c| c.mean());
-    let (sum, count) = variances.fold((0.0, 0), |(sum, n), v| (sum + v, n + 1));
-    (count > 0).then(|| (sum / f64::from(count)).sqrt())
 }
 
 fn samples(track: &BodyTrack) -> Track {

@@ -26,6 +26,13 @@ impl Covariance {
         0.5 * (self.xx + self.yy)
     }
 
+    /// Mean of the mean variances of those that are stated (m^2); `None` where none is.
+    pub fn mean_variance(stated: impl Iterator<Item = Option<Covariance>>) -> Option<f64> {
+        let all = stated.flatten().map(|c| c.mean());
+        let (sum, count) = all.fold((0.0, 0), |(sum, n), variance| (sum + variance, n + 1));
+        (count > 0).then(|| sum / f64::from(count))
+    }
+
     pub fn scaled(&self, factor: f64) -> Covariance {
         Covariance { xx: factor * self.xx, xy: factor * self.xy, yy: factor * self.yy }
     }

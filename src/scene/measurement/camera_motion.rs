@@ -6,7 +6,7 @@
 //! n objects is then best estimated by n rho / (1 + (n - 1) rho) times the mean of r_i (Wiener), and taken out.
 
 use super::finding::{FindingKind, TrackFinding};
-use super::position_sd;
+use super::position_sds;
 use super::sides::{Sides, proof};
 use crate::num::{Vec2, vec2};
 use crate::scene::observation::Scene;
@@ -21,7 +21,7 @@ const CERTAIN: f64 = 4.5;
 
 /// Takes out bumps, and says so.
 pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let (mut frames, mut squares) = (vec![], 0.0);
     for frame in 0..scene.times.len().saturating_sub(1) {
         let sides = Sides::of(scene, frame, &noises);
@@ -44,7 +44,7 @@ pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
 
 /// Takes out the shake, and says so.
 pub fn take_out_shake(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let off: Vec<Vec<Option<Vec2>>> =
         (0..scene.tracks.len()).map(|k| distances(scene, k, noises[k])).collect();
     let (mut products, mut squares, mut count) = (0.0, 0.0, 0.0_f64);

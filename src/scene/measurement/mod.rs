@@ -36,6 +36,7 @@ pub use finding::{FindingKind, TrackFinding};
 pub use steps::step;
 
 use crate::num::quantile;
+use crate::scene::covariance::Covariance;
 use crate::scene::observation::{Outlier, Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
 use ends::leave_out_ends;
@@ -71,7 +72,7 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     found.extend(take_out_shake(scene, step));
     found.extend(state_uneven_noise(scene, step));
     let finding = |kind, value| TrackFinding { kind, objects: vec![], frames: vec![], value };
-    let noise = scene.tracks.iter().map(|t| position_sd(&t.samples, 0.0)).fold(f64::INFINITY, f64::min);
+    let noise = position_sds(scene, 0.0).into_iter().fold(f64::INFINITY, f64::min);
     if step > COARSE * noise && is_rounded(scene, step) {
         found.push(finding(FindingKind::Steps, step));
     }
@@ -125,9 +126,13 @@ fn position_sd(samples: &[Sample], step: f64) -> f64 {
     };
     let mut all: Vec<f64> = samples.windows(3).map(second).collect();
     let median = quantile(&mut all, 0.5).unwrap_or(0.0) / (2.0 * std::f64::consts::LN_2).sqrt();
-    let stated: Vec<f64> = samples.iter().filter_map(|s| s.covariance).map(|c| c.mean()).collect();
-    let stated = (stated.iter().sum::<f64>() / stated.len().max(1) as f64).sqrt();
+    let stated = Covariance::mean_variance(samples.iter().map(|s| s.covariance)).unwrap_or(0.0).sqrt();
     median.max(step / 12.0_f64.sqrt()).max(stated).max(SMALLEST)
+}
+
+/// The same of each track.
+fn position_sds(scene: &Scene, step: f64) -> Vec<f64> {
+    scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect()
 }
 
 /// Least deviation of a position (m): less is round-off.

@@ -7,7 +7,7 @@
 //! out. A turning table turns the places of objects against each other, which d and z do not.
 
 use super::finding::{FindingKind, TrackFinding};
-use super::position_sd;
+use super::position_sds;
 use super::sides::{is_noise, proof};
 use crate::num::{Vec2, vec2};
 use crate::scene::observation::{Sample, Scene};
@@ -36,7 +36,7 @@ struct CameraMotion {
 
 /// Takes out the slow motion that objects at rest prove, and says so.
 pub fn take_out_slow_motion(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let mut at_rest: Vec<usize> = (0..scene.tracks.len()).filter(|&k| stays(scene, k, noises[k])).collect();
     let path = loop {
         let path = Path::of(scene, &at_rest, &noises)?;

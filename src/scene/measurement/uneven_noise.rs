@@ -4,7 +4,7 @@
 //! covariance of its track, as if the tracker had stated it; a fit estimates their common scale.
 
 use super::finding::{FindingKind, TrackFinding};
-use super::position_sd;
+use super::position_sds;
 use crate::scene::covariance::Covariance;
 use crate::scene::observation::Scene;
 
@@ -21,7 +21,7 @@ const SMALLEST: f64 = 1e-6;
 /// States the noise of each track, if they differ.
 pub fn state_uneven_noise(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     let stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let known: Vec<usize> = (0..noises.len())
         .filter(|&k| scene.tracks[k].samples.len() >= FEWEST && noises[k] > SMALLEST)
         .collect();

@@ -9,7 +9,7 @@
 
 use crate::num::{Vec2, quantile};
 use crate::scene::measurement::finding::{FindingKind, TrackFinding};
-use crate::scene::measurement::position_sd;
+use crate::scene::measurement::position_sds;
 use crate::scene::measurement::sides::{Remains, Sides, proof};
 use crate::scene::observation::{Sample, Scene};
 
@@ -28,7 +28,7 @@ pub fn take_in_lost_frames(scene: &mut Scene, step: f64) -> Option<TrackFinding>
     let pairs = scene.times.len().checked_sub(1)?;
     let mut gaps: Vec<f64> = scene.times.windows(2).map(|w| w[1] - w[0]).collect();
     let frame_time = quantile(&mut gaps, 0.5)?;
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let mut search = LostFrames { given: scene.times.clone(), lost: vec![0; pairs], frame_time, noises };
     let start: Vec<usize> = (0..pairs).map(|frame| search.by_step_lengths(scene, frame)).collect();
     for (frame, n) in start.into_iter().enumerate().filter(|(_, n)| *n > 0) {

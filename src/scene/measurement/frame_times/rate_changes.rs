@@ -5,7 +5,7 @@
 
 use crate::num::elementary;
 use crate::scene::measurement::finding::{FindingKind, TrackFinding};
-use crate::scene::measurement::position_sd;
+use crate::scene::measurement::position_sds;
 use crate::scene::measurement::sides::{Sides, proof};
 use crate::scene::observation::Scene;
 
@@ -19,7 +19,7 @@ const HALVINGS: usize = 7;
 
 /// Changes the times after such frames, and says so.
 pub fn take_in_rate_changes(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
-    let noises: Vec<f64> = scene.tracks.iter().map(|t| position_sd(&t.samples, step)).collect();
+    let noises = position_sds(scene, step);
     let (mut frames, mut factor) = (vec![], 1.0);
     let mut frame = 0;
     while frame + 1 < scene.times.len() {
