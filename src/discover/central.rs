@@ -74,7 +74,14 @@ pub fn central_laws(search: &FormulaSearch, place: Option<Vec2>) -> Vec<Residual
         let gain_without_best_track =
             search.gain_without_best_track(&column(search, best.term, best.centre), &[best.amplitude]);
         let text = best.text(search.force);
-        ResidualLaw { text, numbers: NUMBERS, cost: best.cost, gain_without_best_track, not_in_library: true }
+        ResidualLaw {
+            text,
+            numbers: NUMBERS,
+            cost: best.cost,
+            gain_without_best_track,
+            not_in_library: true,
+            in_library: false,
+        }
     };
     let found: Vec<Central> = (0..TERMS.len()).filter_map(of_term).collect();
     // Where no centre explains anything, none does there.

@@ -41,6 +41,12 @@ impl Term {
     }
 }
 
+/// Whether one effect of the library has all of these terms, given by their indices.
+fn is_an_effect(terms: &[usize]) -> bool {
+    let has = |own: &[[&str; 2]]| terms.iter().all(|&k| own.contains(&[TERMS[k].x, TERMS[k].y]));
+    EFFECTS.iter().any(|e| has(e.profile.formula_terms))
+}
+
 /// Terms of position, velocity and spin up to second order, by axis where the law may have no symmetry.
 const TERMS: [Term; 21] = [
     Term { x: "1", y: "", value: |_, _| vec2(1.0, 0.0) },
@@ -83,6 +89,8 @@ pub struct ResidualLaw {
     pub gain_without_best_track: f64,
     /// Whether the library has none of its terms.
     pub not_in_library: bool,
+    /// Whether it is one effect of the library in other words.
+    pub in_library: bool,
 }
 
 /// The sparse law beside the models' own, as `let c1 = ...; ax = ...; ay = ...` with accelerations in m/s^2 (of a body that
@@ -282,12 +290,15 @@ impl FormulaSearch<'_> {
         let gain_without_best_track =
             self.gain_without_best_track(&self.columns(&law.terms, law.angle), &law.amplitudes);
         let not_in_library = !law.terms.iter().any(|k| TERMS[*k].is_in_library());
+        // Between bodies of one mass, a force and an acceleration are the same law.
+        let in_library = (self.force || self.has_one_mass()) && is_an_effect(&law.terms);
         ResidualLaw {
             text: law.text(),
             numbers: law.numbers(),
             cost: law.cost,
             gain_without_best_track,
             not_in_library,
+            in_library,
         }
     }
 
@@ -319,6 +330,12 @@ impl FormulaSearch<'_> {
             law = fewer;
         }
         law
+    }
+
+    /// Whether all bodies of all models have the same mass.
+    fn has_one_mass(&self) -> bool {
+        let mut masses = self.models.iter().flat_map(|m| &m.bodies).map(|b| b.mass);
+        masses.next().is_none_or(|first| masses.all(|mass| mass == first))
     }
 
     pub fn unexplained(&self) -> Option<f64> {
@@ -355,6 +372,28 @@ pub(super) mod tests {
         assert!(!TERMS[11].is_in_library(), "a lateral force by speed");
         for [x, y] in EFFECTS.iter().flat_map(|e| e.profile.formula_terms) {
             assert!(TERMS.iter().any(|t| (t.x, t.y) == (*x, *y)), "{x} {y}");
+        }
+    }
+
+    #[test]
+    fn a_drag_by_its_terms_is_the_effect_of_the_library() {
+        assert!(is_an_effect(&[6]) && is_an_effect(&[0, 1]));
+        assert!(!is_an_effect(&[6, 8]), "two drags are two effects");
+        assert!(!is_an_effect(&[13]), "drag along one axis alone");
+        let launches = [vec![(DISC, 1.0, [-1.5, 0.4], [0.9, 0.1]), (DISC, 1.0, [1.4, -1.0], [-0.2, 0.8])]];
+        let scenes = film_under(&launches, |_| {});
+        let lens = WeakFormRegression::new(&scenes);
+        for (mass, is_one) in [(1.0, true), (2.0, false)] {
+            let mut models = models(&scenes);
+            models[0].bodies[1].mass = mass;
+            let (free, seen) = fit_forces(&lens, &models);
+            let projector = &lens.projector(&models, &free, &seen.values).expect("it is determined");
+            for force in [true, false] {
+                let search =
+                    FormulaSearch { lens: &lens, models: &models, projector, start: seen.cost, force };
+                let drag = search.law(search.fitted(vec![6], 0.0).expect("it is determined"));
+                assert_eq!(drag.in_library, is_one || force, "mass {mass}, a force: {force}");
+            }
         }
     }
 

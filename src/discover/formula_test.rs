@@ -69,7 +69,9 @@ pub fn formula_beats_library(
 ) -> Result<Option<ResidualLaw>, FitError> {
     let Some(last) = revisions.last() else { return Ok(None) };
     let followed = proof::explains_together(last);
-    let Some(law) = simple_law(lens, base, motion, followed) else { return Ok(None) };
+    // An effect in other words is none that the library lacks.
+    let law = simple_law(lens, base, motion, followed).filter(|law| !law.in_library);
+    let Some(law) = law else { return Ok(None) };
     let added = motion.added();
     // What the library's follows to the noise only trajectories can take from it: the lens may be misled.
     let better = (!followed && beats(&law, motion, proof_against(&law, motion)))

@@ -385,15 +385,15 @@ fn find_jumps(scene: &Scene, noise: &Noise, own: &[Option<Vec2>], segment: Range
         if seen(own, &(window.start..f + 1)) < FEWEST_WING || seen(own, &(f + 1..window.end)) < FEWEST_WING {
             return None;
         }
+        let bent = |g: usize| jump(scene, noise, own, g, window.clone(), HalfWindows::Bent);
         let at = |g: usize| {
-            let bent =
-                jump(scene, noise, own, g, window.clone(), HalfWindows::Bent).filter(|j| j.1 > JUMP)?;
+            let bent = bent(g).filter(|j| j.1 > JUMP)?;
             let apart = jump(scene, noise, own, g, window.clone(), HalfWindows::BentApart)?;
             let is_jump = apart.1 > SURE_JUMP && !stops(scene, noise, own, g, window.clone());
             is_jump.then_some(bent)
         };
         let (change, sigmas) = at(f)?;
-        let larger = |g: usize| g.abs_diff(f) > BESIDE && at(g).is_some_and(|other| other.1 > sigmas);
+        let larger = |g: usize| g.abs_diff(f) > BESIDE && bent(g).is_some_and(|other| other.1 > sigmas);
         let mut others = window.start + FEWEST_WING - 1..window.end - FEWEST_WING;
         Some((ChangePoint { frame: f, position: own[f]?, change, sigmas }, !others.any(larger)))
     };

@@ -17,6 +17,7 @@ use super::outcome::Discovery;
 use super::proof;
 use super::resample::speed;
 use super::smooth_track::{ChangePoint, change_near, paths, positions, sigmas_between};
+use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError, FitOptions, Noise, SceneFit, StartPoint, estimate_noise, estimate_one};
 use crate::num::{Stop, Vec2, elementary};
 use crate::scene::{Sample, Scene, Track};
@@ -104,13 +105,18 @@ pub fn with_unseen_pushes(
     stop: Stop,
 ) -> Result<Option<Vec<Model>>, FitError> {
     let Some(last) = found.revisions.last() else { return Ok(None) };
+    // A thing that nobody saw takes the impulse of a push for a contact with it: then the push is sought without it.
+    let unseen = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
     let one = |(k, (scene, model)): (usize, (&Scene, &Model))| -> Result<(Model, bool), FitError> {
         let own = last.fit.of_scene(k);
         let Some(fitted) = own.scenes.first().filter(|s| s.reduced_chi_square > FOLLOWED).cloned() else {
             return Ok((Model { impulses: pushes_of(&last.fit, k), ..model.clone() }, false));
         };
         let before = fitted.model.impulses.len();
-        let passing = pass_over_pushes(scene, &fitted.model, own, options, stop)?;
+        let passing = match unseen {
+            false => pass_over_pushes(scene, &fitted.model, own, options, stop)?,
+            true => fit_passing_over_pushes(scene, model, options, stop)?,
+        };
         let impulses = pushes_of(&passing, 0);
         let more = impulses.len() > before;
         Ok((Model { impulses, ..model.clone() }, more))
@@ -133,8 +139,13 @@ pub fn explains_pushed(scenes: &[Scene], without: &Discovery, with: &Discovery) 
     proof::deviance(&after.fit) + price(&after.fit) < proof::deviance(&before.fit) + price(&before.fit) - MUCH
 }
 
-/// Adds to a discovery's reason what something unseen did.
+/// Adds to a discovery's reason what something unseen did, at the frames in which it acts as the last fits have it.
 pub fn name_pushes(scenes: &[Scene], found: &mut Discovery) {
+    for revision in &mut found.revisions {
+        for (scene, fitted) in scenes.iter().zip(&mut revision.fit.scenes) {
+            fitted.model.impulses.iter_mut().for_each(|i| i.frame = frame_before(scene, i.acts_at()));
+        }
+    }
     let Some(last) = found.revisions.last() else { return };
     let of = |(scene, fitted): (&Scene, &SceneFit)| -> Vec<String> {
         let sentence = |p: &UnseenPush| format!("{}: {}", scene.name, p.sentence());
@@ -335,7 +346,7 @@ fn kept(scene: &Scene, fit: &Fit) -> Vec<UnknownImpulse> {
         spans || elementary::hypot(i.velocity.x / sd(*k, "vx"), i.velocity.y / sd(*k, "vy")) > CERTAIN
     };
     let at_its_frame = |(_, i): (usize, UnknownImpulse)| {
-        let frame = scene.times.partition_point(|t| *t <= i.acts_at()).saturating_sub(1);
+        let frame = frame_before(scene, i.acts_at());
         match impulse_time(scene, frame) {
             Some(time) if i.delay_sd > 0.0 && frame != i.frame => {
                 UnknownImpulse { frame, delay: i.acts_at() - time, time, ..i }
@@ -344,6 +355,11 @@ fn kept(scene: &Scene, fit: &Fit) -> Vec<UnknownImpulse> {
         }
     };
     pushes_of(fit, 0).into_iter().enumerate().filter(certain).map(at_its_frame).collect()
+}
+
+/// The last frame up to a time (s).
+fn frame_before(scene: &Scene, time: f64) -> usize {
+    scene.times.partition_point(|t| *t <= time).saturating_sub(1)
 }
 
 /// Midway between a frame and the next (s).

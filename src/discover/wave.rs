@@ -78,6 +78,7 @@ pub fn wave(search: &FormulaSearch) -> Option<ResidualLaw> {
         cost: best.cost,
         gain_without_best_track: search.gain_without_best_track(&best.columns(search), &best.amplitudes),
         not_in_library: true,
+        in_library: false,
     })
 }
 

@@ -85,6 +85,11 @@ impl Scene {
         for (i, track) in self.tracks.iter().enumerate() {
             check_track(r, i, track, self.times.len());
         }
+        let counts = || self.tracks.iter().map(|t| t.samples.len());
+        if self.times.len() > 1 && counts().max() == Some(1) {
+            let advice = "give positions over time, with the same identity for one object in all frames";
+            r.add("tracks", format!("show each object in one frame only; {advice}"));
+        }
     }
 
     fn check_times(&self, r: &mut SceneViolations) {
@@ -398,6 +403,10 @@ mod tests {
         let mut s = scene();
         s.times = (0..=MAX_FRAMES).map(|f| f as f64).collect();
         assert_eq!(paths(&s), ["times"]);
+        // Detections that nothing links, such as a list of boxes without identities.
+        let mut s = scene();
+        s.tracks.iter_mut().for_each(|t| t.samples.truncate(1));
+        assert_eq!(paths(&s), ["tracks"]);
         let mut s = scene();
         s.tracks[0].samples = (0..5)
             .cycle()

@@ -16,7 +16,7 @@ pub struct UnknownImpulse {
     pub id: u32,
     /// s.
     pub time: f64,
-    /// The last frame of the video before `time`.
+    /// The last frame of the video before it acts.
     pub frame: usize,
     /// Its other end (s), where it lasts: the object's measurements between `time` and here do not count. The impulse at the other
     /// end has none.
