@@ -3,8 +3,9 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-const SERVICES: [&str; 8] = [
+const SERVICES: [&str; 9] = [
     "vrdp/v1/common.proto",
+    "vrdp/v1/concepts.proto",
     "vrdp/v1/videos.proto",
     "vrdp/v1/discovery.proto",
     "vrdp/v1/models.proto",

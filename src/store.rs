@@ -59,15 +59,18 @@ pub enum TableKind {
     Traces,
     /// By operation id; the value has `videos`.
     Operations,
+    /// By lexicon id.
+    Lexica,
 }
 
-const TABLES: [TableKind; 6] = [
+const TABLES: [TableKind; 7] = [
     TableKind::Videos,
     TableKind::Fits,
     TableKind::Studies,
     TableKind::Stills,
     TableKind::Traces,
     TableKind::Operations,
+    TableKind::Lexica,
 ];
 
 impl TableKind {
@@ -83,6 +86,7 @@ impl TableKind {
             TableKind::Stills => "stills",
             TableKind::Traces => "traces",
             TableKind::Operations => "operations",
+            TableKind::Lexica => "lexica",
         }
     }
 
@@ -390,6 +394,26 @@ impl Store {
     /// Stores a video; durable when it returns.
     pub async fn put_video<T: Serialize>(&self, id: &str, value: &T) -> Result<(), StoreError> {
         self.put(TableKind::Videos, self.key(id), value, None).await
+    }
+
+    /// Stores a lexicon; durable when it returns.
+    pub async fn put_lexicon<T: Serialize>(&self, id: &str, value: &T) -> Result<(), StoreError> {
+        self.put(TableKind::Lexica, self.key(id), value, None).await
+    }
+
+    /// Deletes a lexicon; `false` if it does not exist.
+    pub async fn delete_lexicon(&self, id: &str) -> Result<bool, StoreError> {
+        let key = self.key(id);
+        self.blocking(move |db| {
+            let write = begin(db)?;
+            let found = {
+                let mut lexica = write.open_table(TableKind::Lexica.table()).map_err(failed)?;
+                lexica.remove(&*key).map_err(failed)?.is_some()
+            };
+            write.commit().map_err(failed)?;
+            Ok(found)
+        })
+        .await
     }
 
     /// Stores a value that belongs to a video, unless the video was deleted meanwhile; durable when it returns.

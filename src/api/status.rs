@@ -1,6 +1,7 @@
 //! Turns each engine error into a gRPC status; no other file does.
 
 use super::v1;
+use crate::concepts::ConceptError;
 use crate::engine::EngineError;
 use crate::fit::FitError;
 use crate::reason::ReasonError;
@@ -62,9 +63,10 @@ pub fn status(error: EngineError) -> Status {
         EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
         EngineError::Recording(_) => plain(Code::Internal, message, "RECORDING"),
         EngineError::Damaged { .. } => plain(Code::DataLoss, message, "TRACE_DAMAGED"),
-        EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)) => {
-            plain(Code::Cancelled, message, "CANCELLED")
-        }
+        EngineError::Fit(FitError::Stopped(_))
+        | EngineError::Reason(ReasonError::Stopped(_))
+        | EngineError::Concept(ConceptError::Stopped(_)) => plain(Code::Cancelled, message, "CANCELLED"),
+        EngineError::Concept(concept) => word_refusal(&concept, message),
         EngineError::Fit(FitError::TooLittleData { .. }) => {
             plain(Code::FailedPrecondition, message, "TOO_LITTLE_DATA")
         }
@@ -87,6 +89,23 @@ pub fn status(error: EngineError) -> Status {
             refused(reason_of(&reason), vec![Violation { path, message: reason.to_string() }])
         }
     }
+}
+
+/// The refusal of words: of the request's field that is wrong, or of the videos or the lexicon that do not fit.
+fn word_refusal(error: &ConceptError, message: String) -> Status {
+    let (path, reason) = match error {
+        ConceptError::NoFeatures { .. } => return plain(Code::FailedPrecondition, message, "NO_FEATURES"),
+        ConceptError::Layout { .. } => return plain(Code::FailedPrecondition, message, "OTHER_FEATURES"),
+        ConceptError::Version { .. } => return plain(Code::FailedPrecondition, message, "OTHER_VERSION"),
+        ConceptError::UnknownWord { .. } => return plain(Code::NotFound, message, "UNKNOWN_WORD"),
+        ConceptError::Undetermined { .. } => return plain(Code::FailedPrecondition, message, "UNDETERMINED"),
+        ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
+        ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
+        ConceptError::Contradiction { .. } => ("examples", "CONTRADICTION"),
+        ConceptError::NotSeparable { .. } => ("examples", "NOT_SEPARABLE"),
+        _ => ("lessons", "INVALID"),
+    };
+    refused(reason, vec![Violation { path: path.into(), message }])
 }
 
 /// The reason in `ErrorInfo`, by which a program distinguishes errors.

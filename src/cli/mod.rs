@@ -13,6 +13,7 @@ use commands::files::{calibrate, convert, import, replay, trace};
 use commands::scene::{ask, fit, score, simulate};
 use commands::service::{effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
+use commands::words::{learn, words};
 use connection::Target;
 use error::Failure;
 use output::progress;
@@ -105,6 +106,10 @@ enum Command {
     Effects(effects::EffectsArgs),
     /// Answers all questions of each scene and prints the accuracy.
     Score(score::ScoreArgs),
+    /// Learns words from questions and answers, or one word from examples, and writes a lexicon.
+    Learn(learn::LearnArgs),
+    /// Shows the words of a lexicon, and what they look at.
+    Words(words::WordsArgs),
     /// Shows, checks or exports a trace file.
     Trace(trace::TraceArgs),
     /// Plays a trace file, or simulates it again and compares bit for bit.
@@ -182,6 +187,8 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Operations(args) => operations::run(target, args).await,
         Command::Effects(args) => effects::run(target, args).await,
         Command::Score(args) => score::run(target, args).await,
+        Command::Learn(args) => learn::run(target, args).await,
+        Command::Words(args) => words::run(target, args).await,
         Command::Trace(args) => trace::run(args),
         Command::Replay(args) => replay::run(args).await,
         Command::Health => health::run(target).await,

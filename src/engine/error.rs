@@ -1,5 +1,6 @@
 //! The engine's errors, and how the errors of the rooms below become one of them.
 
+use crate::concepts::ConceptError;
 use crate::fit::FitError;
 use crate::reason::ReasonError;
 use crate::recording::RecordingError;
@@ -26,6 +27,8 @@ pub enum EngineError {
     Fit(FitError),
     #[error(transparent)]
     Reason(ReasonError),
+    #[error(transparent)]
+    Concept(ConceptError),
     #[error(
         "object {object} has no finite state at frame {frame}: the numbers overflow; ask for fewer frames, smaller \
          changes or another model"
@@ -52,7 +55,12 @@ impl EngineError {
 
     /// Whether the work ended because its stop token said so.
     pub(super) fn is_stopped(&self) -> bool {
-        matches!(self, EngineError::Fit(FitError::Stopped(_)) | EngineError::Reason(ReasonError::Stopped(_)))
+        matches!(
+            self,
+            EngineError::Fit(FitError::Stopped(_))
+                | EngineError::Reason(ReasonError::Stopped(_))
+                | EngineError::Concept(ConceptError::Stopped(_))
+        )
     }
 }
 
@@ -65,6 +73,16 @@ impl From<FitError> for EngineError {
 impl From<ReasonError> for EngineError {
     fn from(error: ReasonError) -> Self {
         EngineError::Reason(error)
+    }
+}
+
+impl From<ConceptError> for EngineError {
+    fn from(error: ConceptError) -> Self {
+        match error {
+            // The same refusal, whether a lexicon is used or not.
+            ConceptError::Reason(reason) => EngineError::Reason(reason),
+            other => EngineError::Concept(other),
+        }
     }
 }
 

@@ -29,6 +29,7 @@ mod state;
 mod studies;
 mod traces;
 mod videos;
+mod words;
 
 pub use crate::store::{Tenant, TimedRow};
 pub use cache::{Job, JobHandle, Update};
@@ -58,3 +59,4 @@ pub use traces::file::{TraceKind, TraceRecord};
 pub use traces::replay::{Replay, ReplayItem, ReplayOptions};
 pub use traces::retention::{Lease, Retention};
 pub use traces::stored::{Download, TraceFilter};
+pub use words::{ExamplePlace, LearnRequest, NamedExample, VideoLessons};

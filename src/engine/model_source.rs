@@ -31,6 +31,11 @@ pub enum ModelSourceKind {
 }
 
 impl ModelSource {
+    /// The preset of the video's world.
+    pub fn default_of(path: &'static str) -> ModelSource {
+        ModelSource { path, kind: ModelSourceKind::Default }
+    }
+
     /// The model that a fit starts from; refuses one that was fitted.
     pub fn unfitted(&self, scene: &Scene) -> Result<Model, EngineError> {
         match &self.kind {

@@ -7,8 +7,12 @@ use super::model_source::ModelSource;
 use super::results::{PublishedAnswer, PublishedSimulation, result_digest};
 use super::state::Engine;
 use super::traces::file;
+use crate::concepts::word_probabilities;
 use crate::num::Stop;
-use crate::reason::{AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, ask, predict};
+use crate::reason::{
+    AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, WordedScene, ask, ask_with_words,
+    predict,
+};
 use crate::world::Intervention;
 use serde::Serialize;
 use std::sync::Arc;
@@ -81,18 +85,33 @@ impl Engine {
         source: &ModelSource,
         question: Question,
         options: AskOptions,
+        lexicon: Option<&str>,
     ) -> Result<Arc<PublishedAnswer>, EngineError> {
         let key = self.key("");
+        let lexicon = match lexicon {
+            Some(id) => Some(self.lexicon(id).await?),
+            None => None,
+        };
         let scene = self.video(video).await?;
         limits::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.drawn(video, &scene, source).await?;
-        let digest = result_digest("question", &(video, &fitted.id, &question, &options));
+        let digest = match &lexicon {
+            None => result_digest("question", &(video, &fitted.id, &question, &options)),
+            Some(l) => result_digest("question", &(video, &fitted.id, &question, &options, l.digest())),
+        };
         let engine = self.clone();
         let work = move |context| async move {
             metric_names::count_result("answer", "made");
             let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
             let job = move |stop: Stop| {
-                let mut answer = ask(&scene, &fitted.fit, 0, &question, &options, stop)?;
+                let mut answer = match &lexicon {
+                    None => ask(&scene, &fitted.fit, 0, &question, &options, stop)?,
+                    Some(lexicon) => {
+                        let words = word_probabilities(lexicon, &scene, Some((&fitted.fit, 0)))?;
+                        let worded = WordedScene { scene: &scene, words: &words };
+                        ask_with_words(worded, &fitted.fit, 0, &question, &options, stop)?
+                    }
+                };
                 let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
                 let mut files = Vec::new();
                 for prediction in &mut answer.simulations {

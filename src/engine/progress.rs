@@ -21,6 +21,7 @@ pub enum Phase {
     Diagnosing,
     Discovering,
     Revising,
+    Learning,
     /// The result is written to the data folder.
     Storing,
 }

@@ -181,7 +181,7 @@ impl Engine {
                 Question::English { question, .. } => question.clone(),
                 Question::Program { program, .. } => program.join(" "),
             };
-            let done = self.ask(&video, &source, query.question, query.options).await?;
+            let done = self.ask(&video, &source, query.question, query.options, None).await?;
             let model = self.model(&video, &done.model).await?;
             links.extend(done.traces.iter().map(|id| (id.clone(), format!("“{text}”"))));
             answers.push((text, self.video(&video).await?, model, done));

@@ -9,6 +9,7 @@ use super::pool::{JobContext, Load, Pool};
 use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
 use super::traces::backlog::Backlog;
 use super::traces::retention::TraceRetention;
+use crate::concepts::Lexicon;
 use crate::scene::Scene;
 use crate::store::{Store, StoreError, TableKind, Tenant};
 use serde::Serialize;
@@ -50,6 +51,7 @@ pub struct Engine {
     pub(super) studies: SingleFlightCache<Study>,
     pub(super) simulations: SingleFlightCache<PublishedSimulation>,
     pub(super) answers: SingleFlightCache<PublishedAnswer>,
+    pub(super) lexica: SingleFlightCache<Lexicon>,
     pub(super) backlog: Arc<Backlog>,
     pub(super) retention: Arc<TraceRetention>,
     pub(super) replays: Arc<Semaphore>,
@@ -83,6 +85,7 @@ impl Engine {
                 let states = a.answer.simulations.iter().map(|s| s.best.states.len() * s.best.ids.len());
                 SMALL_RESULT + STATE_BYTES * states.sum::<usize>()
             }),
+            lexica: SingleFlightCache::new("lexicon", CACHED_BYTES, lexicon_bytes),
             backlog: Arc::default(),
             retention: Arc::default(),
             replays: Arc::new(Semaphore::new(MAX_REPLAYS)),
@@ -132,6 +135,7 @@ impl Engine {
         jobs.extend(self.studies.jobs(&ours));
         jobs.extend(self.simulations.jobs(&ours));
         jobs.extend(self.answers.jobs(&ours));
+        jobs.extend(self.lexica.jobs(&ours));
         jobs.sort_by_key(|job| std::cmp::Reverse(job.age));
         jobs
     }
@@ -187,6 +191,11 @@ impl Engine {
 fn scene_bytes(scene: &Scene) -> usize {
     let samples: usize = scene.tracks.iter().map(|t| t.samples.len()).sum();
     SMALL_RESULT + STATE_BYTES * samples + 8 * scene.times.len()
+}
+
+fn lexicon_bytes(lexicon: &Lexicon) -> usize {
+    let numbers = lexicon.families.iter().map(|f| f.map.len() + f.vectors.len());
+    SMALL_RESULT + 8 * numbers.sum::<usize>()
 }
 
 /// A fit with draws has some of every parameter.

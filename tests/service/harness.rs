@@ -11,6 +11,7 @@ use vrdp::api::{self, Security, ServerLimits, v1};
 use vrdp::engine::{Capacity, Engine, EngineError};
 use vrdp::store::StoreError;
 
+pub use v1::concepts_client::ConceptsClient;
 pub use v1::models_client::ModelsClient;
 pub use v1::operations_client::OperationsClient;
 pub use v1::reasoning_client::ReasoningClient;
@@ -106,6 +107,10 @@ impl Running {
     }
     pub fn traces(&self) -> TracesClient<Channel> {
         TracesClient::new(self.channel.clone())
+    }
+
+    pub fn concepts(&self) -> ConceptsClient<Channel> {
+        ConceptsClient::new(self.channel.clone())
     }
 
     pub fn operations(&self) -> OperationsClient<Channel> {

@@ -2,6 +2,7 @@
 
 mod agreement;
 mod camera;
+mod concepts;
 mod crowd;
 mod discover;
 mod disk;

@@ -2,15 +2,13 @@
 
 pub mod findings;
 pub mod ingest;
-pub mod interventions;
 pub mod listing;
 pub mod model;
 pub mod names;
 pub mod operation;
 pub mod progress;
-pub mod question;
 pub mod read_mask;
-pub mod simulation;
+pub mod reasoning;
 pub mod study;
 pub mod trace;
 pub mod video;

@@ -1,4 +1,5 @@
-//! Names of resources: `videos/{id}`, `videos/{id}/models/{id}`, `traces/{id}`, `operations/{id}`.
+//! Names of resources: `videos/{id}`, `videos/{id}/models/{id}`, `traces/{id}`, `operations/{id}`,
+//! `lexica/{id}`.
 
 pub fn video_name(id: &str) -> String {
     format!("videos/{id}")
@@ -14,6 +15,10 @@ pub fn trace_name(id: &str) -> String {
 
 pub fn operation_name(id: &str) -> String {
     format!("operations/{id}")
+}
+
+pub fn lexicon_name(id: &str) -> String {
+    format!("lexica/{id}")
 }
 
 /// Whether a text has the form of an id.

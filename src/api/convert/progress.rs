@@ -12,6 +12,7 @@ pub fn progress_message(at: &JobProgress) -> v1::Progress {
         Phase::Diagnosing => v1::Phase::Diagnosing,
         Phase::Discovering => v1::Phase::Discovering,
         Phase::Revising => v1::Phase::Revising,
+        Phase::Learning => v1::Phase::Learning,
         Phase::Storing => v1::Phase::Storing,
     };
     let time_left = at.time_left().and_then(|time| prost_types::Duration::try_from(time).ok());

@@ -49,6 +49,7 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
         tracks,
         outliers: vec![],
         findings: video.findings.into_iter().filter_map(finding).collect(),
+        feature_layout: Some(video.feature_layout).filter(|name| !name.is_empty()),
     };
     // Positions from image points mean nothing if the camera is wrong: their violations would mislead.
     if !pixels.is_empty() && !r.0.is_empty() {
@@ -193,6 +194,7 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         outliers: if whole { scene.outliers.iter().map(outlier).collect() } else { vec![] },
         findings: scene.findings.iter().map(finding_message).collect(),
         stills: vec![],
+        feature_layout: scene.feature_layout.clone().unwrap_or_default(),
     }
 }
 

@@ -71,6 +71,7 @@ pub async fn serve(
     health.set_serving::<v1::videos_server::VideosServer<Services>>().await;
     health.set_serving::<v1::models_server::ModelsServer<Services>>().await;
     health.set_serving::<v1::reasoning_server::ReasoningServer<Services>>().await;
+    health.set_serving::<v1::concepts_server::ConceptsServer<Services>>().await;
     health.set_serving::<v1::traces_server::TracesServer<Services>>().await;
     health.set_serving::<v1::statistics_server::StatisticsServer<Services>>().await;
     health.set_serving::<v1::operations_server::OperationsServer<Services>>().await;
@@ -95,6 +96,7 @@ pub async fn serve(
         .add_service(limited!(v1::videos_server::VideosServer<Services>))
         .add_service(limited!(v1::models_server::ModelsServer<Services>))
         .add_service(limited!(v1::reasoning_server::ReasoningServer<Services>))
+        .add_service(limited!(v1::concepts_server::ConceptsServer<Services>))
         .add_service(limited!(v1::traces_server::TracesServer<Services>))
         .add_service(limited!(v1::statistics_server::StatisticsServer<Services>))
         .add_service(limited!(v1::operations_server::OperationsServer<Services>))

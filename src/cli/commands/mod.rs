@@ -5,3 +5,4 @@ pub mod files;
 pub mod scene;
 pub mod service;
 pub mod study;
+pub mod words;

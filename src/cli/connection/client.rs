@@ -5,17 +5,18 @@ use super::local::{LocalService, start_with};
 use super::remote::{ServiceChannel, remote};
 use super::stream::{self, StreamEvent};
 use super::target::Target;
+use crate::api::v1::concepts_client::ConceptsClient;
 use crate::api::v1::models_client::ModelsClient;
 use crate::api::v1::operations_client::OperationsClient;
 use crate::api::v1::reasoning_client::ReasoningClient;
 use crate::api::v1::traces_client::TracesClient;
 use crate::api::v1::videos_client::VideosClient;
 use crate::api::v1::{
-    CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest, FitModelResponse,
-    ListModelsRequest, ListVideosRequest, Model, ModelChoice, Video, fit_model_response,
+    CreateLexiconRequest, CreateVideoRequest, DownloadTraceRequest, FitMethod, FitModelRequest,
+    FitModelResponse, ListModelsRequest, ListVideosRequest, Model, ModelChoice, Video, fit_model_response,
 };
 use crate::cli::error::Failure;
-use crate::cli::input::post_request;
+use crate::cli::input::{bytes, post_request};
 use crate::config::{Config, Flags};
 use crate::scene::Scene;
 use std::net::SocketAddr;
@@ -138,6 +139,19 @@ impl Connection {
 
     pub fn reasoning(&self) -> ReasoningClient<ServiceChannel> {
         ReasoningClient::new(self.channel.clone()).max_decoding_message_size(MAX_MESSAGE)
+    }
+
+    pub fn concepts(&self) -> ConceptsClient<ServiceChannel> {
+        let client = ConceptsClient::new(self.channel.clone());
+        client.max_encoding_message_size(MAX_MESSAGE).max_decoding_message_size(MAX_MESSAGE)
+    }
+
+    /// Stores the lexicon of a file; its name, or an empty one without a file.
+    pub async fn lexicon(&self, file: Option<&Path>) -> Result<String, Failure> {
+        let Some(file) = file else { return Ok(String::new()) };
+        let content = bytes(file)?;
+        let stored = self.concepts().create_lexicon(CreateLexiconRequest { content }).await;
+        Ok(stored.map_err(|e| Failure::from(e).at(&file.display().to_string()))?.into_inner().name)
     }
 
     /// All models of a video.

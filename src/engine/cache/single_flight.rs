@@ -42,7 +42,7 @@ type InFlightMap<T> = Arc<Mutex<HashMap<String, Arc<InFlight<T>>>>>;
 /// A running job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
-    /// What it computes: fit, joint_fit, draws, study, simulation or answer.
+    /// What it computes: fit, joint_fit, draws, study, simulation, answer or lexicon.
     pub kind: &'static str,
     /// Id of its (first) video.
     pub video: String,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Union
 
 import grpc
 
-from .v1 import common_pb2, discovery_pb2, models_pb2, models_pb2_grpc, operations_pb2, operations_pb2_grpc
+from .v1 import common_pb2, concepts_pb2, concepts_pb2_grpc, discovery_pb2, models_pb2, models_pb2_grpc, operations_pb2, operations_pb2_grpc
 from .v1 import reasoning_pb2, reasoning_pb2_grpc, traces_pb2, traces_pb2_grpc, videos_pb2, videos_pb2_grpc
 
 if TYPE_CHECKING:
@@ -129,6 +129,7 @@ class Client:
         self._videos = videos_pb2_grpc.VideosStub(self._channel)
         self._models = models_pb2_grpc.ModelsStub(self._channel)
         self._reasoning = reasoning_pb2_grpc.ReasoningStub(self._channel)
+        self._concepts = concepts_pb2_grpc.ConceptsStub(self._channel)
         self._traces = traces_pb2_grpc.TracesStub(self._channel)
         self._operations = operations_pb2_grpc.OperationsStub(self._channel)
 
@@ -248,11 +249,24 @@ class Client:
         )
         return Simulation(self._one(self._reasoning.Simulate, request))
 
-    def ask(self, video: str, question: str, choices: Sequence[str] = (), *, model: str | None = None) -> Answer:
-        """Answers a question in English; with choices, judges each."""
-        request = reasoning_pb2.AskRequest(
-            video=video, model=_choice(model), text=question, choices=[{"text": c} for c in choices]
-        )
+    def ask(
+        self,
+        video: str,
+        question: str | Sequence[str],
+        choices: Sequence[str] = (),
+        *,
+        model: str | None = None,
+        lexicon: str = "",
+    ) -> Answer:
+        """Answers a question in English, or a program given as a list of tokens; with choices, judges each.
+
+        With a lexicon (:meth:`learn_word`), its words describe the objects.
+        """
+        if isinstance(question, str):
+            asked = {"text": question, "choices": [{"text": c} for c in choices]}
+        else:
+            asked = {"program": {"tokens": question}, "choices": [{"program": {"tokens": c}} for c in choices]}
+        request = reasoning_pb2.AskRequest(video=video, model=_choice(model), lexicon=lexicon, **asked)
         reply = self._one(self._reasoning.Ask, request)
         return Answer(
             text=reply.answer if reply.HasField("answer") else None,
@@ -261,6 +275,24 @@ class Client:
             explanation=reply.explanation,
             traces=list(reply.traces),
         )
+
+    def learn_word(
+        self,
+        name: str,
+        yes: Iterable[tuple[str, int]],
+        no: Iterable[tuple[str, int]],
+        *,
+        kind: str = "static",
+        base: str = "",
+    ) -> concepts_pb2.Lexicon:
+        """Learns a word from objects that it fits and objects that it does not, as pairs of video and object id.
+
+        ``kind`` is ``"static"`` (looks) or ``"dynamic"`` (motion); ``base`` names the lexicon that the word is added to.
+        """
+        of = lambda examples: [{"video": video, "object_id": id} for video, id in examples]  # noqa: E731
+        word = {"name": name, "kind": f"CONCEPT_KIND_{kind.upper()}", "yes": of(yes), "no": of(no)}
+        request = concepts_pb2.LearnConceptsRequest(base=base, examples=word)
+        return self._last(self._concepts.LearnConcepts, request).lexicon
 
     def discover(self, videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.Discovery:
         """Finds the effects that the model of a set-up lacks, from its videos."""

@@ -2,6 +2,7 @@
 
 mod calls;
 mod comparison;
+mod concepts;
 mod import;
 mod models;
 mod operations;

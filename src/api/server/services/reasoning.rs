@@ -1,7 +1,7 @@
 //! The service `Reasoning`.
 
 use super::{RpcResult, RpcStream, Services};
-use crate::api::convert::{question, simulation};
+use crate::api::convert::reasoning::{question, simulation};
 use crate::api::status::{error, status};
 use crate::api::v1;
 use crate::engine::{Engine, EngineError};
@@ -47,7 +47,8 @@ impl v1::reasoning_server::Reasoning for Services {
 }
 
 async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskResponse, EngineError> {
+    let lexicon = question::lexicon(&given)?;
     let (video, source, question, options) = question::ask_request(given)?;
-    let done = engine.ask(&video, &source, question, options).await?;
+    let done = engine.ask(&video, &source, question, options, lexicon.as_deref()).await?;
     Ok(question::answer(&video, &done))
 }

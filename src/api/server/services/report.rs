@@ -2,7 +2,8 @@
 
 use super::comparison;
 use crate::api::convert::names::{trace_name, video_name};
-use crate::api::convert::{question, study};
+use crate::api::convert::reasoning::question;
+use crate::api::convert::study;
 use crate::api::v1;
 use crate::engine::{Engine, EngineError, JobHandle, ModelSource, ReportPage, ReportQuestion, Study};
 use std::sync::Arc;

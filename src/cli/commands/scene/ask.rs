@@ -30,6 +30,9 @@ pub struct AskArgs {
     /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
+    /// Describes the objects by the words of this lexicon (`vrdp learn`), and not by the scene's own.
+    #[arg(long, value_name = "FILE")]
+    lexicon: Option<PathBuf>,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -49,7 +52,9 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
     let video = connection.post(&scene).await?;
     let model = connection.choice(&video, model.as_ref()).await?;
     let (rollouts, seed) = (args.rollouts, args.seed);
-    let request = AskRequest { model, rollouts, seed, ..request(video, &args.question, &args.choice) };
+    let lexicon = connection.lexicon(args.lexicon.as_deref()).await?;
+    let request =
+        AskRequest { model, rollouts, seed, lexicon, ..request(video, &args.question, &args.choice) };
     let mut reply = progress::during("answering", connection.reasoning().ask(request)).await?.into_inner();
     if !connection.keeps_traces() {
         reply.traces.clear();

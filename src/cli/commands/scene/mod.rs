@@ -3,6 +3,6 @@
 mod accuracy;
 pub mod ask;
 pub mod fit;
-mod questions;
+pub mod questions;
 pub mod score;
 pub mod simulate;

@@ -43,6 +43,9 @@ pub struct ScoreArgs {
     /// Preset, id of a kept model (`vrdp show`), or model file [default: by the scene's world].
     #[arg(long, value_name = "NAME|ID|FILE")]
     model: Option<String>,
+    /// Describes the objects by the words of this lexicon (`vrdp learn`), and not by the scene's own.
+    #[arg(long, value_name = "FILE")]
+    lexicon: Option<PathBuf>,
 }
 
 pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
@@ -52,6 +55,7 @@ pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
     let scenes = questioned(&args.scenes, args.questions.as_deref())?;
     let model = input::model("--model", args.model.as_deref())?;
     let connection = Connection::open(target).await?;
+    let lexicon = connection.lexicon(args.lexicon.as_deref()).await?;
     let (count, mut results, mut unread) = (scenes.len(), ScoreResults::default(), vec![]);
     let bar = TaskProgress::new(count);
     for (k, found) in scenes.into_iter().enumerate() {
@@ -66,7 +70,8 @@ pub async fn run(target: &Target, args: ScoreArgs) -> Result<(), Failure> {
         let progress = |fraction: f64| bar.show(&scene.name, k, fraction);
         let of_fit = |fraction: f64| progress(FIT_SHARE * fraction);
         let requests = requests(&connection, (&scene, &found), model.as_ref(), args.programs, of_fit).await;
-        let requests = requests.map_err(|e| e.at(&found.file.display().to_string()))?;
+        let mut requests = requests.map_err(|e| e.at(&found.file.display().to_string()))?;
+        requests.iter_mut().for_each(|r| r.lexicon.clone_from(&lexicon));
         let of_answers = |fraction: f64| progress(FIT_SHARE + (1.0 - FIT_SHARE) * fraction);
         let answered = answer_all(&connection, &scene, &found.questions, requests, of_answers).await?;
         results.add(scene.name, found, answered);

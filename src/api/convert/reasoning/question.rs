@@ -1,33 +1,52 @@
 //! Questions: requests to domain values, answers to replies.
 
-use super::names::{model_name, trace_name};
-use super::violations::{MAX_LIST, Violations};
+use crate::api::convert::names::{model_name, trace_name};
+use crate::api::convert::violations::{MAX_LIST, Violations};
 use crate::api::v1;
 use crate::engine::{EngineError, ModelSource, PublishedAnswer};
 use crate::reason::{AskOptions, ChoiceAnswer, DerivationStep, Question};
+
+/// Id of the lexicon whose words answer, if one is named.
+pub fn lexicon(request: &v1::AskRequest) -> Result<Option<String>, EngineError> {
+    let mut r = Violations::default();
+    let named = Some(&request.lexicon).filter(|name| !name.is_empty());
+    let id = named.map(|name| r.id("lexicon", name, "lexica"));
+    r.finish(id)
+}
 
 /// Video, model, question and options.
 pub fn ask_request(
     request: v1::AskRequest,
 ) -> Result<(String, ModelSource, Question, AskOptions), EngineError> {
-    use v1::ask_request::Question as Given;
-    use v1::choice::Choice as One;
     let mut r = Violations::default();
     let video = r.id("video", &request.video, "videos");
     let source = r.source("model", request.model, &video);
     let options = AskOptions { rollouts: r.rollouts(request.rollouts), seed: request.seed };
-    if request.choices.len() > MAX_LIST {
-        r.add("choices", format!("are {}; at most {MAX_LIST}", request.choices.len()));
+    let question = question(&mut r, "", request.question, request.choices);
+    r.finish((video, source, question, options))
+}
+
+/// A question with its choices; `at` is the path of the message that holds them, with a dot at its end.
+pub fn question(
+    r: &mut Violations,
+    at: &str,
+    question: Option<v1::ask_request::Question>,
+    choices: Vec<v1::Choice>,
+) -> Question {
+    use v1::ask_request::Question as Given;
+    use v1::choice::Choice as One;
+    if choices.len() > MAX_LIST {
+        r.add(format!("{at}choices"), format!("are {}; at most {MAX_LIST}", choices.len()));
     }
-    let given = request.choices.into_iter().take(MAX_LIST).map(|c| c.choice).enumerate();
-    let question = match request.question {
+    let given = choices.into_iter().take(MAX_LIST).map(|c| c.choice).enumerate();
+    match question {
         Some(Given::Text(text)) => {
-            let question = r.text("text", text);
+            let question = r.text(&format!("{at}text"), text);
             let mut choices = Vec::new();
             for (i, one) in given {
                 match one {
-                    Some(One::Text(text)) => choices.push(r.text(&format!("choices[{i}].text"), text)),
-                    _ => r.add(format!("choices[{i}].text"), "is missing; the question is English"),
+                    Some(One::Text(text)) => choices.push(r.text(&format!("{at}choices[{i}].text"), text)),
+                    _ => r.add(format!("{at}choices[{i}].text"), "is missing; the question is English"),
                 }
             }
             Question::English { question, choices }
@@ -37,21 +56,20 @@ pub fn ask_request(
             for (i, one) in given {
                 match one {
                     Some(One::Program(program)) => choices.push(program.tokens),
-                    _ => r.add(format!("choices[{i}].program"), "is missing; the question is a program"),
+                    _ => r.add(format!("{at}choices[{i}].program"), "is missing; the question is a program"),
                 }
             }
-            r.tokens("program", &program.tokens);
+            r.tokens(&format!("{at}program"), &program.tokens);
             for (i, tokens) in choices.iter().enumerate() {
-                r.tokens(&format!("choices[{i}].program"), tokens);
+                r.tokens(&format!("{at}choices[{i}].program"), tokens);
             }
             Question::Program { program: program.tokens, choices }
         }
         None => {
-            r.add("question", "is missing; give text or program");
+            r.add(format!("{at}question"), "is missing; give text or program");
             Question::Program { program: vec![], choices: vec![] }
         }
-    };
-    r.finish((video, source, question, options))
+    }
 }
 
 pub fn answer(video: &str, done: &PublishedAnswer) -> v1::AskResponse {

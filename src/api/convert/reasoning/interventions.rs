@@ -1,6 +1,6 @@
 //! Interventions: messages to domain values.
 
-use super::violations::Violations;
+use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::MAX_SPEED;
 use crate::scene::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE, Shape};

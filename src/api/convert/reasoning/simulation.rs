@@ -1,9 +1,9 @@
 //! Simulations: requests to domain values, predictions to replies.
 
-use super::findings::unseen_pushes;
 use super::interventions::intervention;
-use super::names::{model_name, trace_name, video_name};
-use super::violations::{MAX_LIST, Violations};
+use crate::api::convert::findings::unseen_pushes;
+use crate::api::convert::names::{model_name, trace_name, video_name};
+use crate::api::convert::violations::{MAX_LIST, Violations};
 use crate::api::v1;
 use crate::engine::{EngineError, ModelSource, PublishedSimulation, SimulateOptions};
 use crate::reason::{CutShort, LikelyEvent, Prediction};

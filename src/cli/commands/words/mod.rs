@@ -1,0 +1,5 @@
+//! Commands about words: learning them, and what they mean.
+
+pub mod learn;
+mod lessons;
+pub mod words;

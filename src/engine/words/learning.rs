@@ -1,0 +1,220 @@
+//! Learning: words are learned once from equal requests.
+
+use crate::concepts::{
+    ChangeOptions, ConceptError, Example, ExampleOf, LearnOptions, Lesson, LessonVideo, Lexicon, WordKind,
+    learn, learn_change, learn_word,
+};
+use crate::engine::cache::JobHandle;
+use crate::engine::error::EngineError;
+use crate::engine::metric_names;
+use crate::engine::model_source::ModelSource;
+use crate::engine::pool::JobContext;
+use crate::engine::progress::{Phase, Report};
+use crate::engine::results::{StoredFit, result_digest};
+use crate::engine::state::Engine;
+use crate::num::Stop;
+use crate::reason::ChangedQuantity;
+use crate::scene::Scene;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// Share of the progress of learning that fits have.
+const FITS: f64 = 0.7;
+
+/// One video's questions with answers, and the model whose simulations give the events; `None`: events come from the tracks.
+#[derive(Debug, Clone)]
+pub struct VideoLessons {
+    pub video: String,
+    pub source: Option<ModelSource>,
+    pub lessons: Vec<Lesson>,
+}
+
+/// Where an example is: an object, or a collision of it with another about a frame. Ids are those of the video.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub enum ExamplePlace {
+    Object(u32),
+    Collision { objects: [u32; 2], frame: usize },
+}
+
+/// An example of a word in a stored video.
+#[derive(Debug, Clone, Serialize)]
+pub struct NamedExample {
+    pub video: String,
+    pub place: ExamplePlace,
+}
+
+/// What words are learned from.
+#[derive(Debug, Clone)]
+pub enum LearnRequest {
+    Families(Vec<VideoLessons>),
+    Word { name: String, kind: WordKind, yes: Vec<NamedExample>, no: Vec<NamedExample> },
+    Change { name: String, quantity: ChangedQuantity, videos: Vec<VideoLessons> },
+}
+
+/// A video with its fit, ready to learn from.
+struct PreparedVideo {
+    scene: Arc<Scene>,
+    fitted: Option<Arc<StoredFit>>,
+    lessons: Vec<Lesson>,
+}
+
+impl PreparedVideo {
+    fn lesson(&self) -> LessonVideo<'_> {
+        let fit = self.fitted.as_ref().map(|f| (&f.fit, 0));
+        LessonVideo { scene: &self.scene, fit, lessons: &self.lessons }
+    }
+}
+
+impl Engine {
+    /// Learns words, unless an equal request was just answered; the lexicon is stored before it is returned. `base` is the lexicon
+    /// that a single word is added to.
+    pub async fn learn(
+        self: &Arc<Self>,
+        base: Option<&str>,
+        request: LearnRequest,
+        seed: u64,
+    ) -> Result<JobHandle<Lexicon>, EngineError> {
+        let key = self.key("");
+        let base = match base {
+            Some(id) => self.lexicon(id).await?,
+            None => Lexicon::default(),
+        };
+        let digest = result_digest("lexicon", &(base.digest(), digest_of(&request), seed));
+        let first = first_video(&request);
+        let engine = self.clone();
+        let work = move |context| async move { engine.run_learning(base, request, seed, context).await };
+        Ok(self.lexica.join(format!("{key}{digest}"), &first, self.deadline(), work).await)
+    }
+
+    async fn run_learning(
+        self: &Arc<Self>,
+        base: Lexicon,
+        request: LearnRequest,
+        seed: u64,
+        context: JobContext,
+    ) -> Result<Lexicon, EngineError> {
+        metric_names::count_result("lexicon", "made");
+        let report = context.progress.clone();
+        report(Report::Phase(Phase::Fitting));
+        let job: Box<dyn FnOnce(Stop) -> Result<Lexicon, ConceptError> + Send> = match request {
+            LearnRequest::Families(videos) => {
+                let prepared = self.prepared(videos, &*report).await?;
+                let options = LearnOptions { seed, ..LearnOptions::default() };
+                Box::new(move |stop| {
+                    let lessons: Vec<LessonVideo> = prepared.iter().map(PreparedVideo::lesson).collect();
+                    learn(&lessons, &options, &|_| {}, stop)
+                })
+            }
+            LearnRequest::Change { name, quantity, videos } => {
+                let prepared = self.prepared(videos, &*report).await?;
+                let options = ChangeOptions { quantity, rollouts: 0, seed };
+                Box::new(move |stop| {
+                    let lessons: Vec<LessonVideo> = prepared.iter().map(PreparedVideo::lesson).collect();
+                    learn_change(&base, &name, &lessons, &options, stop)
+                })
+            }
+            LearnRequest::Word { name, kind, yes, no } => {
+                let yes = self.examples("examples.yes", yes, kind).await?;
+                let no = self.examples("examples.no", no, kind).await?;
+                Box::new(move |_| {
+                    let yes: Vec<Example> = yes.iter().map(PlacedExample::example).collect();
+                    let no: Vec<Example> = no.iter().map(PlacedExample::example).collect();
+                    learn_word(&base, &name, kind, &yes, &no)
+                })
+            }
+        };
+        report(Report::Phase(Phase::Learning));
+        let (lexicon, _slot) = self.pool.run(context, move |stop: Stop| Ok(job(stop)?)).await?;
+        report(Report::Phase(Phase::Storing));
+        self.store.put_lexicon(&lexicon.digest(), &lexicon).await?;
+        Ok(lexicon)
+    }
+
+    /// The videos with their fits, where they are asked for.
+    async fn prepared(
+        self: &Arc<Self>,
+        videos: Vec<VideoLessons>,
+        report: &(dyn Fn(Report) + Send + Sync),
+    ) -> Result<Vec<PreparedVideo>, EngineError> {
+        let (mut prepared, count) = (vec![], videos.len().max(1) as f64);
+        for (k, VideoLessons { video, source, lessons }) in videos.into_iter().enumerate() {
+            let scene = self.video(&video).await?;
+            let fitted = match source {
+                Some(source) => Some(self.drawn(&video, &scene, &source).await?),
+                None => None,
+            };
+            prepared.push(PreparedVideo { scene, fitted, lessons });
+            report(Report::Fraction(FITS * (k + 1) as f64 / count));
+        }
+        Ok(prepared)
+    }
+
+    /// The examples with their scenes; those of events with fits, as simulations say how objects met.
+    async fn examples(
+        self: &Arc<Self>,
+        path: &'static str,
+        named: Vec<NamedExample>,
+        kind: WordKind,
+    ) -> Result<Vec<PlacedExample>, EngineError> {
+        let mut placed = vec![];
+        for (k, NamedExample { video, place }) in named.into_iter().enumerate() {
+            let scene = self.video(&video).await?;
+            let index = |id: u32| {
+                scene.object_index(id).ok_or_else(|| {
+                    let ids: Vec<String> = scene.objects.iter().map(|o| o.id.to_string()).collect();
+                    let message = format!("is {id}; the video has the objects {}", ids.join(", "));
+                    EngineError::invalid(format!("{path}[{k}].object_id"), message)
+                })
+            };
+            let of = match place {
+                ExamplePlace::Object(id) => ExampleOf::Object(index(id)?),
+                ExamplePlace::Collision { objects: [a, b], frame } => {
+                    ExampleOf::Collision { objects: [index(a)?, index(b)?], frame }
+                }
+            };
+            let fitted = match kind {
+                WordKind::Event => Some(self.drawn(&video, &scene, &ModelSource::default_of("model")).await?),
+                _ => None,
+            };
+            placed.push(PlacedExample { scene, fitted, of });
+        }
+        Ok(placed)
+    }
+}
+
+/// An example with its scene.
+struct PlacedExample {
+    scene: Arc<Scene>,
+    fitted: Option<Arc<StoredFit>>,
+    of: ExampleOf,
+}
+
+impl PlacedExample {
+    fn example(&self) -> Example<'_> {
+        let fit = self.fitted.as_ref().map(|f| (&f.fit, 0));
+        Example { scene: &self.scene, fit, of: self.of }
+    }
+}
+
+/// What a request is known by: equal ones have equal digests.
+fn digest_of(request: &LearnRequest) -> String {
+    let lessons = |videos: &[VideoLessons]| -> Vec<String> {
+        videos.iter().map(|v| format!("{} {:?} {:?}", v.video, v.source, v.lessons)).collect()
+    };
+    match request {
+        LearnRequest::Families(videos) => result_digest("families", &lessons(videos)),
+        LearnRequest::Word { name, kind, yes, no } => result_digest("word", &(name, kind, yes, no)),
+        LearnRequest::Change { name, quantity, videos } => {
+            result_digest("change", &(name, quantity, lessons(videos)))
+        }
+    }
+}
+
+fn first_video(request: &LearnRequest) -> String {
+    let of_lessons = |videos: &[VideoLessons]| videos.first().map(|v| v.video.clone());
+    let first = match request {
+        LearnRequest::Families(videos) | LearnRequest::Change { videos, .. } => of_lessons(videos),
+        LearnRequest::Word { yes, .. } => yes.first().map(|e| e.video.clone()),
+    };
+    first.unwrap_or_default()
+}

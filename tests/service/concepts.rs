@@ -1,0 +1,126 @@
+//! Words: learned from examples and from questions, kept, used in questions, refused where they cannot be learned.
+
+use crate::harness::*;
+use tonic::{Code, Status};
+use v1::learn_concepts_request::Source;
+use vrdp::api::v1;
+
+/// A small video whose objects have features: shine, and what says nothing.
+fn shown(name: &str, shine: [f32; 3]) -> v1::Video {
+    let mut video = video(name, 12);
+    video.feature_layout = "shine-1".into();
+    for (object, shine) in video.objects.iter_mut().zip(shine) {
+        object.features = vec![shine, 0.1 * object.id as f32];
+    }
+    video
+}
+
+fn example(video: &str, object_id: u32) -> v1::ConceptExample {
+    v1::ConceptExample { video: video.into(), object_id, ..Default::default() }
+}
+
+fn shiny(yes: Vec<v1::ConceptExample>, no: Vec<v1::ConceptExample>) -> Source {
+    Source::Examples(v1::WordExamples { name: "shiny".into(), kind: v1::ConceptKind::Static.into(), yes, no })
+}
+
+async fn learn(service: &Running, source: Source) -> Result<v1::Lexicon, Status> {
+    let request = v1::LearnConceptsRequest { source: Some(source), ..Default::default() };
+    let mut stream = service.concepts().learn_concepts(request).await?.into_inner();
+    let mut found = None;
+    while let Some(message) = stream.message().await? {
+        if let Some(v1::learn_concepts_response::Event::Lexicon(lexicon)) = message.event {
+            found = Some(lexicon);
+        }
+    }
+    Ok(found.expect("a stream that ends well has a lexicon"))
+}
+
+fn program(video: &str, tokens: &[&str], lexicon: &str) -> v1::AskRequest {
+    let tokens = tokens.iter().map(|t| t.to_string()).collect();
+    v1::AskRequest {
+        video: video.into(),
+        question: Some(v1::ask_request::Question::Program(v1::Program { tokens })),
+        rollouts: Some(8),
+        lexicon: lexicon.into(),
+        ..Default::default()
+    }
+}
+
+#[tokio::test]
+async fn a_word_from_examples_is_kept_described_used_and_deleted() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut videos = vec![];
+    for (k, shine) in [[0.9, 0.1, 0.8], [0.95, 0.15, 0.2], [0.85, 0.9, 0.1]].into_iter().enumerate() {
+        videos.push(service.create(shown(&format!("v{k}"), shine)).await.unwrap());
+    }
+    let [a, b, c] = &videos[..] else { panic!("three") };
+    let yes = vec![example(a, 0), example(b, 0), example(c, 0), example(c, 1)];
+    let no = vec![example(a, 1), example(b, 1), example(b, 2), example(c, 2)];
+    let learned = learn(&service, shiny(yes.clone(), no.clone())).await.unwrap();
+    assert_eq!(learned.words, ["shiny"]);
+    assert_eq!(
+        learn(&service, shiny(yes.clone(), no)).await.unwrap(),
+        learned,
+        "equal requests, equal bytes"
+    );
+    // Of the first video, two are shiny; one of these was no example.
+    let how_many = |lexicon: &str| program(a, &["objects", "shiny", "filter_concept", "count"], lexicon);
+    let answer = service.reasoning().ask(how_many(&learned.name)).await.unwrap().into_inner();
+    assert_eq!(answer.answer.as_deref(), Some("2"));
+    let refused = service.reasoning().ask(how_many("")).await.unwrap_err();
+    assert_eq!(refused.code(), Code::InvalidArgument, "no lexicon, no word: {refused:?}");
+    service.stop().await;
+
+    let service = start(folder.path(), CAPACITY).await;
+    let name = learned.name.clone();
+    let got = service.concepts().get_lexicon(v1::GetLexiconRequest { name: name.clone() }).await.unwrap();
+    assert_eq!(got.into_inner(), learned, "a lexicon survives a restart");
+    let asked = v1::DescribeConceptRequest { lexicon: name.clone(), word: "shiny".into() };
+    let word = service.concepts().describe_concept(asked).await.unwrap().into_inner();
+    assert_eq!((word.examples, word.counter_examples), (4, 4));
+    assert!(word.looks_at[0].weight > 0.0, "{word:?}");
+    let asked = v1::DescribeConceptRequest { lexicon: name.clone(), word: "dull".into() };
+    let unknown = service.concepts().describe_concept(asked).await.unwrap_err();
+    assert!(unknown.code() == Code::NotFound && unknown.message().contains("shiny"), "{unknown:?}");
+    let put = v1::CreateLexiconRequest { content: learned.content.clone() };
+    assert_eq!(service.concepts().create_lexicon(put).await.unwrap().into_inner().name, name);
+    let delete = || v1::DeleteLexiconRequest { name: name.clone() };
+    service.concepts().delete_lexicon(delete()).await.unwrap();
+    assert_eq!(service.concepts().delete_lexicon(delete()).await.unwrap_err().code(), Code::NotFound);
+    let listed = service.concepts().list_lexica(v1::ListLexicaRequest::default()).await.unwrap().into_inner();
+    assert_eq!(listed.lexica, []);
+    let gone = service.reasoning().ask(how_many(&name)).await.unwrap_err();
+    assert_eq!(gone.code(), Code::NotFound, "{gone:?}");
+    service.stop().await;
+}
+
+#[tokio::test]
+async fn what_cannot_be_learned_is_refused_with_the_field_and_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let a = service.create(shown("a", [0.9, 0.1, 0.8])).await.unwrap();
+    let b = service.create(shown("b", [0.9, 0.1, 0.2])).await.unwrap();
+    let few = learn(&service, shiny(vec![example(&a, 0)], vec![example(&a, 1)])).await.unwrap_err();
+    assert_eq!(fields(&few), ["examples"], "{few:?}");
+    let yes = vec![example(&a, 0), example(&a, 2)];
+    let contrary =
+        learn(&service, shiny(yes.clone(), vec![example(&b, 0), example(&b, 1)])).await.unwrap_err();
+    assert!(contrary.message().contains("object 0"), "{contrary:?}");
+    let stranger = learn(&service, shiny(yes, vec![example(&b, 9), example(&b, 1)])).await.unwrap_err();
+    assert_eq!(fields(&stranger), ["examples.no[0].object_id"]);
+    let bare = service.create(video("bare", 12)).await.unwrap();
+    let lesson = v1::Lesson {
+        question: Some(v1::lesson::Question::Text("How many objects are moving?".into())),
+        answer: "2".into(),
+        ..Default::default()
+    };
+    let videos = vec![v1::LessonVideo { video: bare, lessons: vec![lesson], model: None }];
+    let lessons = Source::Lessons(v1::Lessons { videos, observed_only: true });
+    let refused = learn(&service, lessons).await.unwrap_err();
+    assert!([Code::FailedPrecondition, Code::InvalidArgument].contains(&refused.code()), "{refused:?}");
+    let broken = v1::CreateLexiconRequest { content: b"{}".to_vec() };
+    let refused = service.concepts().create_lexicon(broken).await.unwrap_err();
+    assert_eq!(fields(&refused), ["content"]);
+    service.stop().await;
+}
