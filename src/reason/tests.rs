@@ -473,6 +473,7 @@ fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene
         tracks: vec![Track { samples: (0..60).map(sample).collect() }],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     }
 }
 
