@@ -24,6 +24,8 @@ mod observed;
 mod soft;
 mod soft_value;
 mod tape;
+#[cfg(test)]
+mod tests;
 mod training;
 
 pub use change::{ChangeOptions, learn_change};

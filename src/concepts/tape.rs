@@ -50,10 +50,6 @@ impl Tape {
         self.entries.get(v.0 as usize).map_or(f64::NAN, |e| e.value)
     }
 
-    pub fn len(&self) -> usize {
-        self.entries.len()
-    }
-
     fn push(&mut self, value: f64, operands: [Variable; 2], derivatives: [f64; 2]) -> Variable {
         self.entries.push(Entry { value, operands, derivatives });
         Variable(self.entries.len() as u32 - 1)
@@ -98,10 +94,6 @@ impl Tape {
         if self.value(a) <= self.value(b) { a } else { b }
     }
 
-    pub fn max(&mut self, a: Variable, b: Variable) -> Variable {
-        if self.value(a) >= self.value(b) { a } else { b }
-    }
-
     pub fn exp(&mut self, a: Variable) -> Variable {
         let y = elementary::exp(self.value(a));
         self.push(y, [a, ZERO], [y, 0.0])
@@ -111,16 +103,6 @@ impl Tape {
     pub fn ln(&mut self, a: Variable) -> Variable {
         let x = self.value(a).max(LEAST);
         self.push(elementary::ln(x), [a, ZERO], [1.0 / x, 0.0])
-    }
-
-    pub fn sqrt(&mut self, a: Variable) -> Variable {
-        let y = self.value(a).max(0.0).sqrt();
-        self.push(y, [a, ZERO], [0.5 / y.max(LEAST), 0.0])
-    }
-
-    pub fn sigmoid(&mut self, a: Variable) -> Variable {
-        let y = crate::reason::logistic(self.value(a));
-        self.push(y, [a, ZERO], [y * (1.0 - y), 0.0])
     }
 
     /// c a.
@@ -135,18 +117,6 @@ impl Tape {
 
     pub fn sum(&mut self, terms: &[Variable]) -> Variable {
         terms.iter().fold(ZERO, |sum, t| self.add(sum, *t))
-    }
-
-    pub fn product(&mut self, factors: &[Variable]) -> Variable {
-        factors.iter().fold(ONE, |product, f| self.mul(product, *f))
-    }
-
-    /// sum_i a_i b_i.
-    pub fn dot(&mut self, a: &[Variable], b: &[Variable]) -> Variable {
-        a.iter().zip(b).fold(ZERO, |sum, (x, y)| {
-            let term = self.mul(*x, *y);
-            self.add(sum, term)
-        })
     }
 
     /// ln sum_i e^(a_i).
@@ -202,20 +172,16 @@ mod tests {
         let square = tape.mul(x[2], x[2]);
         let positive = tape.add(square, ONE);
         let quotient = tape.div(product, positive);
-        let root = tape.sqrt(positive);
-        let log = tape.ln(root);
+        let log = tape.ln(positive);
         let soft = tape.softmax(x);
-        let mix = tape.dot(&soft, &[quotient, log, x[1], x[0]]);
-        let sigmoid = tape.sigmoid(x[3]);
-        let larger = tape.max(mix, sigmoid);
+        let mix = tape.mul(soft[1], quotient);
         let smaller = tape.min(product, log);
-        let all = tape.log_sum_exp(&[larger, smaller, x[3]]);
-        let rest = tape.complement(sigmoid);
+        let all = tape.log_sum_exp(&[mix, smaller, x[3]]);
+        let rest = tape.complement(soft[3]);
         let scaled = tape.scale(rest, -2.5);
         let terms = tape.sum(&[all, scaled, mix]);
-        let factors = tape.product(&[sigmoid, rest, x[0]]);
         let e = tape.exp(quotient);
-        let both = tape.sub(terms, factors);
+        let both = tape.sub(terms, rest);
         tape.add(both, e)
     }
 
