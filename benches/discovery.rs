@@ -341,6 +341,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         tracks: vec![],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
         objects: vec![],
     };
     let movers = add_objects(setup, &mut world, &mut scene, random);

@@ -3,7 +3,7 @@
 //!
 //! # The map
 //!
-//! From the ground up; a module uses only those above it in this list. Up to [`reason`] all are functions of plain data:
+//! From the ground up; a module uses only those above it in this list. Up to [`concepts`] all are functions of plain data:
 //! they know no files, clocks, tasks or messages.
 //!
 //! - [`num`]: scalars with and without derivatives, plane vectors, numerical methods.
@@ -16,6 +16,7 @@
 //! - [`fit`]: parameters of a model with their posterior.
 //! - [`discover`]: which effect a model lacks, and what adding it is worth.
 //! - [`reason`]: predictions, counterfactuals, and answers to questions.
+//! - [`concepts`]: words learned from questions and answers, and from a few examples.
 //! - [`store`], [`recording`], [`report`]: the database, trace files, and pages with pictures.
 //! - [`engine`]: computes each result once, on a bounded pool of threads, and keeps it.
 //! - [`api`]: the gRPC and HTTP services.
@@ -49,6 +50,7 @@
 pub mod api;
 pub mod body;
 pub mod cli;
+pub mod concepts;
 pub mod config;
 pub mod discover;
 pub mod effects;

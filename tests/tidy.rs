@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Rooms from the ground up: a room may use those of lower steps only.
-const STEPS: [&[&str]; 14] = [
+const STEPS: [&[&str]; 15] = [
     &["num"],
     &["scene", "media"],
     &["body", "perception"],
@@ -15,6 +15,7 @@ const STEPS: [&[&str]; 14] = [
     &["world"],
     &["fit"],
     &["discover", "reason"],
+    &["concepts"],
     &["store", "recording", "report"],
     &["engine"],
     &["api"],
@@ -24,7 +25,7 @@ const STEPS: [&[&str]; 14] = [
     &["lib", "main"],
 ];
 /// Up to this step nothing knows files, clocks, tasks or wires.
-const PURE: usize = 6;
+const PURE: usize = 7;
 const IMPURE: [&str; 7] = ["tokio", "tonic", "prost", "std::fs", "std::net", "Instant", "SystemTime"];
 /// The one room whose inside keeps its language and its shape until it is rebuilt.
 const EXEMPT: &str = "discover";

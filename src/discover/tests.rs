@@ -76,6 +76,7 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             tracks: vec![Track::default(); launches.len()],
             outliers: vec![],
             findings: vec![],
+            feature_layout: None,
             objects: launches.iter().enumerate().map(object).collect(),
         };
         let mut model = Preset::for_world(scene.world).model(&scene);

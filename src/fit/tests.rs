@@ -43,6 +43,7 @@ pub(super) fn three_bodies(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, M
         tracks: vec![Track::default(); 3],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
         objects: objects(),
     };
     let mut model = Preset::for_world(scene.world).model(&scene);
@@ -300,6 +301,7 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
         tracks: vec![Track::default(); 2],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
         objects: vec![ball(0), ball(4)],
     };
     let mut truth = Preset::for_world(scene.world).model(&scene);

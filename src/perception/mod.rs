@@ -28,5 +28,5 @@ mod tracking;
 pub use appearance::AppearanceFeatures;
 pub use outlines::outline::{BodyForm, Pose, outline_of};
 pub use outlines::viewpoint::top_camera;
-pub use perceive::{Perception, PerceptionError, PerceptionOptions, View, perceive};
+pub use perceive::{FEATURE_LAYOUT, Perception, PerceptionError, PerceptionOptions, View, perceive};
 pub use report::{PerceivedObject, PerceptionReport, UnexplainedRegion};

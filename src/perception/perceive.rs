@@ -1,5 +1,6 @@
 //! A video to a scene and a report.
 
+use super::appearance::AppearanceFeatures;
 use super::attributes;
 use super::body_size::{ball_scale, common_size};
 use super::body_track::BodyTrack;
@@ -273,6 +274,7 @@ fn conclude(
         tracks,
         outliers: vec![],
         findings: vec![],
+        feature_layout: Some(FEATURE_LAYOUT.to_string()),
     };
     let report = PerceptionReport {
         format: info.format.clone(),
@@ -318,7 +320,7 @@ fn described(
     let first = track.first_frame().unwrap_or(0);
     let last = track.placements.iter().rposition(Option::is_some).unwrap_or(0);
     let object =
-        Object { id, color: color.into(), material: material.into(), shape, mass: None, features: vec![] };
+        Object { id, color: color.into(), material: material.into(), shape, mass: None, features: stored(&features, track) };
     let seen = PerceivedObject {
         id,
         shape: object.shape.word().into(),
@@ -336,6 +338,17 @@ fn described(
         appearance: features,
     };
     (object, seen)
+}
+
+/// Layout of the features that a perceived object has: chroma (red, blue), lightness at 5, 25, 50, 75, 95 and 99 %, chroma of the
+/// highlights (red, blue), and the mean cost a frame of each form (ball, cylinder, cube).
+pub const FEATURE_LAYOUT: &str = "perception-1";
+
+fn stored(look: &AppearanceFeatures, track: &BodyTrack) -> Vec<f32> {
+    let frames = track.form_frames.max(1) as f64;
+    let costs = track.form_costs.iter().map(|c| c / frames);
+    let look = look.chroma.into_iter().chain(look.lightness).chain(look.highlight_chroma);
+    look.chain(costs).map(|x| x as f32).collect()
 }
 
 /// Probability of the chosen form: costs are log likelihoods of about 30 independent points a frame; frames are not

@@ -15,6 +15,7 @@ use super::predict::{Prediction, PredictionRequest, predict};
 use super::program::{Op, QuestionProgram, Type};
 use super::run::{DerivationStep, run};
 use super::value::ProgramValue;
+use super::words::{DrawnWords, WordDraw, WordFamily, WordProbabilities};
 use super::{ReasonError, ops};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
@@ -23,6 +24,9 @@ use crate::world::{EventKind, Intervention, UnseenPush};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
+/// Draws of words for each rollout of the physics: a word that is wrong with 1 % is then drawn with 32 rollouts, and running a program
+/// costs far less than a rollout.
+const WORD_DRAWS: usize = 16;
 /// An answer less probable than this says what the video does not determine.
 const CERTAIN: f64 = 0.75;
 
@@ -75,6 +79,7 @@ pub struct ChoiceAnswer {
 /// A question under way, with what is simulated so far.
 struct Session<'a> {
     scene: &'a Scene,
+    words: Option<&'a WordProbabilities>,
     fit: &'a Fit,
     index: usize,
     options: AskOptions,
@@ -93,10 +98,49 @@ pub fn ask(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
+    answer(scene, None, (fit, index), question, options, stop)
+}
+
+/// A scene with the words of a lexicon for it.
+#[derive(Debug, Clone, Copy)]
+pub struct WordedScene<'a> {
+    pub scene: &'a Scene,
+    pub words: &'a WordProbabilities,
+}
+
+/// Answers a question whose words are those of a lexicon. The scene's own words are read only for families that it lacks.
+/// Deterministic.
+pub fn ask_with_words(
+    worded: WordedScene,
+    fit: &Fit,
+    index: usize,
+    question: &Question,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
+    let mut scene = worded.scene.clone();
+    let draw = WordDraw::best(worded.words, scene.objects.len());
+    let drawn = DrawnWords { words: worded.words, draw: &draw };
+    for (k, object) in scene.objects.iter_mut().enumerate() {
+        let word = |family, own: &str| drawn.of_family(family, k).unwrap_or(own).to_string();
+        object.color = word(WordFamily::Color, &object.color);
+        object.material = word(WordFamily::Material, &object.material);
+    }
+    answer(&scene, Some(worded.words), (fit, index), question, options, stop)
+}
+
+fn answer(
+    scene: &Scene,
+    words: Option<&WordProbabilities>,
+    (fit, index): (&Fit, usize),
+    question: &Question,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
     if index >= fit.scenes.len() {
         return Err(ReasonError::NoSuchScene { index, scenes: fit.scenes.len() });
     }
-    let (mut program, choices) = programs(question)?;
+    let (mut program, choices) = programs(question, words)?;
     let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
     if open_list && program.ops.contains(&Op::Negate) {
         let expected = "a verdict on choices: give some, or ask without \"not\"";
@@ -121,7 +165,7 @@ pub fn ask(
     let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
     let effects = active.map(|e| e.name.clone()).collect();
     let (scenarios, simulations) = (vec![], vec![]);
-    let mut session = Session { scene, fit, index, options, stop, effects, scenarios, simulations };
+    let mut session = Session { scene, words, fit, index, options, stop, effects, scenarios, simulations };
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
     answer.program = program.tokens;
@@ -136,21 +180,47 @@ pub fn ask(
 
 type Choices = Vec<(String, QuestionProgram)>;
 
-fn programs(question: &Question) -> Result<(QuestionProgram, Choices), ReasonError> {
+fn programs(
+    question: &Question,
+    words: Option<&WordProbabilities>,
+) -> Result<(QuestionProgram, Choices), ReasonError> {
+    let vocabulary = words.map_or(vec![], WordProbabilities::vocabulary);
+    let parse = |tokens: &[String]| -> Result<QuestionProgram, ReasonError> {
+        let program = QuestionProgram::parse_with(tokens, &vocabulary)?;
+        words.map_or(Ok(()), |words| check_words(&program, words))?;
+        Ok(program)
+    };
     match question {
         Question::English { question, choices } => {
             let tokens = question_program(question)?;
             let observed = is_explanatory(&tokens);
             let choices = choices
                 .iter()
-                .map(|c| Ok((c.clone(), QuestionProgram::parse(&choice_program(c, observed)?)?)));
-            Ok((QuestionProgram::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
+                .map(|c| Ok((c.clone(), parse(&choice_program(c, observed)?)?)));
+            Ok((parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
         }
         Question::Program { program, choices } => {
-            let choices = choices.iter().map(|c| Ok((c.join(" "), QuestionProgram::parse(c)?)));
-            Ok((QuestionProgram::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
+            let choices = choices.iter().map(|c| Ok((c.join(" "), parse(c)?)));
+            Ok((parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
         }
     }
+}
+
+/// Refuses a word of a family that the lexicon has not learned.
+fn check_words(program: &QuestionProgram, words: &WordProbabilities) -> Result<(), ReasonError> {
+    for op in &program.ops {
+        let (family, word) = match op {
+            Op::Color(word) => (WordFamily::Color, word),
+            Op::Material(word) => (WordFamily::Material, word),
+            Op::Shape(word) => (WordFamily::Shape, word),
+            _ => continue,
+        };
+        let known = words.family(family).map_or(&[][..], |f| &f.words);
+        if words.family(family).is_some() && !known.iter().any(|w| w == word) {
+            return Err(ReasonError::UnknownWord { word: word.to_string(), known: known.to_vec() });
+        }
+    }
+    Ok(())
 }
 
 /// How far the simulations run, which objects move as observed in every counterfactual, and whether a rollout ended early.
@@ -228,11 +298,13 @@ impl Session<'_> {
         &mut self,
         programs: &[&QuestionProgram],
         rollout: usize,
+        draw: Option<&WordDraw>,
     ) -> Result<(Option<ProgramValue>, Vec<DerivationStep>), ReasonError> {
+        let words = self.words.zip(draw).map(|(words, draw)| DrawnWords { words, draw });
         loop {
             let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
             let (scene, effects, scenarios) = (self.scene, &self.effects, &self.scenarios);
-            let context = RolloutContext { scene, bodies, effects, scenarios, rollout };
+            let context = RolloutContext { scene, bodies, effects, scenarios, rollout, words };
             let mut derivation = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, context, stack)?;
@@ -278,10 +350,13 @@ impl Session<'_> {
         &mut self,
         programs: &[&QuestionProgram],
     ) -> Result<(Vec<ProgramValue>, Vec<DerivationStep>), ReasonError> {
-        let best = self.evaluate(programs, 0);
+        if let Some(words) = self.words {
+            return self.over_draws(programs, words);
+        }
+        let best = self.evaluate(programs, 0, None);
         let mut values = vec![];
         for rollout in 1..=self.options.rollouts {
-            match self.evaluate(programs, rollout) {
+            match self.evaluate(programs, rollout, None) {
                 Ok((value, _)) => values.extend(value),
                 // Without the event in question, this rollout does not count.
                 Err(ReasonError::NoSingleEvent { .. }) => {}
@@ -296,6 +371,41 @@ impl Session<'_> {
                 Ok((values, derivation))
             }
             Err(ReasonError::NoSingleEvent { .. }) if !values.is_empty() => Ok((values, vec![])),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The same over draws of words: [`WORD_DRAWS`] for each rollout.
+    fn over_draws(
+        &mut self,
+        programs: &[&QuestionProgram],
+        words: &WordProbabilities,
+    ) -> Result<(Vec<ProgramValue>, Vec<DerivationStep>), ReasonError> {
+        let objects = self.scene.objects.len();
+        let best = self.evaluate(programs, 0, Some(&WordDraw::best(words, objects)));
+        let mut values = vec![];
+        let rollouts = self.options.rollouts;
+        for k in 0..WORD_DRAWS * rollouts.max(1) {
+            let draw = WordDraw::drawn(words, objects, self.options.seed, k);
+            match self.evaluate(programs, if rollouts == 0 { 0 } else { 1 + k % rollouts }, Some(&draw)) {
+                Ok((value, _)) => values.extend(value),
+                // A draw against what the question presupposes does not count.
+                Err(
+                    ReasonError::NoSingleEvent { .. }
+                    | ReasonError::NoSuchObject { .. }
+                    | ReasonError::AmbiguousObject { .. },
+                ) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        match best {
+            Ok((value, derivation)) => {
+                if values.is_empty() {
+                    values.extend(value);
+                }
+                Ok((values, derivation))
+            }
+            Err(_) if !values.is_empty() => Ok((values, vec![])),
             Err(error) => Err(error),
         }
     }

@@ -19,6 +19,7 @@ pub fn describe(scene: &Scene, value: &ProgramValue) -> String {
         ProgramValue::Frame(None) => "at any time".to_string(),
         ProgramValue::Frame(Some(frame)) => format!("frame {frame}"),
         ProgramValue::Word(word) => word.to_string(),
+        ProgramValue::Concept(k) => format!("word {k} of the lexicon"),
         ProgramValue::Order(usize::MAX) => "last".to_string(),
         ProgramValue::Order(place) => format!("number {}", place + 1),
         ProgramValue::Factor(factor) => factor.to_string(),

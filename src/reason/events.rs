@@ -1,6 +1,7 @@
 //! The events of each rollout in the terms of questions: collisions, entrances and exits by frame, and which objects move.
 
 use super::Prediction;
+use super::words::impact_features;
 use crate::scene::{Scene, WorldKind};
 use crate::world::{EventKind, Intervention, Trace};
 use std::collections::BTreeSet;
@@ -55,6 +56,17 @@ pub struct RolloutEvents {
     pub events: Vec<SceneEvent>,
     /// `moving[object][frame]` of the observed frames; `None` where the object has no sample.
     pub moving: Vec<Vec<Option<bool>>>,
+    /// How objects met.
+    pub impacts: Vec<Impact>,
+}
+
+/// The features of one collision: see [`impact_features`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Impact {
+    pub frame: usize,
+    /// Indices of the scene's objects, sorted.
+    pub objects: Vec<usize>,
+    pub features: [f64; 4],
 }
 
 /// The events of every rollout of a prediction.
@@ -64,8 +76,19 @@ pub fn scenario(scene: &Scene, prediction: &Prediction) -> Scenario {
     let rollouts = traces.map(|trace| RolloutEvents {
         events: events(scene, trace, is_factual),
         moving: if is_factual { moving(scene, trace) } else { vec![] },
+        impacts: impacts(scene, trace),
     });
     Scenario { interventions: prediction.interventions.clone(), rollouts: rollouts.collect() }
+}
+
+fn impacts(scene: &Scene, trace: &Trace) -> Vec<Impact> {
+    let collisions = trace.events.iter().filter(|e| e.kind == EventKind::Collision);
+    let of = |event: &crate::world::Event| {
+        let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
+        objects.sort_unstable();
+        Some(Impact { frame: scene.frame_at(event.time), objects, features: impact_features(trace, event)? })
+    };
+    collisions.filter_map(of).collect()
 }
 
 /// The events of a trace. In a CLEVRER scene a pair of objects collides once: CLEVRER's annotations have the first contact only.

@@ -1,7 +1,8 @@
 //! Reasoning: predictions, counterfactuals, and answers to questions, all by simulation of the fitted model.
 //!
 //! `ask` (English or a program) -> `english`, `grammar` -> `program` (type check) -> `predict` (rollouts) -> `events` (what happens)
-//! -> `run`, `step`, `ops` (the program on each rollout) -> answer with probability and derivation.
+//! -> `run`, `step`, `ops` (the program on each rollout) -> answer with probability and derivation. With a lexicon, `words` are
+//! drawn for each rollout.
 
 mod ask;
 mod context;
@@ -9,7 +10,7 @@ mod describe;
 mod english;
 mod events;
 mod grammar;
-mod ops;
+pub mod ops;
 mod predict;
 mod program;
 mod run;
@@ -17,14 +18,24 @@ mod step;
 #[cfg(test)]
 mod tests;
 mod value;
+mod words;
 
-pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
+pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_with_words};
+pub use context::{Halt, RolloutContext};
 pub use english::{choice_program, examples, question_program};
-pub use events::{FUTURE_FRAMES, MOVING_SPEED};
+pub use events::{
+    FUTURE_FRAMES, Impact, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind, scenario,
+};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 
-pub use program::{Op, QuestionProgram, TOKENS, Type};
+pub use program::{Op, QuestionProgram, TOKENS, Type, operand_count};
 pub use run::DerivationStep;
+pub use step::step;
+pub use value::ProgramValue;
+pub use words::{
+    ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, DrawnWords, FamilyProbabilities,
+    IMPACT_FEATURES, LogisticWord, WordDraw, WordFamily, WordProbabilities, impact_features, logistic,
+};
 
 use crate::num::Stopped;
 use crate::world::InterventionError;
@@ -56,6 +67,8 @@ pub enum ReasonError {
     NoSingleEvent { found: String },
     #[error("not understood: \"{part}\"; the nearest supported form is: {nearest}")]
     NotUnderstood { part: String, nearest: String },
+    #[error("\"{word}\" is not a word of the lexicon; it knows {}; learn the word or use one of these", .known.join(", "))]
+    UnknownWord { word: String, known: Vec<String> },
     #[error("scene {index} is not in the fit; give an index below {scenes}")]
     NoSuchScene { index: usize, scenes: usize },
 }

@@ -43,11 +43,6 @@ pub fn edge(scene: &Scene, kind: SceneEventKind) -> SceneEvent {
     SceneEvent { kind, frame: if kind == SceneEventKind::Start { 0 } else { last }, objects: vec![] }
 }
 
-pub fn filter_word(scene: &Scene, objects: &[usize], of: fn(&Object) -> &str, word: &str) -> Vec<usize> {
-    let fits = |i: &&usize| scene.objects.get(**i).is_some_and(|o| of(o) == word);
-    objects.iter().filter(fits).copied().collect()
-}
-
 /// Objects that move, or rest, in a frame. Without a frame: objects that ever move, or that never do.
 pub fn filter_motion(
     rollout: &RolloutEvents,

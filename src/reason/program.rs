@@ -23,6 +23,7 @@ pub enum Type {
     Order,
     Factor,
     Law,
+    Concept,
     Change,
     Text,
     Number,
@@ -45,6 +46,7 @@ impl Type {
             Type::Order => "an order",
             Type::Factor => "a number",
             Type::Law => "a law",
+            Type::Concept => "a word of the lexicon",
             Type::Change => "a change",
             Type::Text => "a text",
             Type::Number => "a count",
@@ -55,9 +57,9 @@ impl Type {
 
 macro_rules! ops {
     ($($op:ident: $($token:literal)|+;)*) => {
-        /// One operation; a word of the vocabulary is an operation that pushes itself.
+        /// One operation; a word of the vocabulary is an operation that pushes itself. `Concept(k)` is word k of a lexicon.
         #[derive(Debug, Clone, Copy, PartialEq)]
-        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64) }
+        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64), Concept(usize) }
         /// Tokens and their operations: CLEVRER's with the aliases in use, and ours for billiards and further changes. A
         /// number is a factor, or a length in metres.
         pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
@@ -122,6 +124,8 @@ ops! {
     QueryColor: "query_color";
     QueryMaterial: "query_material";
     QueryShape: "query_shape";
+    FilterConcept: "filter_concept";
+    Apply: "apply";
 }
 
 /// A parsed program: its operations and the tokens they came from.
@@ -136,14 +140,20 @@ impl QuestionProgram {
     pub const MAX_TOKENS: usize = 200;
 
     pub fn parse(tokens: &[String]) -> Result<QuestionProgram, ReasonError> {
+        Self::parse_with(tokens, &[])
+    }
+
+    /// Parses a program that may use the words of a lexicon besides the vocabulary.
+    pub fn parse_with(tokens: &[String], lexicon: &[String]) -> Result<QuestionProgram, ReasonError> {
         if tokens.is_empty() || tokens.len() > Self::MAX_TOKENS {
             return Err(ReasonError::ProgramLength { tokens: tokens.len(), most: Self::MAX_TOKENS });
         }
         let ops = tokens.iter().enumerate().map(|(position, token)| {
             let word = TOKENS.iter().find(|(t, _)| t == token).map(|(_, op)| *op);
             let factor = || token.parse().ok().filter(|f: &f64| f.is_finite() && *f > 0.0).map(Op::Factor);
-            word.or_else(factor).ok_or_else(|| {
-                let names = TOKENS.iter().map(|(t, _)| *t);
+            let concept = || lexicon.iter().position(|w| w == token).map(Op::Concept);
+            word.or_else(concept).or_else(factor).ok_or_else(|| {
+                let names = TOKENS.iter().map(|(t, _)| *t).chain(lexicon.iter().map(String::as_str));
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })
         });
@@ -175,9 +185,10 @@ type Takes = (&'static str, &'static [Type]);
 /// What was expected, and the type that was on the stack instead, if any.
 type Mismatch = (&'static str, Option<Type>);
 
-const COLOR: Takes = ("a color", &[Type::Color]);
-const MATERIAL: Takes = ("a material", &[Type::Material]);
-const SHAPE: Takes = ("a shape", &[Type::Shape]);
+const COLOR: Takes = ("a color", &[Type::Color, Type::Concept]);
+const MATERIAL: Takes = ("a material", &[Type::Material, Type::Concept]);
+const SHAPE: Takes = ("a shape", &[Type::Shape, Type::Concept]);
+const CONCEPT: Takes = ("a word of the lexicon", &[Type::Concept, Type::Color, Type::Material, Type::Shape]);
 const TABLE_SIDE: Takes = ("a side of the table", &[Type::Side]);
 const DIRECTION: Takes = ("left, right, top or bottom", &[Type::Side]);
 const ORDER: Takes = ("first, second or last", &[Type::Order]);
@@ -210,6 +221,7 @@ fn signature(op: Op) -> (&'static [Takes], Type) {
         Op::Factor(_) => (&[], Type::Factor),
         Op::Law(_) => (&[], Type::Law),
         Op::Order(_) => (&[], Type::Order),
+        Op::Concept(_) => (&[], Type::Concept),
         Op::Unique => (&[OBJECTS_OR_EVENTS], Type::Object),
         Op::Count => (&[OBJECTS_OR_EVENTS], Type::Number),
         Op::Exist => (&[OBJECTS_OR_EVENTS], Type::Bool),
@@ -237,21 +249,38 @@ fn signature(op: Op) -> (&'static [Takes], Type) {
         Op::Both => (&[OBJECT_OR_CHANGE, OBJECT_OR_CHANGE], Type::Change),
         Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => (&[OBJECT], Type::Change),
         Op::QueryColor | Op::QueryMaterial | Op::QueryShape => (&[OBJECT], Type::Text),
+        Op::FilterConcept => (&[CONCEPT, OBJECTS_OR_EVENTS], Type::Objects),
+        Op::Apply => (&[CONCEPT, OBJECT], Type::Change),
     }
+}
+
+/// How many operands an operation has at least.
+pub fn operand_count(op: Op) -> usize {
+    signature(op).0.len()
 }
 
 /// Replaces the operands of an operation on the stack by the type of its result.
 fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
     let (operands, mut result) = signature(op);
-    let mut top = None;
+    let (mut top, mut selected) = (None, None);
+    // The moment of a word of motion may be left out.
+    if op == Op::FilterConcept && matches!(stack.last(), Some(Type::Frame | Type::Event)) {
+        stack.pop();
+    }
     for (expected, allowed) in operands {
         match stack.pop() {
-            Some(t) if allowed.contains(&t) => top = top.or(Some(t)),
+            Some(t) if allowed.contains(&t) => {
+                top = top.or(Some(t));
+                selected = Some(t);
+            }
             found => return Err((expected, found)),
         }
     }
     if op == Op::Unique && top == Some(Type::Events) {
         result = Type::Event;
+    }
+    if op == Op::FilterConcept && selected == Some(Type::Events) {
+        result = Type::Events;
     }
     // The events that it replaces may be left out.
     if op == Op::Counterfact && stack.last() == Some(&Type::Events) {

@@ -6,11 +6,11 @@ use super::events::{SceneEvent, SceneEventKind};
 use super::ops;
 use super::program::Op;
 use super::value::{Operands, ProgramValue};
-use crate::scene::Object;
+use super::words::ChangedQuantity;
 use crate::world::Intervention;
 
 /// The result of an operation. `words`: the describing words since the last `objects`, for messages.
-pub(super) fn step(
+pub fn step(
     op: Op,
     context: RolloutContext,
     stack: &mut Vec<ProgramValue>,
@@ -28,6 +28,7 @@ pub(super) fn step(
         Op::End => Event(ops::edge(scene, SceneEventKind::End)),
         Op::Null => Frame(None),
         Op::Color(word) | Op::Material(word) | Op::Shape(word) | Op::Side(word) | Op::Law(word) => Word(word),
+        Op::Concept(word) => Concept(word),
         Op::Factor(factor) => Factor(factor),
         Op::Order(place) => Order(place),
         Op::Unique => match operands.pop()? {
@@ -55,10 +56,14 @@ pub(super) fn step(
             let object = operands.object()?;
             Object(ops::partner(&operands.event()?, object)?)
         }
-        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => match scene.objects.get(operands.object()?) {
-            Some(object) => Text(attribute(op)(object).to_string()),
-            None => return Err(operands.mismatch()),
-        },
+        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => {
+            let object = operands.object()?;
+            match context.attribute(op, object) {
+                Some(word) => Text(word.to_string()),
+                None => return Err(operands.mismatch()),
+            }
+        }
+        Op::Apply => Change(apply_word(context, &mut operands)?),
         Op::Counterfact => {
             let changes = changes(context, &mut operands)?;
             if matches!(operands.stack.last(), Some(Events(_))) {
@@ -81,9 +86,11 @@ fn filter(context: RolloutContext, operands: &mut Operands) -> Result<ProgramVal
     let (op, scene) = (operands.op, context.scene);
     Ok(match op {
         Op::FilterColor | Op::FilterMaterial | Op::FilterShape => {
-            let word = operands.word()?;
-            Objects(ops::filter_word(scene, &operands.objects()?, attribute(op), word))
+            let word = named(context, operands)?;
+            let fits = |i: &usize| context.attribute(op, *i) == Some(word.as_str());
+            Objects(operands.objects()?.into_iter().filter(fits).collect())
         }
+        Op::FilterConcept => filter_concept(context, operands)?,
         Op::FilterMoving | Op::FilterStationary => {
             let frame = match operands.pop()? {
                 Frame(frame) => frame,
@@ -195,11 +202,57 @@ fn require_event(event: SceneEvent) -> Result<SceneEvent, ReasonError> {
     }
 }
 
-/// The attribute that an operation filters by or asks for.
-fn attribute(op: Op) -> fn(&Object) -> &str {
-    match op {
-        Op::FilterColor | Op::QueryColor => |o| &o.color,
-        Op::FilterMaterial | Op::QueryMaterial => |o| &o.material,
-        _ => |o| o.shape.word(),
+/// The word on top of the stack.
+fn named(context: RolloutContext, operands: &mut Operands) -> Result<String, Halt> {
+    match (operands.pop()?, context.words) {
+        (ProgramValue::Word(word), _) => Ok(word.to_string()),
+        (ProgramValue::Concept(k), Some(drawn)) => {
+            drawn.words.vocabulary().into_iter().nth(k).ok_or_else(|| operands.mismatch())
+        }
+        _ => Err(operands.mismatch()),
     }
+}
+
+/// Objects or events that a word of the lexicon describes.
+fn filter_concept(context: RolloutContext, operands: &mut Operands) -> Result<ProgramValue, Halt> {
+    let frame = match operands.stack.last() {
+        Some(ProgramValue::Frame(frame)) => *frame,
+        Some(ProgramValue::Event(event)) => Some(event.frame),
+        _ => None,
+    };
+    if matches!(operands.stack.last(), Some(ProgramValue::Frame(_) | ProgramValue::Event(_))) {
+        operands.stack.pop();
+    }
+    let name = named(context, operands)?;
+    let Some(words) = context.words else {
+        return Err(ReasonError::UnknownWord { word: name, known: vec![] }.into());
+    };
+    Ok(match operands.pop()? {
+        ProgramValue::Objects(mut objects) => {
+            objects.retain(|o| words.holds(&name, *o, frame));
+            ProgramValue::Objects(objects)
+        }
+        ProgramValue::Events(mut events) => {
+            let holds = |e: &SceneEvent| {
+                context.impact(e).is_some_and(|features| words.holds_for_impact(&name, &e.objects, &features))
+            };
+            events.retain(holds);
+            ProgramValue::Events(events)
+        }
+        _ => return Err(operands.mismatch()),
+    })
+}
+
+/// The change that a word of the lexicon stands for.
+fn apply_word(context: RolloutContext, operands: &mut Operands) -> Result<Vec<Intervention>, Halt> {
+    let name = named(context, operands)?;
+    let change = context.words.and_then(|w| w.change(&name)).cloned();
+    let known = context.words.map_or(vec![], |w| w.words.changes.iter().map(|c| c.name.clone()).collect());
+    let Some(change) = change else { return Err(ReasonError::UnknownWord { word: name, known }.into()) };
+    let (id, factor) = (ops::id(context.scene, operands.object()?)?, change.factor);
+    Ok(vec![match change.quantity {
+        ChangedQuantity::Mass => Intervention::ScaleMass { id, factor },
+        ChangedQuantity::Velocity => Intervention::ScaleVelocity { id, factor },
+        ChangedQuantity::Restitution => Intervention::ScaleRestitution { id, factor },
+    }])
 }

@@ -272,7 +272,7 @@ fn true_events(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> R
                 .collect()
         })
         .collect();
-    RolloutEvents { events, moving }
+    RolloutEvents { events, moving, impacts: vec![] }
 }
 
 #[test]
@@ -296,7 +296,7 @@ fn true_events_give_the_true_answers() {
             });
         }
         let context =
-            RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0 };
+            RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);
@@ -473,6 +473,7 @@ fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene
         tracks: vec![Track { samples: (0..60).map(sample).collect() }],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     }
 }
 

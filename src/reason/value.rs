@@ -16,6 +16,8 @@ pub enum ProgramValue {
     /// `None`: any time.
     Frame(Option<usize>),
     Word(&'static str),
+    /// Word k of the lexicon.
+    Concept(usize),
     Order(usize),
     /// A factor, or a length (m).
     Factor(f64),

@@ -50,6 +50,7 @@ fn scene() -> Scene {
         tracks: (0..4).map(track).collect(),
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     }
 }
 

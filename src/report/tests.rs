@@ -47,6 +47,7 @@ fn scene() -> Scene {
         tracks: vec![track(1.0, 0.0), track(0.0, 2.0)],
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     }
 }
 

@@ -31,6 +31,9 @@ pub struct Scene {
     /// What the tracks show of how they were measured; what is no measurement has been left out or put right.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub findings: Vec<TrackFinding>,
+    /// What the numbers of `Object::features` are, such as perception's layout; `None`: not named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub feature_layout: Option<String>,
 }
 
 /// The kind of place; it selects the default preset.

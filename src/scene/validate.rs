@@ -332,6 +332,7 @@ mod tests {
             tracks: (0..3).map(|i| track(i as f64)).collect(),
             outliers: vec![],
             findings: vec![],
+            feature_layout: None,
         }
     }
 

@@ -131,6 +131,7 @@ impl AnnotationReader {
             tracks,
             outliers: vec![],
             findings: vec![],
+            feature_layout: self.fields.text(root, "feature_layout", ""),
         }
     }
 

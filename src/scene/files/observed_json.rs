@@ -33,6 +33,9 @@ pub fn observed_json(scene: &Scene) -> Value {
     if let Some(sigma) = scene.noise_sigma {
         root.insert("noise_sigma".into(), sigma.into());
     }
+    if let Some(layout) = &scene.feature_layout {
+        root.insert("feature_layout".into(), layout.clone().into());
+    }
     root.insert("object_property".into(), scene.objects.iter().map(object_property).collect());
     let frame = |(f, objects)| json!({ "frame_id": f, "objects": Value::Array(objects) });
     root.insert("motion_trajectory".into(), frames(scene).into_iter().enumerate().map(frame).collect());
@@ -92,6 +95,7 @@ mod tests {
         scene.times[5] += 0.003;
         scene.setup = Some("bench".into());
         scene.objects[1].features = vec![0.1, -2.5e-7, 3.0];
+        scene.feature_layout = Some("network-3".into());
         assert_eq!(parse("scene", &observed_json(&scene).to_string()).unwrap(), scene);
         scene.camera = None;
         scene.tracks[0].samples[5].position.x += 1.0;

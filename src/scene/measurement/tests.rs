@@ -51,6 +51,7 @@ fn video(frames: usize, ways: &[&dyn Fn(f64) -> Vec2]) -> Scene {
             .collect(),
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     }
 }
 

@@ -176,6 +176,7 @@ mod tests {
             tracks: vec![Track { samples: positions.into_iter().enumerate().map(sample).collect() }],
             outliers: vec![],
             findings: vec![],
+            feature_layout: None,
         }
     }
 

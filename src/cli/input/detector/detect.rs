@@ -204,6 +204,7 @@ fn linked(
         tracks: linked.tracks,
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     };
     let scene = scene.validate().map_err(|e| Failure::input(e.to_string()))?;
     Ok((scene, linked.report))

@@ -58,6 +58,7 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<(Scene, 
         tracks,
         outliers: vec![],
         findings: vec![],
+        feature_layout: None,
     };
     Ok((scene, assumed))
 }

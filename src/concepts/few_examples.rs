@@ -1,0 +1,208 @@
+//! A new word from a few examples and counter-examples.
+//!
+//! Each candidate, one feature or a group of them, is a logistic regression; the one with the highest evidence, less the logarithm
+//! of the number of candidates, is the word. Where none beats the bias alone by [`LEAST_EVIDENCE`], the word is refused.
+
+use super::error::ConceptError;
+use super::features::{FeatureLayout, appearance, motion};
+use super::lessons::simulated;
+use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind};
+use super::logistic::{LogisticFit, fit_columns};
+use crate::fit::Fit;
+use crate::num::elementary::ln;
+use crate::num::never;
+use crate::scene::Scene;
+
+/// An object or a collision of a scene that fits a word, or does not.
+#[derive(Debug, Clone, Copy)]
+pub struct Example<'a> {
+    pub scene: &'a Scene,
+    /// With the scene's index in it; words of events need it.
+    pub fit: Option<(&'a Fit, usize)>,
+    pub of: ExampleOf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ExampleOf {
+    /// Index of the object.
+    Object(usize),
+    /// Indices of two objects, and about which frame they collide.
+    Collision { objects: [usize; 2], frame: usize },
+}
+
+/// Log evidence above the bias alone that a word needs (nat): odds of 20.
+const LEAST_EVIDENCE: f64 = 3.0;
+/// Two examples closer than this, in deviations of each feature over the examples, are alike.
+const ALIKE: f64 = 0.02;
+/// Most features that are tried together without being a named group.
+const MAX_GROUP: usize = 40;
+/// Features that are looked at together: colour, lightness, highlights, form.
+const APPEARANCE_GROUPS: [&[usize]; 6] = [
+    &[0, 1, 2, 3, 4],
+    &[0, 1, 2, 3, 4, 8],
+    &[8, 9, 10, 11, 12, 13],
+    &[8, 9, 10, 11, 12, 13, 14, 15, 16],
+    &[2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18],
+    &[19, 20, 21, 22, 23, 24],
+];
+
+/// The lexicon with a new word from examples that fit and examples that do not. Deterministic.
+pub fn learn_word(
+    lexicon: &Lexicon,
+    name: &str,
+    kind: WordKind,
+    yes: &[Example],
+    no: &[Example],
+) -> Result<Lexicon, ConceptError> {
+    lexicon.check()?;
+    check_new(lexicon, name)?;
+    if yes.len() < 2 || no.len() < 2 {
+        return Err(ConceptError::TooFewExamples { name: name.into(), yes: yes.len(), no: no.len() });
+    }
+    let all: Vec<&Example> = yes.iter().chain(no).collect();
+    let mut rows = vec![];
+    for (index, example) in all.iter().enumerate() {
+        rows.push(features(example, index, kind)?);
+    }
+    let fits: Vec<bool> = (0..all.len()).map(|k| k < yes.len()).collect();
+    let labels: Vec<String> = all.iter().map(|e| label(e)).collect();
+    contradictions(name, &rows, &fits, &labels)?;
+    let groups: &[&[usize]] = if kind == WordKind::Static && is_perceived(all[0]) { &APPEARANCE_GROUPS } else { &[] };
+    let (best, gain) = best_columns(&rows, &fits, groups);
+    if gain < LEAST_EVIDENCE {
+        let nearest = nearest_word(lexicon, &all, &fits);
+        return Err(ConceptError::NotSeparable { name: name.into(), nearest });
+    }
+    let mut learned = lexicon.clone();
+    if kind == WordKind::Static && learned.layout.is_none() {
+        learned.layout = FeatureLayout::of(all[0].scene);
+        (learned.mean, learned.scale) = super::features::standard(&rows);
+    }
+    learned.words.push(LearnedWord {
+        name: name.into(),
+        kind,
+        meaning: Meaning::Logistic(best.word),
+        yes: yes.len(),
+        no: no.len(),
+        evidence: gain,
+    });
+    Ok(learned)
+}
+
+/// Refuses a name that is in use.
+pub(super) fn check_new(lexicon: &Lexicon, name: &str) -> Result<(), ConceptError> {
+    let of_family = lexicon.families.iter().any(|f| f.words.iter().any(|w| w == name));
+    let word = lexicon.words.iter().find(|w| w.name == name).map(|w| w.kind.name());
+    match word.or(of_family.then_some("a word of a family")) {
+        Some(kind) => Err(ConceptError::KnownWord { name: name.into(), kind }),
+        None => Ok(()),
+    }
+}
+
+fn is_perceived(example: &Example) -> bool {
+    FeatureLayout::of(example.scene).is_some_and(|l| l.is_perceived())
+}
+
+/// What an example is called in messages.
+fn label(example: &Example) -> String {
+    let scene = &example.scene.name;
+    match example.of {
+        ExampleOf::Object(object) => format!("object {object} of {scene}"),
+        ExampleOf::Collision { objects: [a, b], frame } => format!("collision of {a} and {b} near frame {frame} of {scene}"),
+    }
+}
+
+fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>, ConceptError> {
+    let objects = example.scene.objects.len();
+    let missing = |object| ConceptError::NoSuchObject { index, object, objects };
+    match (kind, example.of) {
+        (WordKind::Static, ExampleOf::Object(object)) => {
+            let row = appearance(example.scene).get(object).cloned().ok_or_else(|| missing(object))?;
+            if row.is_empty() { Err(ConceptError::NoFeatures { video: index }) } else { Ok(row) }
+        }
+        (_, ExampleOf::Object(object)) => {
+            motion(example.scene, example.fit).get(object).cloned().ok_or_else(|| missing(object))
+        }
+        (_, ExampleOf::Collision { objects: [a, b], frame }) => {
+            let wanted = if a < b { vec![a, b] } else { vec![b, a] };
+            let Some(fit) = example.fit else { return Err(missing(a)) };
+            let scenario = simulated(example.scene, fit, &[], &never)?;
+            let impacts = scenario.rollouts.first().map_or(&[][..], |r| &r.impacts);
+            let own = impacts.iter().filter(|i| i.objects == wanted);
+            let nearest = own.min_by_key(|i| i.frame.abs_diff(frame));
+            nearest.map(|i| i.features.to_vec()).ok_or_else(|| missing(a))
+        }
+    }
+}
+
+/// Refuses examples that look alike but disagree.
+fn contradictions(
+    name: &str,
+    rows: &[Vec<f64>],
+    fits: &[bool],
+    labels: &[String],
+) -> Result<(), ConceptError> {
+    let (_, scale) = super::features::standard(rows);
+    let alike = |a: &[f64], b: &[f64]| a.iter().zip(b).zip(&scale).all(|((x, y), s)| ((x - y) / s).abs() < ALIKE);
+    let mut pairs = vec![];
+    for i in 0..rows.len() {
+        for j in 0..i {
+            if fits[i] != fits[j] && alike(&rows[i], &rows[j]) {
+                pairs.push(format!("{} and {}", labels[j], labels[i]));
+            }
+        }
+    }
+    if pairs.is_empty() { Ok(()) } else { Err(ConceptError::Contradiction { name: name.into(), pairs }) }
+}
+
+/// The candidate with the highest evidence, and what it has above the bias alone, less the price of the search.
+fn best_columns(rows: &[Vec<f64>], fits: &[bool], groups: &[&[usize]]) -> (LogisticFit, f64) {
+    let length = rows.first().map_or(0, Vec::len);
+    let none = fit_columns(rows, fits, &[]).evidence;
+    let single = (0..length).map(|k| (vec![k], ln(2.0 * length as f64)));
+    let mut candidates: Vec<(Vec<usize>, f64)> = single.collect();
+    let named: Vec<Vec<usize>> = groups.iter().map(|g| g.to_vec()).collect();
+    let whole = if length <= MAX_GROUP { vec![(0..length).collect()] } else { vec![] };
+    let together: Vec<Vec<usize>> = named.into_iter().chain(whole).collect();
+    let price = ln(2.0 * together.len().max(1) as f64);
+    candidates.extend(together.into_iter().map(|columns| (columns, price)));
+    let mut best: Option<(LogisticFit, f64)> = None;
+    for (columns, price) in candidates {
+        let fitted = fit_columns(rows, fits, &columns);
+        let gain = fitted.evidence - none - price;
+        if best.as_ref().is_none_or(|b| gain > b.1) {
+            best = Some((fitted, gain));
+        }
+    }
+    best.unwrap_or_else(|| (fit_columns(rows, fits, &[]), f64::NEG_INFINITY))
+}
+
+/// The word of the lexicon that agrees with most examples.
+fn nearest_word(lexicon: &Lexicon, examples: &[&Example], fits: &[bool]) -> String {
+    let objects: Vec<(&Example, usize, bool)> = examples
+        .iter()
+        .zip(fits)
+        .filter_map(|(e, fit)| match e.of {
+            ExampleOf::Object(object) => Some((*e, object, *fit)),
+            ExampleOf::Collision { .. } => None,
+        })
+        .collect();
+    let mut best: Option<(usize, String)> = None;
+    for family in &lexicon.families {
+        for (w, word) in family.words.iter().enumerate() {
+            let agrees = |(e, object, fit): &&(&Example, usize, bool)| {
+                let looks = appearance(e.scene);
+                let p = looks.get(*object).map(|x| family.probabilities(&lexicon.standardised(x)));
+                p.and_then(|p| p.get(w).copied()).is_some_and(|p| (p > 0.5) == *fit)
+            };
+            let count = objects.iter().filter(agrees).count();
+            if best.as_ref().is_none_or(|b| count > b.0) {
+                best = Some((count, word.clone()));
+            }
+        }
+    }
+    match best {
+        Some((count, word)) => format!("the nearest word is \"{word}\", which agrees with {count} of {}", fits.len()),
+        None => "no word is known to compare with".into(),
+    }
+}

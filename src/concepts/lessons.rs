@@ -1,0 +1,244 @@
+//! Lessons: videos with questions and their answers, as training reads them.
+
+use super::error::ConceptError;
+use super::features::{FeatureLayout, appearance};
+use super::observed::observed_scenario;
+use crate::fit::Fit;
+use crate::num::Stop;
+use crate::reason::{
+    Op, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario, TOKENS, WordFamily,
+    choice_program, predict, question_program, scenario,
+};
+use crate::scene::Scene;
+use crate::world::Intervention;
+
+/// A video with questions and their answers. Words of its objects are not read.
+#[derive(Debug, Clone, Copy)]
+pub struct LessonVideo<'a> {
+    pub scene: &'a Scene,
+    /// The physics, with the scene's index in it: its simulations give the events. Without, events come from the tracks, and
+    /// questions that need simulations are left out.
+    pub fit: Option<(&'a Fit, usize)>,
+    pub lessons: &'a [Lesson],
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lesson {
+    pub question: Question,
+    pub answer: LessonAnswer,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+pub enum LessonAnswer {
+    /// A word, a number, "yes" or "no".
+    Open(String),
+    /// Whether each choice is correct.
+    Choices(Vec<bool>),
+}
+
+/// A question, or one choice of it, with its answer.
+#[derive(Debug, Clone)]
+pub(super) struct LessonItem {
+    /// The choice's program before the question's.
+    pub programs: Vec<QuestionProgram>,
+    pub target: ProgramValue,
+    /// One for a question, shared by its choices.
+    pub weight: f64,
+    pub needs_simulation: bool,
+}
+
+/// A video as training reads it.
+pub(super) struct PreparedVideo<'a> {
+    pub scene: &'a Scene,
+    pub fit: Option<(&'a Fit, usize)>,
+    /// Raw features, `[object][feature]`.
+    pub features: Vec<Vec<f64>>,
+    pub items: Vec<LessonItem>,
+    pub scenarios: Vec<Scenario>,
+    pub effects: Vec<String>,
+}
+
+/// The words of each family that the lessons name or answer, sorted, with how often.
+pub(super) type FamilyWords = Vec<(WordFamily, Vec<(String, usize)>)>;
+
+/// Tokens of a question, of each choice, and the answer.
+struct Tokens {
+    question: Vec<String>,
+    choices: Vec<Vec<String>>,
+}
+
+fn tokens(question: &Question) -> Result<Tokens, ReasonError> {
+    Ok(match question {
+        Question::Program { program, choices } => {
+            Tokens { question: program.clone(), choices: choices.clone() }
+        }
+        Question::English { question, choices } => {
+            let program = question_program(question)?;
+            let observed = program.iter().any(|t| t == "filter_ancestor");
+            let choices = choices.iter().map(|c| choice_program(c, observed)).collect::<Result<_, _>>()?;
+            Tokens { question: program, choices }
+        }
+    })
+}
+
+/// The words before the filters of a program, and the family that it asks for.
+fn words_of(program: &[String], found: &mut Vec<(WordFamily, String)>) -> Option<WordFamily> {
+    for pair in program.windows(2) {
+        if let Some(family) = WordFamily::ALL.into_iter().find(|f| f.filter() == pair[1]) {
+            found.push((family, pair[0].clone()));
+        }
+    }
+    match program.last().map(String::as_str) {
+        Some("query_color") => Some(WordFamily::Color),
+        Some("query_material") => Some(WordFamily::Material),
+        Some("query_shape") => Some(WordFamily::Shape),
+        _ => None,
+    }
+}
+
+/// All words of the lessons, by family.
+pub(super) fn family_words(videos: &[LessonVideo]) -> Result<FamilyWords, ConceptError> {
+    let mut all: FamilyWords = WordFamily::ALL.map(|f| (f, vec![])).to_vec();
+    for (v, video) in videos.iter().enumerate() {
+        for (q, lesson) in video.lessons.iter().enumerate() {
+            let read = tokens(&lesson.question);
+            let read = read.map_err(|source| ConceptError::Question { video: v, question: q, source })?;
+            let mut found = vec![];
+            let asked = words_of(&read.question, &mut found);
+            read.choices.iter().for_each(|c| {
+                words_of(c, &mut found);
+            });
+            if let (Some(family), LessonAnswer::Open(word)) = (asked, &lesson.answer) {
+                found.push((family, word.clone()));
+            }
+            for (family, word) in found {
+                let Some((_, words)) = all.iter_mut().find(|(f, _)| *f == family) else { continue };
+                match words.iter_mut().find(|(w, _)| *w == word) {
+                    Some((_, count)) => *count += 1,
+                    None => words.push((word, 1)),
+                }
+            }
+        }
+    }
+    all.iter_mut().for_each(|(_, words)| words.sort());
+    all.retain(|(_, words)| !words.is_empty());
+    Ok(all)
+}
+
+/// The words that are not tokens of the vocabulary.
+pub(super) fn vocabulary(words: &FamilyWords) -> Vec<String> {
+    let all = words.iter().flat_map(|(_, w)| w.iter().map(|(word, _)| word.clone()));
+    all.filter(|word| !TOKENS.iter().any(|(token, _)| token == word)).collect()
+}
+
+/// Reads the lessons of all videos.
+pub(super) fn prepare<'a>(
+    videos: &[LessonVideo<'a>],
+    words: &FamilyWords,
+    stop: Stop,
+) -> Result<(Vec<PreparedVideo<'a>>, FeatureLayout), ConceptError> {
+    let known = vocabulary(words);
+    let mut layout: Option<FeatureLayout> = None;
+    let mut prepared = vec![];
+    for (v, video) in videos.iter().enumerate() {
+        let found = FeatureLayout::of(video.scene).ok_or(ConceptError::NoFeatures { video: v })?;
+        let expected = layout.get_or_insert_with(|| found.clone());
+        if *expected != found {
+            let text = |l: &FeatureLayout| format!("\"{}\" ({} numbers)", l.name, l.length);
+            let (found, expected) = (text(&found), text(expected));
+            return Err(ConceptError::Layout { video: v, found, expected });
+        }
+        let mut items = vec![];
+        for (q, lesson) in video.lessons.iter().enumerate() {
+            let at = |source| ConceptError::Question { video: v, question: q, source };
+            items.extend(self::items(lesson, &known).map_err(|e| match e {
+                ItemError::Reason(source) => at(source),
+                ItemError::Answer { answer, expected } => {
+                    ConceptError::Answer { video: v, question: q, answer, expected }
+                }
+            })?);
+        }
+        if video.fit.is_none() {
+            items.retain(|i| !i.needs_simulation);
+        }
+        let (scenarios, effects) = match video.fit {
+            None => (vec![observed_scenario(video.scene)], vec![]),
+            Some((fit, index)) => {
+                let model = fit.scenes.get(index).map(|s| &s.model);
+                let active = model.into_iter().flat_map(|m| &m.effects).filter(|e| e.on);
+                let effects = active.map(|e| e.name.clone()).collect();
+                (vec![simulated(video.scene, (fit, index), &[], stop)?], effects)
+            }
+        };
+        let features = appearance(video.scene);
+        prepared.push(PreparedVideo { scene: video.scene, fit: video.fit, features, items, scenarios, effects });
+    }
+    let layout = layout.ok_or(ConceptError::NoQuestions)?;
+    Ok((prepared, layout))
+}
+
+/// The best rollout under interventions.
+pub(super) fn simulated(
+    scene: &Scene,
+    (fit, index): (&Fit, usize),
+    interventions: &[Intervention],
+    stop: Stop,
+) -> Result<Scenario, ReasonError> {
+    let after = if interventions.is_empty() { crate::reason::FUTURE_FRAMES } else { 0 };
+    let frames = scene.times.len() + after;
+    let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
+    Ok(scenario(scene, &predict(scene, fit, index, &request, stop)?))
+}
+
+enum ItemError {
+    Reason(ReasonError),
+    Answer { answer: String, expected: String },
+}
+
+impl From<ReasonError> for ItemError {
+    fn from(error: ReasonError) -> Self {
+        ItemError::Reason(error)
+    }
+}
+
+fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError> {
+    let Tokens { question, choices } = tokens(&lesson.question)?;
+    let program = QuestionProgram::parse_with(&question, known)?;
+    let simulated = |p: &QuestionProgram| p.ops.iter().any(|op| matches!(op, Op::Counterfact | Op::UnseenEvents));
+    match &lesson.answer {
+        LessonAnswer::Choices(correct) if correct.len() == choices.len() && !choices.is_empty() => {
+            let weight = 1.0 / choices.len() as f64;
+            let item = |(choice, correct): (&Vec<String>, &bool)| {
+                let choice = QuestionProgram::parse_with(choice, known)?;
+                let mut stack = vec![];
+                choice.check(&mut stack)?;
+                program.check(&mut stack)?;
+                let needs_simulation = simulated(&program) || simulated(&choice);
+                let target = ProgramValue::Bool(*correct);
+                Ok(LessonItem { programs: vec![choice, program.clone()], target, weight, needs_simulation })
+            };
+            choices.iter().zip(correct).map(item).collect()
+        }
+        LessonAnswer::Choices(correct) => Err(ItemError::Answer {
+            answer: format!("for {} choices", correct.len()),
+            expected: format!("one verdict for each of {} choices", choices.len()),
+        }),
+        LessonAnswer::Open(text) => {
+            program.check(&mut vec![])?;
+            let wrong = |expected: &str| ItemError::Answer { answer: text.clone(), expected: expected.into() };
+            let target = match (program.ops.last(), text.as_str()) {
+                (Some(Op::Count), number) => {
+                    ProgramValue::Number(number.parse().map_err(|_| wrong("a whole number"))?)
+                }
+                (Some(Op::QueryColor | Op::QueryMaterial | Op::QueryShape), word) => {
+                    ProgramValue::Text(word.to_string())
+                }
+                (_, "yes") => ProgramValue::Bool(true),
+                (_, "no") => ProgramValue::Bool(false),
+                _ => return Err(wrong("yes or no")),
+            };
+            let needs_simulation = simulated(&program);
+            Ok(vec![LessonItem { programs: vec![program], target, weight: 1.0, needs_simulation }])
+        }
+    }
+}

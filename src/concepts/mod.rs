@@ -1,0 +1,39 @@
+//! Words learned from questions and answers, and from a few examples.
+//!
+//! | file | job |
+//! |---|---|
+//! | `features` | numbers of an object's looks and motion, with a version |
+//! | `tape`, `soft`, `soft_value` | derivatives; programs with uncertain words |
+//! | `lessons`, `observed` | questions with answers, read; events of a video without a fit |
+//! | `training` | the words of families, learned from lessons |
+//! | `lexicon` | what was learned; P(word) for a scene |
+//! | `few_examples`, `logistic`, `change` | a new word from examples; the factor that a change stands for |
+//! | `describe` | what a word looks at, its neighbours, its figures |
+//!
+//! `learn` or `learn_word` -> `Lexicon` -> `word_probabilities` -> `reason::ask_with_words`.
+
+mod change;
+mod describe;
+mod error;
+mod features;
+mod few_examples;
+mod lessons;
+mod lexicon;
+mod logistic;
+mod observed;
+mod soft;
+mod soft_value;
+mod tape;
+#[cfg(test)]
+mod tests;
+mod training;
+
+pub use change::{ChangeOptions, learn_change};
+pub use describe::{WordDescription, describe};
+pub use error::ConceptError;
+pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};
+pub use few_examples::{Example, ExampleOf, learn_word};
+pub use lessons::{Lesson, LessonAnswer, LessonVideo};
+pub use lexicon::{Calibration, LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordKind, word_probabilities};
+pub use observed::observed_scenario;
+pub use training::{LearnOptions, LearnProgress, learn};

@@ -1,0 +1,284 @@
+//! Tests of the room: soft programs against exact ones, words from synthetic lessons, new words from examples.
+
+use super::soft::{SoftContext, SoftFamily, SoftRun};
+use super::soft_value::SoftValue;
+use super::tape::{ONE, Tape, ZERO};
+use super::*;
+use crate::num::{never, standard_normal, vec2};
+use crate::reason::*;
+use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+const LOOKS: [(&str, &str, &str); 4] =
+    [("red", "metal", "cube"), ("blue", "rubber", "sphere"), ("green", "metal", "cylinder"), ("red", "rubber", "cube")];
+
+/// A scene of 20 frames; object 0 is at rest, the others move; features tell colour and material with noise.
+fn scene(name: &str, looks: &[(&str, &str, &str)], random: &mut ChaCha8Rng) -> Scene {
+    let (mut objects, mut tracks) = (vec![], vec![]);
+    for (k, (color, material, form)) in looks.iter().enumerate() {
+        let shape = match *form {
+            "cube" => Shape::Square { half_side: 0.2 },
+            "sphere" => Shape::Ball { radius: 0.2 },
+            _ => Shape::Disc { radius: 0.2 },
+        };
+        let mut near = |x: f64| (x + 0.1 * standard_normal(random)) as f32;
+        let flag = |is: bool| if is { 1.0 } else { 0.0 };
+        let features = vec![
+            near(flag(*color == "red")),
+            near(flag(*color == "blue")),
+            near(flag(*material == "metal")),
+            near(flag(*form == "cube")),
+            near(flag(*form == "sphere")),
+        ];
+        let (color, material) = (color.to_string(), material.to_string());
+        objects.push(Object { id: k as u32, color, material, shape, mass: None, features });
+        let from = 3 * (k % 2);
+        let at = |f: usize| vec2(2.0 * k as f64 + 0.05 * k as f64 * f as f64, 0.0);
+        let sample = |frame| Sample { frame, position: at(frame), yaw: None, covariance: None };
+        tracks.push(Track { samples: (from..20).map(sample).collect() });
+    }
+    Scene {
+        name: name.into(),
+        setup: None,
+        world: WorldKind::Clevrer,
+        fps: 25.0,
+        times: (0..20).map(|f| f as f64 / 25.0).collect(),
+        camera: None,
+        table: None,
+        noise_sigma: None,
+        objects,
+        tracks,
+        outliers: vec![],
+        findings: vec![],
+        feature_layout: Some("test".into()),
+    }
+}
+
+fn tokens(program: &str) -> Vec<String> {
+    program.split_whitespace().map(str::to_string).collect()
+}
+
+/// Events with two collisions of a pair, as simulations have them.
+fn scenario() -> Scenario {
+    let event = |kind, frame, objects: &[usize]| SceneEvent { kind, frame, objects: objects.to_vec() };
+    let events = vec![
+        event(SceneEventKind::In, 3, &[1]),
+        event(SceneEventKind::In, 3, &[3]),
+        event(SceneEventKind::Collision, 5, &[0, 1]),
+        event(SceneEventKind::Collision, 8, &[1, 2]),
+        event(SceneEventKind::Out, 12, &[2]),
+        event(SceneEventKind::Collision, 15, &[0, 3]),
+        event(SceneEventKind::Collision, 24, &[2, 3]),
+    ];
+    let moving = (0..4).map(|k| (0..20).map(|f| (f >= 3 * (k % 2)).then_some(k > 0)).collect()).collect();
+    Scenario { interventions: vec![], rollouts: vec![RolloutEvents { events, moving, impacts: vec![] }] }
+}
+
+const PROGRAMS: [&str; 23] = [
+    "objects red filter_color count",
+    "objects metal filter_material sphere filter_shape exist",
+    "objects red filter_color metal filter_material unique query_shape",
+    "objects blue filter_color unique query_material",
+    "objects green filter_color unique query_color",
+    "objects null filter_moving count",
+    "objects events filter_start query_frame filter_stationary count",
+    "objects cube filter_shape events filter_end query_frame filter_moving exist",
+    "events objects filter_collision count",
+    "events objects red filter_color filter_in count",
+    "events objects blue filter_color unique filter_collision first filter_order objects blue filter_color unique query_collision_partner query_color",
+    "events objects blue filter_color unique filter_collision last filter_order objects blue filter_color unique query_collision_partner query_shape",
+    "events objects filter_in events objects blue filter_color unique filter_in unique filter_after count",
+    "events objects filter_collision events objects green filter_color unique filter_out unique filter_before count",
+    "events objects filter_in events filter_start filter_after first filter_order query_object query_color",
+    "objects blue filter_color unique events events objects green filter_color unique filter_out unique filter_ancestor belong_to",
+    "events objects metal filter_material cube filter_shape unique filter_collision objects blue filter_color unique filter_collision unique events events objects green filter_color unique filter_out unique filter_ancestor belong_to",
+    "all_events objects blue filter_color unique filter_collision objects green filter_color unique filter_collision unique events belong_to negate",
+    "all_events objects green filter_color unique filter_collision objects red filter_color rubber filter_material unique filter_collision unique unseen_events belong_to",
+    "all_events objects green filter_color unique filter_out unique unseen_events belong_to",
+    "events objects blue filter_color unique objects cylinder filter_shape filter_partner exist",
+    "objects blue filter_color unique query_shape",
+    "events objects sphere filter_shape filter_collision exist",
+];
+
+/// The soft result of a program on certain words.
+fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> Option<SoftValue> {
+    let words: Vec<Vec<String>> = [["red", "blue", "green"], ["metal", "rubber", ""], ["cube", "sphere", "cylinder"]]
+        .map(|w| w.iter().map(|w| w.to_string()).collect())
+        .to_vec();
+    let own = |k: usize, family: usize| [LOOKS[k].0, LOOKS[k].1, LOOKS[k].2][family];
+    let families: Vec<SoftFamily> = (0..3)
+        .map(|f| SoftFamily {
+            family: WordFamily::ALL[f],
+            words: &words[f],
+            probabilities: (0..4)
+                .map(|k| words[f].iter().map(|w| if w == own(k, f) { ONE } else { ZERO }).collect())
+                .collect(),
+        })
+        .collect();
+    let context = SoftContext { exact: context, families: &families, vocabulary: &[] };
+    let mut run = SoftRun { context: &context, tape, stack: vec![], presupposed: ONE };
+    run.run(program).ok()?;
+    run.stack.pop()
+}
+
+#[test]
+fn on_certain_words_each_soft_operation_is_the_exact_one() {
+    let scene = scene("certain", &LOOKS, &mut ChaCha8Rng::seed_from_u64(1));
+    let scenarios = [scenario()];
+    let context = RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+    let mut compared = 0;
+    for text in PROGRAMS {
+        let program = QuestionProgram::parse(&tokens(text)).unwrap();
+        let mut stack = vec![];
+        for op in &program.ops {
+            let value = step(*op, context, &mut stack, &[]).unwrap();
+            stack.push(value);
+        }
+        let exact = stack.pop().unwrap();
+        let mut tape = Tape::default();
+        let Some(SoftValue::Choice(choices)) = soft(&program, context, &mut tape) else { panic!("{text}") };
+        let best = choices.iter().max_by(|a, b| tape.value(a.1).total_cmp(&tape.value(b.1))).unwrap();
+        assert_eq!(best.0, exact, "{text}");
+        assert!((tape.value(best.1) - 1.0).abs() < 1e-9, "{text}");
+        compared += 1;
+    }
+    assert_eq!(compared, 23);
+}
+
+/// Lessons of random scenes, answered by the exact operations on the true words.
+fn lessons(scene: &Scene) -> Vec<Lesson> {
+    let asked = [
+        "objects red filter_color count",
+        "objects metal filter_material count",
+        "objects cube filter_shape metal filter_material exist",
+        "objects sphere filter_shape count",
+        "objects blue filter_color rubber filter_material exist",
+        "events objects filter_in first filter_order query_object query_color",
+        "events objects filter_in first filter_order query_object query_material",
+    ];
+    let scenarios = [observed_scenario(scene)];
+    let context = RolloutContext { scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+    let answer = |text: &&str| {
+        let program = QuestionProgram::parse(&tokens(text)).unwrap();
+        let mut stack = vec![];
+        for op in &program.ops {
+            let value = step(*op, context, &mut stack, &[]).ok()?;
+            stack.push(value);
+        }
+        let answer = match stack.pop()? {
+            ProgramValue::Number(n) => n.to_string(),
+            ProgramValue::Bool(b) => if b { "yes" } else { "no" }.to_string(),
+            ProgramValue::Text(word) => word,
+            _ => return None,
+        };
+        let question = Question::Program { program: tokens(text), choices: vec![] };
+        Some(Lesson { question, answer: LessonAnswer::Open(answer) })
+    };
+    asked.iter().filter_map(answer).collect()
+}
+
+fn random_scenes(count: usize, seed: u64) -> Vec<Scene> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let pick = |random: &mut ChaCha8Rng, n: usize| (standard_normal(random).abs() * 1e6) as usize % n;
+    let mut scenes = vec![];
+    for k in 0..count {
+        let looks: Vec<(&str, &str, &str)> = (0..4)
+            .map(|_| {
+                (
+                    ["red", "blue", "green"][pick(&mut random, 3)],
+                    ["metal", "rubber"][pick(&mut random, 2)],
+                    ["cube", "sphere", "cylinder"][pick(&mut random, 3)],
+                )
+            })
+            .collect();
+        scenes.push(scene(&format!("video {k}"), &looks, &mut random));
+    }
+    scenes
+}
+
+fn learned(scenes: &[Scene], threads: usize) -> Lexicon {
+    let all: Vec<Vec<Lesson>> = scenes.iter().map(lessons).collect();
+    let videos: Vec<LessonVideo> =
+        scenes.iter().zip(&all).map(|(scene, lessons)| LessonVideo { scene, fit: None, lessons }).collect();
+    let options = LearnOptions { steps: 150, folds: 2, ..LearnOptions::default() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| learn(&videos, &options, &|_| {}, &never)).unwrap()
+}
+
+#[test]
+fn words_are_learned_from_answers_alone() {
+    let lexicon = learned(&random_scenes(24, 5), 2);
+    let (mut right, mut all) = (0, 0);
+    for scene in random_scenes(20, 6) {
+        let words = word_probabilities(&lexicon, &scene, None).unwrap();
+        let draw = WordDraw::best(&words, scene.objects.len());
+        let drawn = DrawnWords { words: &words, draw: &draw };
+        for (k, object) in scene.objects.iter().enumerate() {
+            right += usize::from(drawn.of_family(WordFamily::Color, k) == Some(object.color.as_str()));
+            right += usize::from(drawn.of_family(WordFamily::Material, k) == Some(object.material.as_str()));
+            all += 2;
+        }
+    }
+    assert!(right as f64 >= 0.95 * all as f64, "{right} of {all}");
+    let described = describe(&lexicon, "red").unwrap();
+    assert_eq!(described.looks_at[0].0, "feature_0");
+    assert!(described.calibration.unwrap().accuracy > 0.9);
+    assert!(matches!(describe(&lexicon, "pink"), Err(ConceptError::UnknownWord { .. })));
+}
+
+#[test]
+fn equal_lessons_give_equal_bytes_on_any_number_of_threads() {
+    let scenes = random_scenes(6, 9);
+    let [one, two] = [1, 2].map(|threads| learned(&scenes, threads));
+    assert_eq!(serde_json::to_string(&one).unwrap(), serde_json::to_string(&two).unwrap());
+    assert_eq!(one.digest(), two.digest());
+    let other = learned(&random_scenes(6, 10), 1);
+    assert_ne!(one.digest(), other.digest());
+}
+
+fn of_metal(scenes: &[Scene], is: bool, count: usize) -> Vec<Example<'_>> {
+    let all = scenes.iter().flat_map(|scene| (0..4).map(move |k| (scene, k)));
+    let fitting = all.filter(|(scene, k)| (scene.objects[*k].material == "metal") == is);
+    fitting.map(|(scene, k)| Example { scene, fit: None, of: ExampleOf::Object(k) }).take(count).collect()
+}
+
+#[test]
+fn five_examples_of_each_kind_are_enough_for_a_new_word() {
+    let scenes = random_scenes(8, 11);
+    let (yes, no) = (of_metal(&scenes, true, 5), of_metal(&scenes, false, 5));
+    let lexicon = learn_word(&Lexicon::default(), "gleaming", WordKind::Static, &yes, &no).unwrap();
+    let (mut right, mut all) = (0, 0);
+    for scene in random_scenes(25, 12) {
+        let words = word_probabilities(&lexicon, &scene, None).unwrap();
+        let draw = WordDraw::best(&words, 4);
+        let drawn = DrawnWords { words: &words, draw: &draw };
+        for (k, object) in scene.objects.iter().enumerate() {
+            right += usize::from(drawn.holds("gleaming", k, None) == (object.material == "metal"));
+            all += 1;
+        }
+    }
+    assert!(right >= 97 * all / 100, "{right} of {all}");
+    let known = learn_word(&lexicon, "gleaming", WordKind::Static, &yes, &no);
+    assert!(matches!(known, Err(ConceptError::KnownWord { .. })));
+}
+
+#[test]
+fn examples_that_contradict_or_show_nothing_are_refused() {
+    let scenes = random_scenes(8, 13);
+    let metal = of_metal(&scenes, true, 6);
+    let word = |yes: &[Example], no: &[Example]| learn_word(&Lexicon::default(), "new", WordKind::Static, yes, no);
+    match word(&metal[..3], &[metal[2], metal[3], metal[4]]) {
+        Err(ConceptError::Contradiction { pairs, .. }) => assert_eq!(pairs.len(), 1),
+        other => panic!("{other:?}"),
+    }
+    assert!(matches!(word(&metal[..3], &metal[3..6]), Err(ConceptError::NotSeparable { .. })));
+    assert!(matches!(word(&metal[..1], &metal[3..6]), Err(ConceptError::TooFewExamples { .. })));
+}
+
+#[test]
+fn a_lexicon_of_another_version_is_refused() {
+    let lexicon = Lexicon { version: LEXICON_VERSION + 1, ..Lexicon::default() };
+    let scene = scene("any", &LOOKS, &mut ChaCha8Rng::seed_from_u64(2));
+    let refused = word_probabilities(&lexicon, &scene, None);
+    assert_eq!(refused, Err(ConceptError::Version { found: LEXICON_VERSION + 1, expected: LEXICON_VERSION }));
+}

@@ -1,0 +1,273 @@
+//! Words of a lexicon: how probable each is of the objects and events of one scene, and draws of them.
+//!
+//! In draw k each object has one word of each family (colour, material, shape) and has or lacks each other word, drawn from
+//! `P(word)`; draw 0 has the most probable ones. A program runs on each draw as on certain words, so that the probability of an
+//! answer holds the uncertainty of the words as well as that of the physics. Draws in which a phrase names no object, or several, do
+//! not count: the question presupposes that it names one.
+//!
+//! A word by logistic regression has `P(word|x) = sigma(kappa m)`, `m = w.z + b`, `kappa = 1/sqrt(1 + pi s^2/8)`, with z the
+//! standardised features and s^2 the posterior variance of m (MacKay, Neural Computation 4 (1992) 720).
+
+use crate::num::elementary::exp;
+use crate::world::{Event, Trace};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+/// What the words of a family describe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WordFamily {
+    Color,
+    Material,
+    Shape,
+}
+
+impl WordFamily {
+    pub const ALL: [WordFamily; 3] = [WordFamily::Color, WordFamily::Material, WordFamily::Shape];
+
+    /// The operation that filters by a word of this family.
+    pub fn filter(self) -> &'static str {
+        match self {
+            WordFamily::Color => "filter_color",
+            WordFamily::Material => "filter_material",
+            WordFamily::Shape => "filter_shape",
+        }
+    }
+}
+
+/// Words of which an object has exactly one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FamilyProbabilities {
+    pub family: WordFamily,
+    pub words: Vec<String>,
+    /// `probabilities[object][word]`; each row sums to one.
+    pub probabilities: Vec<Vec<f64>>,
+}
+
+/// A word that an object, a moment of an object, or an event has or lacks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ConceptProbabilities {
+    pub name: String,
+    pub holds: ConceptTruth,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ConceptTruth {
+    /// `[object]`: of its looks, or of its motion over the whole video.
+    Objects(Vec<f64>),
+    /// `whole[object]` over the video, and `frames[object][frame]`; 0 where the object is not seen.
+    Motion { whole: Vec<f64>, frames: Vec<Vec<f64>> },
+    /// Of the [`IMPACT_FEATURES`] of a collision.
+    Impacts(LogisticWord),
+}
+
+/// What a change multiplies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChangedQuantity {
+    Mass,
+    Velocity,
+    Restitution,
+}
+
+/// A change that a word stands for: "heavier" multiplies the mass.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ChangeWord {
+    pub name: String,
+    pub quantity: ChangedQuantity,
+    pub factor: f64,
+}
+
+/// The words of a lexicon for one scene.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct WordProbabilities {
+    pub families: Vec<FamilyProbabilities>,
+    pub concepts: Vec<ConceptProbabilities>,
+    pub changes: Vec<ChangeWord>,
+}
+
+impl WordProbabilities {
+    /// All words: those of families, then the others, then the changes. `Op::Concept(k)` stands for word k.
+    pub fn vocabulary(&self) -> Vec<String> {
+        let families = self.families.iter().flat_map(|f| f.words.iter().cloned());
+        let concepts = self.concepts.iter().map(|c| c.name.clone());
+        families.chain(concepts).chain(self.changes.iter().map(|c| c.name.clone())).collect()
+    }
+
+    pub fn family(&self, family: WordFamily) -> Option<&FamilyProbabilities> {
+        self.families.iter().find(|f| f.family == family)
+    }
+}
+
+/// Names of the features of a collision: see [`impact_features`].
+pub const IMPACT_FEATURES: [&str; 4] = ["relative_speed", "normal_speed", "impact_angle", "slower_speed"];
+
+/// Features of a collision of two objects just before it: relative speed (m/s), its part along the normal (m/s), the angle
+/// between both (0 head-on, pi/2 glancing; rad), and the speed of the slower object (m/s). Velocities are those of the last frame
+/// before the event.
+pub fn impact_features(trace: &Trace, event: &Event) -> Option<[f64; 4]> {
+    let (&[a, b], normal) = (&event.objects[..], event.normal?) else { return None };
+    let before = trace.times.partition_point(|t| *t < event.time).checked_sub(1)?;
+    let velocity = |id: u32| {
+        let body = trace.ids.iter().position(|i| *i == id)?;
+        Some(trace.states.get(before)?.get(body).copied().flatten()?.velocity)
+    };
+    let (va, vb) = (velocity(a)?, velocity(b)?);
+    let relative = (va - vb).norm();
+    let along = (va - vb).dot(normal).abs();
+    let angle = crate::num::elementary::acos((along / relative.max(1e-9)).clamp(0.0, 1.0));
+    Some([relative, along, angle, va.norm().min(vb.norm())])
+}
+
+/// A word as a logistic regression with the posterior of its weights.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LogisticWord {
+    /// Which features it looks at.
+    pub columns: Vec<usize>,
+    /// Mean and standard deviation of each of them over the examples.
+    pub mean: Vec<f64>,
+    pub scale: Vec<f64>,
+    /// Of the standardised features; the last one is the bias.
+    pub weights: Vec<f64>,
+    /// Posterior covariance of the weights, row by row.
+    pub covariance: Vec<f64>,
+}
+
+impl LogisticWord {
+    /// The standardised features and a one; a missing feature counts as the mean.
+    pub fn inputs(&self, features: &[f64]) -> Vec<f64> {
+        let at = |(k, column): (usize, &usize)| {
+            let value = features.get(*column).copied().filter(|v| v.is_finite()).unwrap_or(self.mean[k]);
+            ((value - self.mean[k]) / self.scale[k]).clamp(-FARTHEST, FARTHEST)
+        };
+        self.columns.iter().enumerate().map(at).chain([1.0]).collect()
+    }
+
+    /// P(word) of an object with these features.
+    pub fn probability(&self, features: &[f64]) -> f64 {
+        let x = self.inputs(features);
+        let n = x.len();
+        let mean: f64 = x.iter().zip(&self.weights).map(|(x, w)| x * w).sum();
+        let row = |i: usize| (0..n).map(|j| self.covariance[i * n + j] * x[j]).sum::<f64>();
+        let variance: f64 = (0..n).map(|i| x[i] * row(i)).sum::<f64>().max(0.0);
+        logistic(mean / (1.0 + std::f64::consts::PI * variance / 8.0).sqrt())
+    }
+}
+
+/// Farthest standardised feature: beyond it the examples say nothing more.
+const FARTHEST: f64 = 20.0;
+
+/// 1/(1 + e^-x).
+pub fn logistic(x: f64) -> f64 {
+    if x >= 0.0 {
+        1.0 / (1.0 + exp(-x))
+    } else {
+        let e = exp(x);
+        e / (1.0 + e)
+    }
+}
+
+/// The words of one draw.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WordDraw {
+    /// `families[family][object]`: index of the word.
+    families: Vec<Vec<usize>>,
+    /// `uniform[concept][object]`: the word holds where its probability is above.
+    uniform: Vec<Vec<f64>>,
+}
+
+impl WordDraw {
+    /// The most probable words.
+    pub fn best(words: &WordProbabilities, objects: usize) -> WordDraw {
+        let most = |row: &Vec<f64>| {
+            let best = row.iter().enumerate().rev().max_by(|a, b| a.1.total_cmp(b.1));
+            best.map_or(0, |(k, _)| k)
+        };
+        WordDraw {
+            families: words.families.iter().map(|f| f.probabilities.iter().map(most).collect()).collect(),
+            uniform: vec![vec![0.5; objects.max(1)]; words.concepts.len()],
+        }
+    }
+
+    /// Draw number `k` of a seed.
+    pub fn drawn(words: &WordProbabilities, objects: usize, seed: u64, k: usize) -> WordDraw {
+        let mut random = ChaCha8Rng::seed_from_u64(seed ^ WORD_STREAM);
+        random.set_stream(k as u64);
+        let mut uniform = || (random.next_u64() >> 11) as f64 * (f64::EPSILON / 2.0);
+        let mut families = vec![];
+        for family in &words.families {
+            let rows = family.probabilities.iter();
+            families.push(rows.map(|row| pick(row, uniform())).collect());
+        }
+        let concepts = words.concepts.iter();
+        let uniform = concepts.map(|_| (0..objects.max(1)).map(|_| uniform()).collect()).collect();
+        WordDraw { families, uniform }
+    }
+}
+
+/// Keeps the draws of words apart from those of the physics.
+const WORD_STREAM: u64 = 0x776f_7264;
+
+/// The index at which the sum of the probabilities passes `u`.
+fn pick(row: &[f64], u: f64) -> usize {
+    let mut sum = 0.0;
+    for (k, p) in row.iter().enumerate() {
+        sum += p;
+        if u < sum {
+            return k;
+        }
+    }
+    row.len().saturating_sub(1)
+}
+
+/// The words of a scene as one draw has them.
+#[derive(Debug, Clone, Copy)]
+pub struct DrawnWords<'a> {
+    pub words: &'a WordProbabilities,
+    pub draw: &'a WordDraw,
+}
+
+impl<'a> DrawnWords<'a> {
+    /// The object's word of a family, if the lexicon has the family.
+    pub fn of_family(&self, family: WordFamily, object: usize) -> Option<&'a str> {
+        let at = self.words.families.iter().position(|f| f.family == family)?;
+        let word = *self.draw.families.get(at)?.get(object)?;
+        self.words.families[at].words.get(word).map(String::as_str)
+    }
+
+    /// Whether a word that is neither of a family nor a change holds for an object, in a frame or over the whole video.
+    pub fn holds(&self, name: &str, object: usize, frame: Option<usize>) -> bool {
+        let Some(k) = self.words.concepts.iter().position(|c| c.name == name) else {
+            // A word of a family may be asked for as any other.
+            return self.words.families.iter().any(|f| self.of_family(f.family, object) == Some(name));
+        };
+        let probability = match (&self.words.concepts[k].holds, frame) {
+            (ConceptTruth::Objects(p), _) => p.get(object).copied(),
+            (ConceptTruth::Motion { whole, .. }, None) => whole.get(object).copied(),
+            (ConceptTruth::Motion { frames, .. }, Some(f)) => frames.get(object).and_then(|p| p.get(f)).copied(),
+            (ConceptTruth::Impacts(_), _) => None,
+        };
+        probability.is_some_and(|p| p > self.uniform(k, object))
+    }
+
+    /// Whether a word holds for a collision with these features of these objects.
+    pub fn holds_for_impact(&self, name: &str, objects: &[usize], features: &[f64]) -> bool {
+        let Some(k) = self.words.concepts.iter().position(|c| c.name == name) else { return false };
+        match &self.words.concepts[k].holds {
+            ConceptTruth::Impacts(word) => {
+                word.probability(features) > self.uniform(k, objects.first().copied().unwrap_or(0))
+            }
+            _ => false,
+        }
+    }
+
+    pub fn change(&self, name: &str) -> Option<&'a ChangeWord> {
+        self.words.changes.iter().find(|c| c.name == name)
+    }
+
+    fn uniform(&self, concept: usize, object: usize) -> f64 {
+        self.draw.uniform.get(concept).and_then(|u| u.get(object)).copied().unwrap_or(0.5)
+    }
+}
