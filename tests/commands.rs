@@ -361,3 +361,73 @@ fn what_a_detector_lacks_is_named() {
     let said = import(&wrong, None);
     assert!(said.contains("is not read by ONNX Runtime"), "{said}");
 }
+
+/// Words learned from the questions of some scenes answer those of another, whose labels are wrong.
+#[test]
+fn words_are_learned_from_questions_and_shown_and_used() {
+    let scratch = Scratch::new("words");
+    let scene = |k: usize| {
+        let colors: Vec<&str> = (0..3).map(|id| if (k >> id) & 1 == 1 { "red" } else { "blue" }).collect();
+        let object = |(id, color): (usize, &&str)| {
+            let chroma = if *color == "red" { 0.8 } else { -0.8 } + 0.05 * (k % 3) as f64;
+            format!(
+                r#"{{"object_id": {id}, "color": "green", "material": "rubber", "shape": "cube", "features": [{chroma}, 0.3]}}"#
+            )
+        };
+        let objects: Vec<String> = colors.iter().enumerate().map(object).collect();
+        let at = |frame: usize, id: usize| {
+            format!(r#"{{"object_id": {id}, "location": [{}, {id}.0, 0.2]}}"#, 0.02 * frame as f64)
+        };
+        let frame = |f: usize| {
+            let all: Vec<String> = (0..3).map(|id| at(f, id)).collect();
+            format!(r#"{{"frame_id": {f}, "objects": [{}]}}"#, all.join(", "))
+        };
+        let frames: Vec<String> = (0..12).map(frame).collect();
+        let (objects, frames) = (objects.join(", "), frames.join(", "));
+        let observed = format!(
+            r#"{{"feature_layout": "chroma-1", "object_property": [{objects}], "motion_trajectory": [{frames}]}}"#
+        );
+        scratch.write(&format!("s{k}/observed.json"), &observed);
+        let count = |word: &str| colors.iter().filter(|c| **c == word).count();
+        let question = |(id, word): (usize, &&str)| {
+            format!(
+                r#"{{"question_id": {id}, "question_type": "descriptive", "question": "How many {word} objects are there?",
+                    "program": ["objects", "{word}", "filter_color", "count"], "answer": "{}"}}"#,
+                count(word)
+            )
+        };
+        let questions: Vec<String> = ["red", "blue"].iter().enumerate().map(question).collect();
+        scratch.write(
+            &format!("s{k}/questions.json"),
+            &format!(r#"{{"questions": [{}]}}"#, questions.join(", ")),
+        );
+        scratch.path(&format!("s{k}"))
+    };
+    let folders: Vec<String> = (0..7).map(scene).collect();
+    let lexicon = scratch.path("words.json");
+    let mut learn = vec!["learn", "--lexicon", &lexicon, "--programs", "--observed-only"];
+    learn.extend(folders[..6].iter().map(String::as_str));
+    let (output, out, err) = run(&learn);
+    assert!(output.status.success() && out.contains("red") && out.contains("blue"), "{out}{err}");
+    let learned = fs::read(&lexicon).unwrap();
+    assert!(run(&learn).0.status.success() && fs::read(&lexicon).unwrap() == learned, "equal bytes");
+    let (output, out, err) = run(&["words", &lexicon, "red"]);
+    assert!(output.status.success() && out.contains("near blue"), "{out}{err}");
+    let score = ["score", &folders[6], "--programs", "--lexicon", &lexicon, "--answers", "-"];
+    let (output, out, err) = run(&score);
+    assert!(
+        output.status.success() && out.contains(r#""0": "2""#) && out.contains(r#""1": "1""#),
+        "{out}{err}"
+    );
+    let (output, out, _) = run(&["score", &folders[6], "--programs", "--answers", "-"]);
+    assert!(output.status.success() && !out.contains(r#""0": "2""#), "labels say green: {out}");
+    let bare = scratch.write(
+        "bare/observed.json",
+        &fs::read_to_string("tests/data/clevrer/scene_00000/observed.json").unwrap(),
+    );
+    let questions = fs::read_to_string("tests/data/clevrer/scene_00000/questions.json").unwrap();
+    scratch.write("bare/questions.json", &questions);
+    let (output, _, err) =
+        run(&["learn", "--lexicon", &scratch.path("no.json"), &bare.replace("/observed.json", "")]);
+    assert!(!output.status.success() && err.contains("features"), "{err}");
+}

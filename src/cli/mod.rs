@@ -13,7 +13,7 @@ use commands::files::{calibrate, convert, import, replay, trace};
 use commands::scene::{ask, fit, score, simulate};
 use commands::service::{effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
-use commands::words::{learn, words};
+use commands::words::{learn, show as words};
 use connection::Target;
 use error::Failure;
 use output::progress;

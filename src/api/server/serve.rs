@@ -12,6 +12,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::Server;
+use tonic_health::server::HealthReporter;
 
 /// Bytes of header fields: names and tokens are short.
 const MAX_HEADERS: u32 = 16 * 1024;
@@ -51,6 +52,17 @@ pub enum ServeError {
     Reflection(#[from] tonic_reflection::server::Error),
 }
 
+/// Says that all services serve.
+async fn set_serving(health: &HealthReporter) {
+    health.set_serving::<v1::videos_server::VideosServer<Services>>().await;
+    health.set_serving::<v1::models_server::ModelsServer<Services>>().await;
+    health.set_serving::<v1::reasoning_server::ReasoningServer<Services>>().await;
+    health.set_serving::<v1::concepts_server::ConceptsServer<Services>>().await;
+    health.set_serving::<v1::traces_server::TracesServer<Services>>().await;
+    health.set_serving::<v1::statistics_server::StatisticsServer<Services>>().await;
+    health.set_serving::<v1::operations_server::OperationsServer<Services>>().await;
+}
+
 /// Serves until `shutdown` is ready, then waits for running calls, at most for `limits.drain`.
 pub async fn serve(
     listener: TcpListener,
@@ -68,13 +80,7 @@ pub async fn serve(
         };
     }
     let (health, health_service) = tonic_health::server::health_reporter();
-    health.set_serving::<v1::videos_server::VideosServer<Services>>().await;
-    health.set_serving::<v1::models_server::ModelsServer<Services>>().await;
-    health.set_serving::<v1::reasoning_server::ReasoningServer<Services>>().await;
-    health.set_serving::<v1::concepts_server::ConceptsServer<Services>>().await;
-    health.set_serving::<v1::traces_server::TracesServer<Services>>().await;
-    health.set_serving::<v1::statistics_server::StatisticsServer<Services>>().await;
-    health.set_serving::<v1::operations_server::OperationsServer<Services>>().await;
+    set_serving(&health).await;
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTORS)

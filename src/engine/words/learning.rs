@@ -18,8 +18,11 @@ use crate::scene::Scene;
 use serde::Serialize;
 use std::sync::Arc;
 
+/// What runs on the pool.
+type LearningJob = Box<dyn FnOnce(Stop) -> Result<Lexicon, ConceptError> + Send>;
+
 /// Share of the progress of learning that fits have.
-const FITS: f64 = 0.7;
+const FITS_SHARE: f64 = 0.7;
 
 /// One video's questions with answers, and the model whose simulations give the events; `None`: events come from the tracks.
 #[derive(Debug, Clone)]
@@ -52,13 +55,13 @@ pub enum LearnRequest {
 }
 
 /// A video with its fit, ready to learn from.
-struct PreparedVideo {
+struct FittedVideo {
     scene: Arc<Scene>,
     fitted: Option<Arc<StoredFit>>,
     lessons: Vec<Lesson>,
 }
 
-impl PreparedVideo {
+impl FittedVideo {
     fn lesson(&self) -> LessonVideo<'_> {
         let fit = self.fitted.as_ref().map(|f| (&f.fit, 0));
         LessonVideo { scene: &self.scene, fit, lessons: &self.lessons }
@@ -96,12 +99,12 @@ impl Engine {
         metric_names::count_result("lexicon", "made");
         let report = context.progress.clone();
         report(Report::Phase(Phase::Fitting));
-        let job: Box<dyn FnOnce(Stop) -> Result<Lexicon, ConceptError> + Send> = match request {
+        let job: LearningJob = match request {
             LearnRequest::Families(videos) => {
                 let prepared = self.prepared(videos, &*report).await?;
                 let options = LearnOptions { seed, ..LearnOptions::default() };
                 Box::new(move |stop| {
-                    let lessons: Vec<LessonVideo> = prepared.iter().map(PreparedVideo::lesson).collect();
+                    let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
                     learn(&lessons, &options, &|_| {}, stop)
                 })
             }
@@ -109,7 +112,7 @@ impl Engine {
                 let prepared = self.prepared(videos, &*report).await?;
                 let options = ChangeOptions { quantity, rollouts: 0, seed };
                 Box::new(move |stop| {
-                    let lessons: Vec<LessonVideo> = prepared.iter().map(PreparedVideo::lesson).collect();
+                    let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
                     learn_change(&base, &name, &lessons, &options, stop)
                 })
             }
@@ -135,7 +138,7 @@ impl Engine {
         self: &Arc<Self>,
         videos: Vec<VideoLessons>,
         report: &(dyn Fn(Report) + Send + Sync),
-    ) -> Result<Vec<PreparedVideo>, EngineError> {
+    ) -> Result<Vec<FittedVideo>, EngineError> {
         let (mut prepared, count) = (vec![], videos.len().max(1) as f64);
         for (k, VideoLessons { video, source, lessons }) in videos.into_iter().enumerate() {
             let scene = self.video(&video).await?;
@@ -143,8 +146,8 @@ impl Engine {
                 Some(source) => Some(self.drawn(&video, &scene, &source).await?),
                 None => None,
             };
-            prepared.push(PreparedVideo { scene, fitted, lessons });
-            report(Report::Fraction(FITS * (k + 1) as f64 / count));
+            prepared.push(FittedVideo { scene, fitted, lessons });
+            report(Report::Fraction(FITS_SHARE * (k + 1) as f64 / count));
         }
         Ok(prepared)
     }

@@ -2,7 +2,7 @@
 
 use super::updates::{LongCall, long_call, replies};
 use super::{RpcResult, RpcStream, Services, cut_page};
-use crate::api::convert::concepts;
+use crate::api::convert::reasoning::concepts;
 use crate::api::status::status;
 use crate::api::v1;
 use crate::concepts::{Lexicon, describe};

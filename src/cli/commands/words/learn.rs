@@ -1,7 +1,7 @@
 //! `learn`: words from questions and answers, or one word from examples; writes a lexicon.
 
 use super::lessons::lesson;
-use super::words::table_of;
+use super::show::table_of;
 use crate::api::v1::learn_concepts_request::Source;
 use crate::api::v1::{
     ChangeLessons, ChangedQuantity, ConceptExample, ConceptKind, LearnConceptsRequest, LearnConceptsResponse,
@@ -40,7 +40,7 @@ pub struct LearnArgs {
     no: Vec<String>,
     /// What the word multiplies, such as the mass for `heavier`.
     #[arg(long, value_enum, requires = "word", conflicts_with = "yes")]
-    quantity: Option<Quantity>,
+    quantity: Option<MultipliedQuantity>,
     /// Takes events from the tracks: nothing is fitted, and questions that need simulations are left out.
     #[arg(long)]
     observed_only: bool,
@@ -66,7 +66,7 @@ enum ExampleKind {
 }
 
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
-enum Quantity {
+enum MultipliedQuantity {
     Mass,
     Velocity,
     Restitution,
@@ -101,9 +101,9 @@ async fn request(
         (None, _) => Source::Lessons(lessons(connection, args, progress).await?),
         (Some(name), true) => {
             let quantity = match args.quantity {
-                Some(Quantity::Mass) => ChangedQuantity::Mass,
-                Some(Quantity::Velocity) => ChangedQuantity::Velocity,
-                Some(Quantity::Restitution) => ChangedQuantity::Restitution,
+                Some(MultipliedQuantity::Mass) => ChangedQuantity::Mass,
+                Some(MultipliedQuantity::Velocity) => ChangedQuantity::Velocity,
+                Some(MultipliedQuantity::Restitution) => ChangedQuantity::Restitution,
                 None => {
                     let message = "--word needs examples (--yes and --no), or --quantity for a change";
                     return Err(Failure::input(message));

@@ -2,4 +2,4 @@
 
 pub mod learn;
 mod lessons;
-pub mod words;
+pub mod show;
