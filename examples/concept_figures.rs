@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
-use vrdp::concepts::{Lesson, LessonAnswer, LessonVideo, LearnOptions, Lexicon, learn, word_probabilities};
+use vrdp::concepts::{LearnOptions, Lesson, LessonAnswer, LessonVideo, Lexicon, learn, word_probabilities};
 use vrdp::fit::Fit;
 use vrdp::num::never;
 use vrdp::reason::{
@@ -63,7 +63,8 @@ fn cases(perceived: &Path, questions: &Path) -> Result<Vec<Case>, Anyhow> {
         let labelled = parse(name, &std::fs::read_to_string(folder.join("observed.json"))?)?;
         let fit = std::fs::read(perceived.join(format!("{name}.fit.json"))).ok();
         let fit = fit.map(|bytes| serde_json::from_slice(&bytes)).transpose()?;
-        let value: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("questions.json"))?)?;
+        let value: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.join("questions.json"))?)?;
         let (lessons, kinds) = read_lessons(&value["questions"])?;
         cases.push(Case { scene, labelled, fit, lessons, kinds });
     }
@@ -111,7 +112,10 @@ impl Score {
 
     fn print(&self, size: usize) {
         let seconds = self.seconds / self.runs.max(1) as f64;
-        println!("{size} training videos, {} questions, {seconds:.2} s of training", self.questions / self.runs.max(1));
+        println!(
+            "{size} training videos, {} questions, {seconds:.2} s of training",
+            self.questions / self.runs.max(1)
+        );
         for (name, [right, all]) in &self.counts {
             println!("  {name:24} {:5.1} % of {all}", 100.0 * *right as f64 / (*all).max(1) as f64);
         }
@@ -167,9 +171,10 @@ fn score_words(case: &Case, words: &WordProbabilities, score: &mut Score) {
     for k in 0..case.scene.objects.len() {
         // The labelled object that is nearest over the frames that both have.
         let distance = |j: &usize| {
-            let pairs = case.scene.tracks[k].samples.iter().filter_map(|s| {
-                Some((case.labelled.tracks[*j].at(s.frame)?.position - s.position).norm())
-            });
+            let pairs = case.scene.tracks[k]
+                .samples
+                .iter()
+                .filter_map(|s| Some((case.labelled.tracks[*j].at(s.frame)?.position - s.position).norm()));
             let all: Vec<f64> = pairs.collect();
             if all.is_empty() { f64::INFINITY } else { all.iter().sum::<f64>() / all.len() as f64 }
         };

@@ -11,7 +11,9 @@ use super::lessons::{LessonAnswer, LessonVideo};
 use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind, word_probabilities};
 use crate::num::Stop;
 use crate::num::elementary::{exp, ln};
-use crate::reason::{AskOptions, ChangeWord, ChangedQuantity, WordProbabilities, WordedScene, ask_with_words};
+use crate::reason::{
+    AskOptions, ChangeWord, ChangedQuantity, WordProbabilities, WordedScene, ask_with_words,
+};
 use rayon::prelude::*;
 
 /// Factors of a grid, over ln f from -GRID_END to GRID_END: 1/20 to 20.
@@ -96,7 +98,8 @@ struct ChangeLessons<'a> {
 impl ChangeLessons<'_> {
     /// Log likelihood of the answers for each ln f.
     fn log_likelihood(&self, grid: &[f64], stop: Stop) -> Result<Vec<f64>, ConceptError> {
-        let points: Vec<Result<f64, ConceptError>> = grid.par_iter().map(|x| self.at(exp(*x), stop)).collect();
+        let points: Vec<Result<f64, ConceptError>> =
+            grid.par_iter().map(|x| self.at(exp(*x), stop)).collect();
         points.into_iter().collect()
     }
 
@@ -113,7 +116,9 @@ impl ChangeLessons<'_> {
             for lesson in video.lessons {
                 stop(0.0)?;
                 // A question that presupposes what does not happen says nothing.
-                let Ok(answer) = ask_with_words(worded, fit, index, &lesson.question, &options, stop) else { continue };
+                let Ok(answer) = ask_with_words(worded, fit, index, &lesson.question, &options, stop) else {
+                    continue;
+                };
                 match &lesson.answer {
                     LessonAnswer::Choices(correct) => {
                         for (choice, correct) in answer.choices.iter().zip(correct) {
@@ -141,7 +146,8 @@ struct GridPosterior {
 
 impl GridPosterior {
     fn new(points: &[f64], log_likelihood: &[f64]) -> GridPosterior {
-        let log = points.iter().zip(log_likelihood).map(|(x, l)| l - 0.5 * x * x / (PRIOR_SIGMA * PRIOR_SIGMA));
+        let log =
+            points.iter().zip(log_likelihood).map(|(x, l)| l - 0.5 * x * x / (PRIOR_SIGMA * PRIOR_SIGMA));
         let weights = super::lexicon::softmax(&log.collect::<Vec<_>>());
         GridPosterior { points: points.to_vec(), weights }
     }

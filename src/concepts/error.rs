@@ -6,13 +6,17 @@ use crate::reason::ReasonError;
 /// Why a lexicon is refused, or cannot be learned.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConceptError {
-    #[error("videos[{video}].scene has no features of its objects; perceive the video, or give `features` for each object")]
+    #[error(
+        "videos[{video}].scene has no features of its objects; perceive the video, or give `features` for each object"
+    )]
     NoFeatures { video: usize },
     #[error(
         "videos[{video}].scene has features of layout {found}, but {expected} was expected; use one layout, or learn the lexicon again from videos of this layout"
     )]
     Layout { video: usize, found: String, expected: String },
-    #[error("the lexicon has version {found}, this program reads {expected}; learn it again with this program")]
+    #[error(
+        "the lexicon has version {found}, this program reads {expected}; learn it again with this program"
+    )]
     Version { found: u32, expected: u32 },
     #[error("questions is empty; give questions with their answers")]
     NoQuestions,
@@ -28,11 +32,15 @@ pub enum ConceptError {
     TooFewExamples { name: String, yes: usize, no: usize },
     #[error("examples of \"{name}\" contradict each other: {}; they look alike, but one fits and the other does not", .pairs.join("; "))]
     Contradiction { name: String, pairs: Vec<String> },
-    #[error("nothing that is measured separates the examples of \"{name}\"; {nearest}; give clearer examples, or more")]
+    #[error(
+        "nothing that is measured separates the examples of \"{name}\"; {nearest}; give clearer examples, or more"
+    )]
     NotSeparable { name: String, nearest: String },
     #[error("examples[{index}] is of object {object}, but the scene has {objects}")]
     NoSuchObject { index: usize, object: usize, objects: usize },
-    #[error("the answers say nothing of the size of \"{name}\": every factor from {least} to {most} gives them; give more questions")]
+    #[error(
+        "the answers say nothing of the size of \"{name}\": every factor from {least} to {most} gives them; give more questions"
+    )]
     Undetermined { name: String, least: f64, most: f64 },
     #[error(transparent)]
     Stopped(#[from] Stopped),

@@ -67,7 +67,8 @@ pub fn learn_word(
     let fits: Vec<bool> = (0..all.len()).map(|k| k < yes.len()).collect();
     let labels: Vec<String> = all.iter().map(|e| label(e)).collect();
     contradictions(name, &rows, &fits, &labels)?;
-    let groups: &[&[usize]] = if kind == WordKind::Static && is_perceived(all[0]) { &APPEARANCE_GROUPS } else { &[] };
+    let groups: &[&[usize]] =
+        if kind == WordKind::Static && is_perceived(all[0]) { &APPEARANCE_GROUPS } else { &[] };
     let (best, gain) = best_columns(&rows, &fits, groups);
     if gain < LEAST_EVIDENCE {
         let nearest = nearest_word(lexicon, &all, &fits);
@@ -108,7 +109,9 @@ fn label(example: &Example) -> String {
     let scene = &example.scene.name;
     match example.of {
         ExampleOf::Object(object) => format!("object {object} of {scene}"),
-        ExampleOf::Collision { objects: [a, b], frame } => format!("collision of {a} and {b} near frame {frame} of {scene}"),
+        ExampleOf::Collision { objects: [a, b], frame } => {
+            format!("collision of {a} and {b} near frame {frame} of {scene}")
+        }
     }
 }
 
@@ -143,7 +146,8 @@ fn contradictions(
     labels: &[String],
 ) -> Result<(), ConceptError> {
     let (_, scale) = super::features::standard(rows);
-    let alike = |a: &[f64], b: &[f64]| a.iter().zip(b).zip(&scale).all(|((x, y), s)| ((x - y) / s).abs() < ALIKE);
+    let alike =
+        |a: &[f64], b: &[f64]| a.iter().zip(b).zip(&scale).all(|((x, y), s)| ((x - y) / s).abs() < ALIKE);
     let mut pairs = vec![];
     for i in 0..rows.len() {
         for j in 0..i {
@@ -202,7 +206,9 @@ fn nearest_word(lexicon: &Lexicon, examples: &[&Example], fits: &[bool]) -> Stri
         }
     }
     match best {
-        Some((count, word)) => format!("the nearest word is \"{word}\", which agrees with {count} of {}", fits.len()),
+        Some((count, word)) => {
+            format!("the nearest word is \"{word}\", which agrees with {count} of {}", fits.len())
+        }
         None => "no word is known to compare with".into(),
     }
 }

@@ -6,8 +6,8 @@ use super::observed::observed_scenario;
 use crate::fit::Fit;
 use crate::num::Stop;
 use crate::reason::{
-    Op, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario, TOKENS, WordFamily,
-    choice_program, predict, question_program, scenario,
+    Op, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario, TOKENS,
+    WordFamily, choice_program, predict, question_program, scenario,
 };
 use crate::scene::Scene;
 use crate::world::Intervention;
@@ -171,7 +171,14 @@ pub(super) fn prepare<'a>(
             }
         };
         let features = appearance(video.scene);
-        prepared.push(PreparedVideo { scene: video.scene, fit: video.fit, features, items, scenarios, effects });
+        prepared.push(PreparedVideo {
+            scene: video.scene,
+            fit: video.fit,
+            features,
+            items,
+            scenarios,
+            effects,
+        });
     }
     let layout = layout.ok_or(ConceptError::NoQuestions)?;
     Ok((prepared, layout))
@@ -204,7 +211,8 @@ impl From<ReasonError> for ItemError {
 fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError> {
     let Tokens { question, choices } = tokens(&lesson.question)?;
     let program = QuestionProgram::parse_with(&question, known)?;
-    let simulated = |p: &QuestionProgram| p.ops.iter().any(|op| matches!(op, Op::Counterfact | Op::UnseenEvents));
+    let simulated =
+        |p: &QuestionProgram| p.ops.iter().any(|op| matches!(op, Op::Counterfact | Op::UnseenEvents));
     match &lesson.answer {
         LessonAnswer::Choices(correct) if correct.len() == choices.len() && !choices.is_empty() => {
             let weight = 1.0 / choices.len() as f64;
@@ -225,7 +233,8 @@ fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError
         }),
         LessonAnswer::Open(text) => {
             program.check(&mut vec![])?;
-            let wrong = |expected: &str| ItemError::Answer { answer: text.clone(), expected: expected.into() };
+            let wrong =
+                |expected: &str| ItemError::Answer { answer: text.clone(), expected: expected.into() };
             let target = match (program.ops.last(), text.as_str()) {
                 (Some(Op::Count), number) => {
                     ProgramValue::Number(number.parse().map_err(|_| wrong("a whole number"))?)

@@ -9,8 +9,8 @@ use super::features::{FEATURES_VERSION, FeatureLayout, appearance, motion, speed
 use crate::fit::Fit;
 use crate::num::elementary::exp;
 use crate::reason::{
-    ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, FamilyProbabilities, LogisticWord, WordFamily,
-    WordProbabilities,
+    ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, FamilyProbabilities, LogisticWord,
+    WordFamily, WordProbabilities,
 };
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -158,7 +158,8 @@ impl Lexicon {
     /// Standardised features of appearance.
     pub fn standardised(&self, features: &[f64]) -> Vec<f64> {
         let each = features.iter().zip(self.mean.iter().zip(&self.scale));
-        each.map(|(x, (mean, scale))| ((x - mean) / scale).clamp(-FARTHEST_FEATURE, FARTHEST_FEATURE)).collect()
+        each.map(|(x, (mean, scale))| ((x - mean) / scale).clamp(-FARTHEST_FEATURE, FARTHEST_FEATURE))
+            .collect()
     }
 }
 
@@ -206,7 +207,9 @@ impl LearnedFamily {
     /// Weight of each standardised feature in the logit of a word, above the mean over the family.
     pub fn weights(&self, word: usize) -> Vec<f64> {
         let length = self.map.len() / self.dimension.max(1);
-        let of = |w: usize, k: usize| (0..self.dimension).map(|c| self.vector(w)[c] * self.map[c * length + k]).sum::<f64>();
+        let of = |w: usize, k: usize| {
+            (0..self.dimension).map(|c| self.vector(w)[c] * self.map[c * length + k]).sum::<f64>()
+        };
         let n = self.words.len().max(1) as f64;
         (0..length).map(|k| of(word, k) - (0..self.words.len()).map(|w| of(w, k)).sum::<f64>() / n).collect()
     }
@@ -260,7 +263,11 @@ pub fn word_probabilities(
     for word in &lexicon.words {
         let holds = match (&word.meaning, word.kind) {
             (Meaning::Change { quantity, factor, .. }, _) => {
-                words.changes.push(ChangeWord { name: word.name.clone(), quantity: *quantity, factor: *factor });
+                words.changes.push(ChangeWord {
+                    name: word.name.clone(),
+                    quantity: *quantity,
+                    factor: *factor,
+                });
                 continue;
             }
             (Meaning::Logistic(model), WordKind::Static) => {

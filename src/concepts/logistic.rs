@@ -43,7 +43,13 @@ pub fn fit_columns(rows: &[Vec<f64>], fits: &[bool], columns: &[usize]) -> Logis
         }
     }
     best.unwrap_or(LogisticFit {
-        word: LogisticWord { columns: vec![], mean: vec![], scale: vec![], weights: vec![0.0], covariance: vec![1.0] },
+        word: LogisticWord {
+            columns: vec![],
+            mean: vec![],
+            scale: vec![],
+            weights: vec![0.0],
+            covariance: vec![1.0],
+        },
         evidence: f64::NEG_INFINITY,
     })
 }

@@ -34,6 +34,8 @@ pub use error::ConceptError;
 pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};
 pub use few_examples::{Example, ExampleOf, learn_word};
 pub use lessons::{Lesson, LessonAnswer, LessonVideo};
-pub use lexicon::{Calibration, LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordKind, word_probabilities};
+pub use lexicon::{
+    Calibration, LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordKind, word_probabilities,
+};
 pub use observed::observed_scenario;
 pub use training::{LearnOptions, LearnProgress, learn};

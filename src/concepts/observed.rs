@@ -63,7 +63,9 @@ fn collision(scene: &Scene, a: usize, b: usize) -> Option<usize> {
 /// Change of an object's velocity across a frame (m/s); 0 near the ends of its track.
 fn change(scene: &Scene, track: &Track, frame: usize) -> f64 {
     let at = track.samples.partition_point(|s| s.frame < frame);
-    let mean = |i: Option<usize>| -> Option<Vec2> { velocity(scene, track, i.filter(|i| *i < track.samples.len())?) };
+    let mean = |i: Option<usize>| -> Option<Vec2> {
+        velocity(scene, track, i.filter(|i| *i < track.samples.len())?)
+    };
     match (mean(at.checked_sub(SPAN)), mean(Some(at + SPAN))) {
         (Some(before), Some(after)) => (after - before).norm(),
         _ => 0.0,

@@ -244,7 +244,8 @@ impl SoftRun<'_> {
     fn participates(&mut self, event: &SceneEvent, objects: &SoftValue) -> Variable {
         match objects {
             SoftValue::Objects(members) => {
-                let own: Vec<Variable> = event.objects.iter().filter_map(|o| members.get(*o)).copied().collect();
+                let own: Vec<Variable> =
+                    event.objects.iter().filter_map(|o| members.get(*o)).copied().collect();
                 any(self.tape, &own)
             }
             SoftValue::Choice(choices) => {
@@ -366,7 +367,8 @@ impl SoftRun<'_> {
     fn filter_ancestor(&mut self) -> Result<SoftValue, Halt> {
         let of = self.choices(Op::FilterAncestor)?;
         let events = self.events(Op::FilterAncestor)?;
-        let happened = |v: &ProgramValue| matches!(v, ProgramValue::Event(e) if e.kind != SceneEventKind::Never);
+        let happened =
+            |v: &ProgramValue| matches!(v, ProgramValue::Event(e) if e.kind != SceneEventKind::Never);
         let of: Choices = of.into_iter().filter(|(v, _)| happened(v)).collect();
         if of.is_empty() {
             return Err(Halt::Error(ReasonError::NoSingleEvent { found: "none".into() }));
@@ -493,7 +495,8 @@ impl SoftRun<'_> {
                 continue;
             }
             let mut stack = vec![change];
-            let ProgramValue::Events(under) = step(Op::Counterfact, self.context.exact, &mut stack, &[])? else {
+            let ProgramValue::Events(under) = step(Op::Counterfact, self.context.exact, &mut stack, &[])?
+            else {
                 return Err(self.mismatch(Op::Counterfact));
             };
             for event in under {
@@ -519,7 +522,8 @@ impl SoftRun<'_> {
         let alike: Vec<usize> = most.map(|(k, _)| k).into_iter().collect();
         let (direction, length, beside) =
             (self.choices(Op::Shift)?, self.choices(Op::Shift)?, self.choices(Op::Shift)?);
-        let [(way, _), (far, _)] = [direction.first(), length.first()].map(|c| c.cloned().unwrap_or((ProgramValue::Bool(false), ZERO)));
+        let [(way, _), (far, _)] = [direction.first(), length.first()]
+            .map(|c| c.cloned().unwrap_or((ProgramValue::Bool(false), ZERO)));
         let mut results = vec![];
         for (object, p) in beside {
             let mut stack = vec![ProgramValue::Objects(alike.clone()), object, far.clone(), way.clone()];

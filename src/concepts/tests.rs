@@ -9,8 +9,12 @@ use crate::reason::*;
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-const LOOKS: [(&str, &str, &str); 4] =
-    [("red", "metal", "cube"), ("blue", "rubber", "sphere"), ("green", "metal", "cylinder"), ("red", "rubber", "cube")];
+const LOOKS: [(&str, &str, &str); 4] = [
+    ("red", "metal", "cube"),
+    ("blue", "rubber", "sphere"),
+    ("green", "metal", "cylinder"),
+    ("red", "rubber", "cube"),
+];
 
 /// A scene of 20 frames; object 0 is at rest, the others move; features tell colour and material with noise.
 fn scene(name: &str, looks: &[(&str, &str, &str)], random: &mut ChaCha8Rng) -> Scene {
@@ -102,9 +106,10 @@ const PROGRAMS: [&str; 23] = [
 
 /// The soft result of a program on certain words.
 fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> Option<SoftValue> {
-    let words: Vec<Vec<String>> = [["red", "blue", "green"], ["metal", "rubber", ""], ["cube", "sphere", "cylinder"]]
-        .map(|w| w.iter().map(|w| w.to_string()).collect())
-        .to_vec();
+    let words: Vec<Vec<String>> =
+        [["red", "blue", "green"], ["metal", "rubber", ""], ["cube", "sphere", "cylinder"]]
+            .map(|w| w.iter().map(|w| w.to_string()).collect())
+            .to_vec();
     let own = |k: usize, family: usize| [LOOKS[k].0, LOOKS[k].1, LOOKS[k].2][family];
     let families: Vec<SoftFamily> = (0..3)
         .map(|f| SoftFamily {
@@ -125,7 +130,14 @@ fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> 
 fn on_certain_words_each_soft_operation_is_the_exact_one() {
     let scene = scene("certain", &LOOKS, &mut ChaCha8Rng::seed_from_u64(1));
     let scenarios = [scenario()];
-    let context = RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+    let context = RolloutContext {
+        scene: &scene,
+        bodies: &[],
+        effects: &[],
+        scenarios: &scenarios,
+        rollout: 0,
+        words: None,
+    };
     let mut compared = 0;
     for text in PROGRAMS {
         let program = QuestionProgram::parse(&tokens(text)).unwrap();
@@ -157,7 +169,8 @@ fn lessons(scene: &Scene) -> Vec<Lesson> {
         "events objects filter_in first filter_order query_object query_material",
     ];
     let scenarios = [observed_scenario(scene)];
-    let context = RolloutContext { scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+    let context =
+        RolloutContext { scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
     let answer = |text: &&str| {
         let program = QuestionProgram::parse(&tokens(text)).unwrap();
         let mut stack = vec![];
@@ -266,7 +279,8 @@ fn five_examples_of_each_kind_are_enough_for_a_new_word() {
 fn examples_that_contradict_or_show_nothing_are_refused() {
     let scenes = random_scenes(8, 13);
     let metal = of_metal(&scenes, true, 6);
-    let word = |yes: &[Example], no: &[Example]| learn_word(&Lexicon::default(), "new", WordKind::Static, yes, no);
+    let word =
+        |yes: &[Example], no: &[Example]| learn_word(&Lexicon::default(), "new", WordKind::Static, yes, no);
     match word(&metal[..3], &[metal[2], metal[3], metal[4]]) {
         Err(ConceptError::Contradiction { pairs, .. }) => assert_eq!(pairs.len(), 1),
         other => panic!("{other:?}"),

@@ -14,7 +14,9 @@
 
 use super::error::ConceptError;
 use super::features::standard;
-use super::lessons::{FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, simulated, vocabulary};
+use super::lessons::{
+    FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, simulated, vocabulary,
+};
 use super::lexicon::{Calibration, LearnedFamily, Lexicon};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
@@ -61,8 +63,8 @@ const RATE: f64 = 0.05;
 const MOMENTS: [f64; 2] = [0.9, 0.99];
 /// Weight of what a question presupposes: less than one, as its phrases share words.
 const PRESUPPOSED_WEIGHT: f64 = 0.5;
-/// Precision of the prior of the weights (alpha), relative to one question.
-const PRECISION: f64 = 0.02;
+/// Precision of the prior of the weights (alpha): a standardised feature changes a logit by about one.
+const PRECISION: f64 = 1.0;
 /// Largest deviation of the start.
 const START_SIGMA: f64 = 0.02;
 /// Share of the steps with questions of observed events only.
@@ -107,7 +109,8 @@ pub fn learn(
 /// Word k of a family begins at unit vector k, and the map at small random numbers.
 fn start(words: &FamilyWords, length: usize, seed: u64) -> Vec<LearnedFamily> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut small = |n: usize| (0..n).map(|_| START_SIGMA * standard_normal(&mut random)).collect::<Vec<f64>>();
+    let mut small =
+        |n: usize| (0..n).map(|_| START_SIGMA * standard_normal(&mut random)).collect::<Vec<f64>>();
     let mut of = |(family, words): &(_, Vec<(String, usize)>)| {
         let dimension = DIMENSION.max(words.len());
         LearnedFamily {
@@ -159,7 +162,8 @@ impl Trainer<'_> {
         let mut random = ChaCha8Rng::seed_from_u64(self.options.seed.wrapping_add(1));
         let mut order: Vec<usize> = used.to_vec();
         let has_simulated = videos.iter().any(|v| v.items.iter().any(|i| i.needs_simulation));
-        let total = used.iter().filter_map(|v| videos.get(*v)).flat_map(|v| &v.items).map(|i| i.weight).sum::<f64>();
+        let total =
+            used.iter().filter_map(|v| videos.get(*v)).flat_map(|v| &v.items).map(|i| i.weight).sum::<f64>();
         let mut at = order.len();
         for step in 0..self.options.steps {
             stop(step as f64 / self.options.steps as f64)?;
@@ -180,7 +184,7 @@ impl Trainer<'_> {
             for (v, loss) in batch.iter().zip(&losses) {
                 self.add_gradient(&families, &videos[*v], loss, &mut gradient);
             }
-            // The mean over questions, with the prior's share of one question.
+            // The mean over the questions of the batch; the prior counts once for all questions.
             let scale = 1.0 / questions.max(1e-9);
             gradient.iter_mut().flatten().for_each(|g| *g *= scale);
             add_prior(&families, PRECISION / total.max(1.0), &mut gradient);
@@ -237,7 +241,9 @@ impl Trainer<'_> {
         let context = self.context(video, &soft);
         let (mut loss, mut questions) = (ZERO, 0.0);
         for item in video.items.iter().filter(|i| !(only_observed && i.needs_simulation)) {
-            let Some((answer, presupposed)) = answer_probability(&context, item, &mut tape)? else { continue };
+            let Some((answer, presupposed)) = answer_probability(&context, item, &mut tape)? else {
+                continue;
+            };
             let (log_answer, log_presupposed) = (tape.ln(answer), tape.ln(presupposed));
             let given = tape.scale(log_presupposed, PRESUPPOSED_WEIGHT);
             let both = tape.add(log_answer, given);
@@ -277,7 +283,8 @@ impl Trainer<'_> {
     }
 
     fn context<'v>(&'v self, video: &'v PreparedVideo, soft: &'v [SoftFamily<'v>]) -> SoftContext<'v> {
-        let bodies = video.fit.and_then(|(fit, index)| fit.scenes.get(index)).map_or(&[][..], |s| &s.model.bodies);
+        let bodies =
+            video.fit.and_then(|(fit, index)| fit.scenes.get(index)).map_or(&[][..], |s| &s.model.bodies);
         let exact = RolloutContext {
             scene: video.scene,
             bodies,

@@ -319,8 +319,14 @@ fn described(
     let mut supports: Vec<f64> = track.placements.iter().flatten().map(|p| p.support).collect();
     let first = track.first_frame().unwrap_or(0);
     let last = track.placements.iter().rposition(Option::is_some).unwrap_or(0);
-    let object =
-        Object { id, color: color.into(), material: material.into(), shape, mass: None, features: stored(&features, track) };
+    let object = Object {
+        id,
+        color: color.into(),
+        material: material.into(),
+        shape,
+        mass: None,
+        features: stored(&features, track),
+    };
     let seen = PerceivedObject {
         id,
         shape: object.shape.word().into(),

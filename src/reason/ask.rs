@@ -194,9 +194,7 @@ fn programs(
         Question::English { question, choices } => {
             let tokens = question_program(question)?;
             let observed = is_explanatory(&tokens);
-            let choices = choices
-                .iter()
-                .map(|c| Ok((c.clone(), parse(&choice_program(c, observed)?)?)));
+            let choices = choices.iter().map(|c| Ok((c.clone(), parse(&choice_program(c, observed)?)?)));
             Ok((parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
         }
         Question::Program { program, choices } => {

@@ -295,8 +295,14 @@ fn true_events_give_the_true_answers() {
                 rollouts: vec![true_events(&scene, &truth, &c["collisions"], false)],
             });
         }
-        let context =
-            RolloutContext { scene: &scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+        let context = RolloutContext {
+            scene: &scene,
+            bodies: &[],
+            effects: &[],
+            scenarios: &scenarios,
+            rollout: 0,
+            words: None,
+        };
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);

@@ -246,7 +246,9 @@ impl<'a> DrawnWords<'a> {
         let probability = match (&self.words.concepts[k].holds, frame) {
             (ConceptTruth::Objects(p), _) => p.get(object).copied(),
             (ConceptTruth::Motion { whole, .. }, None) => whole.get(object).copied(),
-            (ConceptTruth::Motion { frames, .. }, Some(f)) => frames.get(object).and_then(|p| p.get(f)).copied(),
+            (ConceptTruth::Motion { frames, .. }, Some(f)) => {
+                frames.get(object).and_then(|p| p.get(f)).copied()
+            }
             (ConceptTruth::Impacts(_), _) => None,
         };
         probability.is_some_and(|p| p > self.uniform(k, object))
