@@ -17,7 +17,7 @@ use super::features::standard;
 use super::lessons::{
     FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, simulated, vocabulary,
 };
-use super::lexicon::{Calibration, LearnedFamily, Lexicon};
+use super::lexicon::{LearnedFamily, Lexicon, WordCalibration};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
 use super::tape::{ONE, Tape, Variable, ZERO};
@@ -353,7 +353,7 @@ impl Trainer<'_> {
         if let Some((temperature, (loss, right, answers))) = best {
             let n = (*answers).max(1) as f64;
             let calibration =
-                Calibration { answers: *answers, log_loss: loss / n, accuracy: *right as f64 / n };
+                WordCalibration { answers: *answers, log_loss: loss / n, accuracy: *right as f64 / n };
             for family in &mut families {
                 (family.temperature, family.calibration) = (*temperature, Some(calibration.clone()));
             }
