@@ -2,7 +2,7 @@
 
 use super::error::ConceptError;
 use super::features::{FeatureLayout, MOTION};
-use super::lexicon::{Calibration, LearnedWord, Lexicon, Meaning, WordKind};
+use super::lexicon::{LearnedWord, Lexicon, Meaning, WordCalibration, WordKind};
 use crate::reason::{IMPACT_FEATURES, WordFamily};
 use serde::{Deserialize, Serialize};
 
@@ -23,7 +23,7 @@ pub struct WordDescription {
     /// Questions that name it, or examples that fit.
     pub examples: usize,
     pub counter_examples: usize,
-    pub calibration: Option<Calibration>,
+    pub calibration: Option<WordCalibration>,
     /// Of a change: its factor and the 95 % interval.
     pub factor: Option<[f64; 3]>,
     /// Log evidence above no feature at all (nat), of a word learned by itself.

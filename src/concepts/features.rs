@@ -1,6 +1,6 @@
 //! Features of objects: numbers of one layout, from which words are learned.
 //!
-//! A scene that `perception` made has 13 numbers for each object ([`crate::perception::FEATURE_LAYOUT`]), against the grey ground as
+//! A scene that `perception` made has 16 numbers for each object ([`crate::perception::FEATURE_LAYOUT`]), against the grey ground as
 //! white card. They become [`APPEARANCE`]: chroma c = (red, blue), its length, its direction times `min(1, |c|/0.2)` (grey has no
 //! direction), its squares, the median lightness, the other quantiles relative to it, the chroma of the highlights relative to c,
 //! and for each form `P(form) ~ exp(-15 cost)` and the logarithm of the cost above the least. Squares are there because a
@@ -25,7 +25,7 @@ const FORM_SHARPNESS: f64 = 15.0;
 const HALF_WINDOW: usize = 3;
 
 /// Names of the features made of perception's numbers.
-pub const APPEARANCE: [&str; 25] = [
+pub const APPEARANCE: [&str; 28] = [
     "chroma_red",
     "chroma_blue",
     "chroma",
@@ -45,6 +45,9 @@ pub const APPEARANCE: [&str; 25] = [
     "highlight_chroma_ratio",
     "lightness*chroma_red",
     "lightness*chroma_blue",
+    "lightness_below_colour",
+    "highlight_contrast",
+    "chroma_of_colour",
     "form_sphere",
     "form_cylinder",
     "form_cube",
@@ -109,9 +112,27 @@ pub fn appearance(scene: &Scene) -> Vec<Vec<f64>> {
     scene.objects.iter().map(of).collect()
 }
 
-/// Perception's 13 numbers as [`APPEARANCE`].
+/// Perception's 16 numbers as [`APPEARANCE`].
 fn expanded(raw: &[f64]) -> Vec<f64> {
-    let &[red, blue, q5, q25, q50, q75, q95, q99, hot_red, hot_blue, sphere, cylinder, cube] = raw else {
+    let &[
+        red,
+        blue,
+        q5,
+        q25,
+        q50,
+        q75,
+        q95,
+        q99,
+        hot_red,
+        hot_blue,
+        deficit,
+        contrast,
+        share,
+        sphere,
+        cylinder,
+        cube,
+    ] = raw
+    else {
         return vec![0.0; APPEARANCE.len()];
     };
     let chroma = (red * red + blue * blue).sqrt();
@@ -141,6 +162,9 @@ fn expanded(raw: &[f64]) -> Vec<f64> {
         (hot / chroma.max(GREY_CHROMA)).min(2.0),
         q50 * red,
         q50 * blue,
+        deficit,
+        contrast,
+        share,
     ];
     all.extend(weights.map(|w| w / total));
     all.extend(costs.map(|c| ln(0.1 + (c - least).max(0.0))));

@@ -1,7 +1,8 @@
 //! A new word from a few examples and counter-examples.
 //!
-//! Each candidate, one feature or a group of them, is a logistic regression; the one with the highest evidence, less the logarithm
-//! of the number of candidates, is the word. Where none beats the bias alone by [`LEAST_EVIDENCE`], the word is refused.
+//! Each candidate k, one feature or a group of them, is a logistic regression with the evidence Z_k; Z_0 is that of the bias alone. Half
+//! of the prior is for single features, half for groups: `p_k`. The word is the most probable candidate. Where the odds of any against
+//! the bias alone, `sum_k p_k Z_k/Z_0`, are below [`LEAST_EVIDENCE`], the word is refused.
 
 use super::error::ConceptError;
 use super::features::{FeatureLayout, appearance, motion};
@@ -9,7 +10,7 @@ use super::lessons::simulated;
 use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind};
 use super::logistic::{LogisticFit, fit_columns};
 use crate::fit::Fit;
-use crate::num::elementary::ln;
+use crate::num::elementary::{exp, ln};
 use crate::num::never;
 use crate::scene::Scene;
 
@@ -30,20 +31,22 @@ pub enum ExampleOf {
     Collision { objects: [usize; 2], frame: usize },
 }
 
-/// Log evidence above the bias alone that a word needs (nat): odds of 20.
-const LEAST_EVIDENCE: f64 = 3.0;
+/// Log odds against the bias alone that a word needs (nat): 10^(1/2), from where evidence is substantial (Jeffreys, Theory of
+/// Probability, 1961, app. B). Ten examples have 6.9 nat at most.
+const LEAST_EVIDENCE: f64 = 1.151;
 /// Two examples closer than this, in deviations of each feature over the examples, are alike.
 const ALIKE: f64 = 0.02;
 /// Most features that are tried together without being a named group.
 const MAX_GROUP: usize = 40;
 /// Features that are looked at together: colour, lightness, highlights, form.
-const APPEARANCE_GROUPS: [&[usize]; 6] = [
+const APPEARANCE_GROUPS: [&[usize]; 7] = [
     &[0, 1, 2, 3, 4],
     &[0, 1, 2, 3, 4, 8],
     &[8, 9, 10, 11, 12, 13],
     &[8, 9, 10, 11, 12, 13, 14, 15, 16],
     &[2, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18],
-    &[19, 20, 21, 22, 23, 24],
+    &[19, 20, 21],
+    &[22, 23, 24, 25, 26, 27],
 ];
 
 /// The lexicon with a new word from examples that fit and examples that do not. Deterministic.
@@ -159,7 +162,7 @@ fn contradictions(
     if pairs.is_empty() { Ok(()) } else { Err(ConceptError::Contradiction { name: name.into(), pairs }) }
 }
 
-/// The candidate with the highest evidence, and what it has above the bias alone, less the price of the search.
+/// The most probable candidate, and the log odds of any of them against the bias alone.
 fn best_columns(rows: &[Vec<f64>], fits: &[bool], groups: &[&[usize]]) -> (LogisticFit, f64) {
     let length = rows.first().map_or(0, Vec::len);
     let none = fit_columns(rows, fits, &[]).evidence;
@@ -170,15 +173,16 @@ fn best_columns(rows: &[Vec<f64>], fits: &[bool], groups: &[&[usize]]) -> (Logis
     let together: Vec<Vec<usize>> = named.into_iter().chain(whole).collect();
     let price = ln(2.0 * together.len().max(1) as f64);
     candidates.extend(together.into_iter().map(|columns| (columns, price)));
-    let mut best: Option<(LogisticFit, f64)> = None;
-    for (columns, price) in candidates {
+    let odds = candidates.into_iter().map(|(columns, price)| {
         let fitted = fit_columns(rows, fits, &columns);
-        let gain = fitted.evidence - none - price;
-        if best.as_ref().is_none_or(|b| gain > b.1) {
-            best = Some((fitted, gain));
-        }
-    }
-    best.unwrap_or_else(|| (fit_columns(rows, fits, &[]), f64::NEG_INFINITY))
+        let odds = fitted.evidence - none - price;
+        (fitted, odds)
+    });
+    let all: Vec<(LogisticFit, f64)> = odds.collect();
+    let largest = all.iter().map(|c| c.1).fold(f64::NEG_INFINITY, f64::max);
+    let any = largest + ln(all.iter().map(|c| exp(c.1 - largest)).sum::<f64>());
+    let best = all.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+    best.map_or_else(|| (fit_columns(rows, fits, &[]), f64::NEG_INFINITY), |(fitted, _)| (fitted, any))
 }
 
 /// The word of the lexicon that agrees with most examples.

@@ -61,22 +61,22 @@ pub(super) struct PreparedVideo<'a> {
 /// The words of each family that the lessons name or answer, sorted, with how often.
 pub(super) type FamilyWords = Vec<(WordFamily, Vec<(String, usize)>)>;
 
-/// Tokens of a question, of each choice, and the answer.
-struct Tokens {
+/// LessonTokens of a question, of each choice, and the answer.
+struct LessonTokens {
     question: Vec<String>,
     choices: Vec<Vec<String>>,
 }
 
-fn tokens(question: &Question) -> Result<Tokens, ReasonError> {
+fn tokens(question: &Question) -> Result<LessonTokens, ReasonError> {
     Ok(match question {
         Question::Program { program, choices } => {
-            Tokens { question: program.clone(), choices: choices.clone() }
+            LessonTokens { question: program.clone(), choices: choices.clone() }
         }
         Question::English { question, choices } => {
             let program = question_program(question)?;
             let observed = program.iter().any(|t| t == "filter_ancestor");
             let choices = choices.iter().map(|c| choice_program(c, observed)).collect::<Result<_, _>>()?;
-            Tokens { question: program, choices }
+            LessonTokens { question: program, choices }
         }
     })
 }
@@ -209,7 +209,7 @@ impl From<ReasonError> for ItemError {
 }
 
 fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError> {
-    let Tokens { question, choices } = tokens(&lesson.question)?;
+    let LessonTokens { question, choices } = tokens(&lesson.question)?;
     let program = QuestionProgram::parse_with(&question, known)?;
     let simulated =
         |p: &QuestionProgram| p.ops.iter().any(|op| matches!(op, Op::Counterfact | Op::UnseenEvents));

@@ -54,12 +54,12 @@ pub struct LearnedFamily {
     pub vectors: Vec<f64>,
     /// T.
     pub temperature: f64,
-    pub calibration: Option<Calibration>,
+    pub calibration: Option<WordCalibration>,
 }
 
 /// How well probabilities were calibrated on videos that were left out of training.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Calibration {
+pub struct WordCalibration {
     /// Answers on the left-out videos, and the mean negative log probability that they had.
     pub answers: usize,
     pub log_loss: f64,

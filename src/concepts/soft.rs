@@ -53,7 +53,7 @@ pub struct SoftRun<'a> {
     pub presupposed: Variable,
 }
 
-type Choices = Vec<(ProgramValue, Variable)>;
+type SoftChoices = Vec<(ProgramValue, Variable)>;
 
 impl SoftRun<'_> {
     /// Runs a checked program on the stack.
@@ -103,7 +103,7 @@ impl SoftRun<'_> {
         Ok(SoftValue::certain(value, self.objects()))
     }
 
-    fn choices(&mut self, op: Op) -> Result<Choices, Halt> {
+    fn choices(&mut self, op: Op) -> Result<SoftChoices, Halt> {
         match self.stack.pop() {
             Some(SoftValue::Choice(choices)) => Ok(choices),
             _ => Err(self.mismatch(op)),
@@ -125,7 +125,7 @@ impl SoftRun<'_> {
     }
 
     /// A distribution given that it has a value.
-    fn given(&mut self, choices: Choices) -> SoftValue {
+    fn given(&mut self, choices: SoftChoices) -> SoftValue {
         let (choices, sum) = normalised(self.tape, choices);
         self.presupposed = self.tape.mul(self.presupposed, sum);
         SoftValue::Choice(choices)
@@ -369,7 +369,7 @@ impl SoftRun<'_> {
         let events = self.events(Op::FilterAncestor)?;
         let happened =
             |v: &ProgramValue| matches!(v, ProgramValue::Event(e) if e.kind != SceneEventKind::Never);
-        let of: Choices = of.into_iter().filter(|(v, _)| happened(v)).collect();
+        let of: SoftChoices = of.into_iter().filter(|(v, _)| happened(v)).collect();
         if of.is_empty() {
             return Err(Halt::Error(ReasonError::NoSingleEvent { found: "none".into() }));
         }
@@ -450,7 +450,7 @@ impl SoftRun<'_> {
         Ok(SoftValue::Choice(choices))
     }
 
-    fn yes_or_no(&mut self, yes: Variable) -> Choices {
+    fn yes_or_no(&mut self, yes: Variable) -> SoftChoices {
         let no = self.tape.complement(yes);
         let mut choices = vec![];
         add_choice(self.tape, &mut choices, ProgramValue::Bool(true), yes);

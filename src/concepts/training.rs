@@ -17,7 +17,7 @@ use super::features::standard;
 use super::lessons::{
     FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, simulated, vocabulary,
 };
-use super::lexicon::{Calibration, LearnedFamily, Lexicon};
+use super::lexicon::{LearnedFamily, Lexicon, WordCalibration};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
 use super::tape::{ONE, Tape, Variable, ZERO};
@@ -63,8 +63,8 @@ const RATE: f64 = 0.05;
 const MOMENTS: [f64; 2] = [0.9, 0.99];
 /// Weight of what a question presupposes: less than one, as its phrases share words.
 const PRESUPPOSED_WEIGHT: f64 = 0.5;
-/// Precision of the prior of the weights (alpha), relative to one question.
-const PRECISION: f64 = 0.02;
+/// Precision of the prior of the weights (alpha): a standardised feature changes a logit by about one.
+const PRECISION: f64 = 1.0;
 /// Largest deviation of the start.
 const START_SIGMA: f64 = 0.02;
 /// Share of the steps with questions of observed events only.
@@ -184,7 +184,7 @@ impl Trainer<'_> {
             for (v, loss) in batch.iter().zip(&losses) {
                 self.add_gradient(&families, &videos[*v], loss, &mut gradient);
             }
-            // The mean over questions, with the prior's share of one question.
+            // The mean over the questions of the batch; the prior counts once for all questions.
             let scale = 1.0 / questions.max(1e-9);
             gradient.iter_mut().flatten().for_each(|g| *g *= scale);
             add_prior(&families, PRECISION / total.max(1.0), &mut gradient);
@@ -353,7 +353,7 @@ impl Trainer<'_> {
         if let Some((temperature, (loss, right, answers))) = best {
             let n = (*answers).max(1) as f64;
             let calibration =
-                Calibration { answers: *answers, log_loss: loss / n, accuracy: *right as f64 / n };
+                WordCalibration { answers: *answers, log_loss: loss / n, accuracy: *right as f64 / n };
             for family in &mut families {
                 (family.temperature, family.calibration) = (*temperature, Some(calibration.clone()));
             }

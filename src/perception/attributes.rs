@@ -81,15 +81,21 @@ pub(super) fn color(features: &AppearanceFeatures, words: usize) -> Word {
     (best.0, if total > 1e-12 { best.1 / total } else { 1.0 / words as f64 })
 }
 
+/// Signs of a mirror: how far the median lightness lies below that of the colour, the highlights above the median, and the chroma as a
+/// share of the colour's own. `None` for a word that is no colour.
+pub(super) fn mirror_signs(features: &AppearanceFeatures, color: &str) -> Option<[f64; 3]> {
+    let &(_, rgb) = COLOURS.iter().find(|c| c.0 == color)?;
+    let (own, chroma) = against_ground(rgb);
+    let contrast = (features.lightness[5] - features.lightness[2]).min(2.0 * HIGHLIGHT_CONTRAST);
+    Some([own - features.lightness[2], contrast, chroma_share(features.chroma, chroma)])
+}
+
 /// "metal" or "rubber".
 pub(super) fn material(features: &AppearanceFeatures, color: &str) -> Word {
-    let Some(&(_, rgb)) = COLOURS.iter().find(|c| c.0 == color) else { return ("rubber", 0.5) };
-    let (own, chroma) = against_ground(rgb);
-    let deficit = own - features.lightness[2];
-    let contrast = (features.lightness[5] - features.lightness[2]).min(2.0 * HIGHLIGHT_CONTRAST);
+    let Some([deficit, contrast, share]) = mirror_signs(features, color) else { return ("rubber", 0.5) };
     let logit = DEFICIT_SLOPE * (deficit - METAL_DEFICIT)
         + 0.1 * DEFICIT_SLOPE * (contrast - HIGHLIGHT_CONTRAST)
-        + CHROMA_SLOPE * (METAL_CHROMA - chroma_share(features.chroma, chroma));
+        + CHROMA_SLOPE * (METAL_CHROMA - share);
     let metal = 1.0 / (1.0 + exp(-logit.clamp(-30.0, 30.0)));
     if metal > 0.5 { ("metal", metal) } else { ("rubber", 1.0 - metal) }
 }

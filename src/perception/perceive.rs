@@ -325,7 +325,7 @@ fn described(
         material: material.into(),
         shape,
         mass: None,
-        features: stored(&features, track),
+        features: stored(&features, color, track),
     };
     let seen = PerceivedObject {
         id,
@@ -347,14 +347,16 @@ fn described(
 }
 
 /// Layout of the features that a perceived object has: chroma (red, blue), lightness at 5, 25, 50, 75, 95 and 99 %, chroma of the
-/// highlights (red, blue), and the mean cost a frame of each form (ball, cylinder, cube).
+/// highlights (red, blue), the signs of a mirror (lightness below that of the nearest of perception's colours, highlights above the
+/// median, chroma as a share of that colour's), and the mean cost a frame of each form (ball, cylinder, cube).
 pub const FEATURE_LAYOUT: &str = "perception-1";
 
-fn stored(look: &AppearanceFeatures, track: &BodyTrack) -> Vec<f32> {
+fn stored(look: &AppearanceFeatures, color: &str, track: &BodyTrack) -> Vec<f32> {
     let frames = track.form_frames.max(1) as f64;
     let costs = track.form_costs.iter().map(|c| c / frames);
+    let signs = attributes::mirror_signs(look, color).unwrap_or_default();
     let look = look.chroma.into_iter().chain(look.lightness).chain(look.highlight_chroma);
-    look.chain(costs).map(|x| x as f32).collect()
+    look.chain(signs).chain(costs).map(|x| x as f32).collect()
 }
 
 /// Probability of the chosen form: costs are log likelihoods of about 30 independent points a frame; frames are not
