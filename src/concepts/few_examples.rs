@@ -31,9 +31,9 @@ pub enum ExampleOf {
     Collision { objects: [usize; 2], frame: usize },
 }
 
-/// Log odds against the bias alone that a word needs (nat): 10^(1/2), from where evidence is substantial (Jeffreys, Theory of
+/// Log odds against the bias alone that a word needs (nat): twenty to one, where evidence is strong (Jeffreys, Theory of
 /// Probability, 1961, app. B). Ten examples have 6.9 nat at most.
-const LEAST_EVIDENCE: f64 = 1.151;
+const LEAST_EVIDENCE: f64 = 3.0;
 /// Two examples closer than this, in deviations of each feature over the examples, are alike.
 const ALIKE: f64 = 0.02;
 /// Most features that are tried together without being a named group.

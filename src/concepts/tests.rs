@@ -296,3 +296,89 @@ fn a_lexicon_of_another_version_is_refused() {
     let refused = word_probabilities(&lexicon, &scene, None);
     assert_eq!(refused, Err(ConceptError::Version { found: LEXICON_VERSION + 1, expected: LEXICON_VERSION }));
 }
+
+/// A disc that strikes one at rest, and a third one `gap` beyond it, which is reached only if the push is strong enough; with its fit.
+fn chain(gap: f64) -> (Scene, crate::fit::Fit) {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let looks = [("red", "rubber", "disc"), ("blue", "rubber", "disc"), ("green", "rubber", "disc")];
+    let mut scene = scene("chain", &looks, &mut random);
+    (scene.world, scene.times) = (WorldKind::Table, (0..80).map(|f| f as f64 / 25.0).collect());
+    let mut model = crate::world::Preset::for_world(scene.world).model(&scene);
+    let starts = [(-1.0, 1.6), (0.0, 0.0), (0.4 + gap, 0.0)];
+    for (body, (x, v)) in model.bodies.iter_mut().zip(starts) {
+        (body.start.time, body.start.state.position) = (0.0, vec2(x, 0.0));
+        body.start.state.velocity = vec2(v, 0.0);
+    }
+    let run = crate::world::trace(&model, &scene.times);
+    for (k, track) in scene.tracks.iter_mut().enumerate() {
+        let sample = |(frame, row): (usize, &Vec<Option<crate::world::State>>)| {
+            let noise = vec2(0.002 * standard_normal(&mut random), 0.002 * standard_normal(&mut random));
+            let position = row[k].expect("it is there from the start").position + noise;
+            Sample { frame, position, yaw: Some(0.0), covariance: None }
+        };
+        track.samples = run.states.iter().enumerate().map(sample).collect();
+    }
+    let model = crate::world::Preset::for_world(scene.world).model(&scene);
+    let options = crate::fit::FitOptions::default();
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[model], &options, &never).expect("it fits");
+    (scene, fit)
+}
+
+/// What happens if each object that meets another is as many times as heavy: which pairs collide.
+fn mass_lessons(scene: &Scene, fit: &crate::fit::Fit, factor: f64) -> Vec<Lesson> {
+    let events = |interventions: Vec<crate::world::Intervention>| {
+        let frames = scene.times.len();
+        let request = PredictionRequest { interventions, frames, rollouts: 0, seed: 0 };
+        let found = predict(scene, fit, 0, &request, &never).expect("it is simulated");
+        crate::reason::scenario(scene, &found).rollouts.remove(0).events
+    };
+    let meets = |all: &[SceneEvent], pair: &[usize]| {
+        all.iter().any(|e| e.kind == SceneEventKind::Collision && pair.iter().all(|o| e.objects.contains(o)))
+    };
+    let (all, colour) = (events(vec![]), |o: usize| scene.objects[o].color.as_str());
+    let lesson = |o: usize| {
+        let heavier = crate::world::Intervention::ScaleMass { id: scene.objects[o].id, factor };
+        let changed = events(vec![heavier]);
+        let pairs = (0..scene.objects.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
+        let choice = |[a, b]: [usize; 2]| {
+            let of = |o| format!("objects {} filter_color unique filter_collision", colour(o));
+            (tokens(&format!("all_events {} {} unique", of(a), of(b))), meets(&changed, &[a, b]))
+        };
+        let leaves = |o: usize| {
+            let exit = format!("all_events objects {} filter_color unique filter_out unique", colour(o));
+            (tokens(&exit), changed.iter().any(|e| e.kind == SceneEventKind::Out && e.objects == [o]))
+        };
+        let (choices, correct) = pairs.map(choice).chain((0..scene.objects.len()).map(leaves)).unzip();
+        let program = format!(
+            "all_events objects {} filter_color unique ponderous apply filter_counterfact belong_to",
+            colour(o)
+        );
+        let question = Question::Program { program: tokens(&program), choices };
+        Lesson { question, answer: LessonAnswer::Choices(correct) }
+    };
+    (0..scene.objects.len()).filter(|o| meets(&all, &[*o])).map(lesson).collect()
+}
+
+#[test]
+fn the_factor_of_a_change_is_learned_from_what_would_happen() {
+    let videos: Vec<_> = (0..4).map(|k| chain(0.15 + 0.3 * f64::from(k))).collect();
+    let options = ChangeOptions { quantity: ChangedQuantity::Mass, rollouts: 0, seed: 0 };
+    let learned = |factor: f64| {
+        let lessons: Vec<Vec<Lesson>> = videos.iter().map(|(s, f)| mass_lessons(s, f, factor)).collect();
+        let all = videos.iter().zip(&lessons);
+        let all = all.map(|((scene, fit), lessons)| LessonVideo { scene, fit: Some((fit, 0)), lessons });
+        let all: Vec<LessonVideo> = all.collect();
+        learn_change(&Lexicon::default(), "ponderous", &all, &options, &never)
+    };
+    for truth in [5.0, 0.2] {
+        let lexicon = learned(truth).expect("the answers tell it");
+        let [factor, low, high] =
+            describe(&lexicon, "ponderous").expect("it is there").factor.expect("a change");
+        assert!(low <= truth && truth <= high, "{truth}: {factor} ({low} to {high})");
+        assert!((factor / truth).ln().abs() < 0.7, "{truth}: {factor}");
+    }
+    // What meets nothing says nothing.
+    let alone = LessonVideo { scene: &videos[0].0, fit: Some((&videos[0].1, 0)), lessons: &[] };
+    let refused = learn_change(&Lexicon::default(), "ponderous", &[alone], &options, &never);
+    assert_eq!(refused, Err(ConceptError::NoQuestions));
+}

@@ -171,6 +171,7 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
                 &ModelSource { path: "", kind: ModelSourceKind::Default },
                 question,
                 AskOptions { rollouts: 2, seed: 0 },
+                None,
             )
             .await
             .unwrap()
