@@ -3,23 +3,27 @@
 //! 1. English becomes a program (`english`); its types are checked before anything is simulated (`program`).
 //! 2. The program runs on the best rollout and on n rollouts with parameters drawn from the posterior (`predict`). What it needs is
 //!    simulated once: the scene as it is, 58 frames beyond the video, and each set of interventions, up to the video's end.
-//! 3. The probability of an answer is the share of the rollouts that give it (a Monte Carlo estimate of the posterior predictive
-//!    probability; its standard error is `sqrt(p (1 - p) / n)`). A rollout without the event in question is left out of the count.
-//!    A choice is correct if its probability is at least 0.5; an open question has the most frequent answer.
+//!    A question about the video alone simulates no frame after it.
+//! 3. The probability of an answer is estimated from the k of n rollouts that give it as `(k + 1/2) / (n + 1)` (the mean under
+//!    Jeffreys' prior): no finite number of simulations proves that something is certain. What is read from the scene alone has
+//!    probability 1. A rollout without the event in question is left out of the count. A choice is correct if its probability is at
+//!    least 0.5; an open question has the most frequent answer, a quantity its mean and deviation (`summary`).
 
 use super::context::{Halt, RolloutContext};
-use super::describe::{describe, describe_event};
-use super::english::{choice_program, is_explanatory, question_program};
-use super::events::{FUTURE_FRAMES, Scenario, SceneEvent, scenario};
+use super::ReasonError;
+use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, scenario};
+use super::language::{Op, QuestionProgram, read_back};
+use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest, predict};
-use super::program::{Op, QuestionProgram, Type};
+use super::reader::{Conversation, Reading, read_choice, read_question};
 use super::run::{DerivationStep, run};
+use super::summary::{estimated_probability, summary};
+use super::types::Type;
 use super::value::ProgramValue;
-use super::{ReasonError, ops};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{EventKind, Intervention, UnseenPush};
+use crate::world::{EventKind, Intervention, Model, UnseenPush};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -56,6 +60,9 @@ pub struct Answer {
     #[serde(rename = "trail")]
     pub derivation: Vec<DerivationStep>,
     pub program: Vec<String>,
+    /// How the question was understood.
+    #[serde(default)]
+    pub reading: String,
     /// One or two sentences.
     pub explanation: String,
     /// The simulations that the answer is based on.
@@ -80,6 +87,11 @@ struct Session<'a> {
     options: AskOptions,
     stop: Stop<'a>,
     effects: Vec<String>,
+    /// The fitted model and the drawn ones.
+    models: Vec<Model>,
+    /// Frames after the video that a question about the future looks at, and whether this one does.
+    future: usize,
+    is_ahead: bool,
     scenarios: Vec<Scenario>,
     simulations: Vec<Prediction>,
 }
@@ -93,62 +105,194 @@ pub fn ask(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
+    ask_in(scene, (fit, index), question, &Conversation::default(), options, stop)
+}
+
+/// [`ask`], after the questions before it and with the caller's own words.
+pub fn ask_in(
+    scene: &Scene,
+    (fit, index): (&Fit, usize),
+    question: &Question,
+    conversation: &Conversation,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
     if index >= fit.scenes.len() {
         return Err(ReasonError::NoSuchScene { index, scenes: fit.scenes.len() });
     }
-    let (mut program, choices) = programs(question)?;
-    let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
-    if open_list && program.ops.contains(&Op::Negate) {
-        let expected = "a verdict on choices: give some, or ask without \"not\"";
-        let found = "a list of all events that do not happen".to_string();
-        return Err(ReasonError::ProgramResult { expected, found });
-    }
+    let Understood { mut program, choices, reading } = understand(scene, question, conversation)?;
+    let open_list = choices.is_empty() && program.calls(&["belong_to"]);
+    let changed = open_list && program.calls(&["filter_counterfact"]);
     if open_list {
-        // Without choices, the answer is the list of events.
-        let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
-        program.ops.truncate(keep);
-        program.tokens.truncate(keep);
+        program = list_program(&program)?;
     }
-    for (_, choice) in &choices {
-        let mut stack = vec![];
-        choice.check(&mut stack)?;
-        result(&program, stack, Some(Type::Bool))?;
-    }
-    if choices.is_empty() {
-        result(&program, vec![], None)?;
-    }
+    check(&program, &choices)?;
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
     let effects = active.map(|e| e.name.clone()).collect();
+    let fitted = fit.scenes.get(index).map(|s| s.model.clone());
+    let models = fitted.into_iter().chain(fit.draw(index, options.rollouts, options.seed)).collect();
     let (scenarios, simulations) = (vec![], vec![]);
-    let mut session = Session { scene, fit, index, options, stop, effects, scenarios, simulations };
+    let all = || std::iter::once(&program).chain(choices.iter().map(|(_, c)| c));
+    let (future, is_ahead) = (future_frames(scene, all()), all().any(looks_ahead));
+    let mut session = Session {
+        scene,
+        fit,
+        index,
+        options,
+        stop,
+        effects,
+        models,
+        future,
+        is_ahead,
+        scenarios,
+        simulations,
+    };
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
+    if changed {
+        answer.explanation += &session.difference(&program);
+    }
     answer.program = program.tokens;
     if answer.probability < CERTAIN {
         let met = session.colliding_objects();
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
     answer.explanation += &reach(scene, &session.simulations);
+    answer.explanation += &format!(" Read as: {reading}.");
+    answer.reading = reading;
     answer.simulations = session.simulations;
     Ok(answer)
 }
 
+/// Resolves types and objects of a question without simulating anything: its program, and how it was understood.
+pub fn dry_run(
+    scene: &Scene,
+    question: &Question,
+    conversation: &Conversation,
+) -> Result<Reading, ReasonError> {
+    let Understood { mut program, choices, reading } = understand(scene, question, conversation)?;
+    if choices.is_empty() && program.calls(&["belong_to"]) {
+        program = list_program(&program)?;
+    }
+    check(&program, &choices)?;
+    let context = RolloutContext {
+        scene,
+        bodies: &[],
+        effects: &[],
+        scenarios: &[],
+        simulations: &[],
+        models: &[],
+        fit: None,
+        future: FUTURE_FRAMES,
+        rollout: 0,
+    };
+    for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
+        resolve_objects(program, context)?;
+    }
+    Ok(Reading { program: program.tokens, reading })
+}
+
+/// Runs each part of a program that describes an object.
+fn resolve_objects(program: &QuestionProgram, context: RolloutContext) -> Result<(), ReasonError> {
+    let starts = |op: &Op| op.calls("objects");
+    let describes = |op: &Op| {
+        matches!(op, Op::Push(..))
+            || ["filter_color", "filter_material", "filter_shape", "unique", "objects"].iter().any(|t| op.calls(t))
+    };
+    for (first, _) in program.ops.iter().enumerate().filter(|(_, op)| starts(op)) {
+        let ops: Vec<Op> = program.ops.iter().skip(first).take_while(|op| describes(op)).cloned().collect();
+        let Some(last) = ops.iter().position(|op| op.calls("unique")) else { continue };
+        let ops: Vec<Op> = ops.into_iter().take(last + 1).collect();
+        let tokens = program.tokens.iter().skip(first).take(ops.len()).cloned().collect();
+        if let Err(Halt::Error(error)) = run(&QuestionProgram { ops, tokens }, context, vec![]) {
+            return Err(error);
+        }
+    }
+    Ok(())
+}
+
+/// Without choices, the answer is the list of events: those that the program selects, or those of the video that it leaves out.
+fn list_program(program: &QuestionProgram) -> Result<QuestionProgram, ReasonError> {
+    let keep = program.ops.iter().position(|op| op.calls("belong_to")).unwrap_or(program.ops.len());
+    let mut tokens: Vec<String> = program.tokens.iter().take(keep).cloned().collect();
+    if program.ops.iter().skip(keep).any(|op| op.calls("negate")) {
+        if program.calls(&["unseen_events"]) {
+            let expected = "a verdict on choices: give some, or ask without \"not\"";
+            let found = "a list of all events that do not happen".to_string();
+            return Err(ReasonError::ProgramResult { expected, found });
+        }
+        tokens.push("lost_events".to_string());
+    }
+    QuestionProgram::parse(&tokens)
+}
+
+fn check(program: &QuestionProgram, choices: &Choices) -> Result<(), ReasonError> {
+    for (_, choice) in choices {
+        let mut stack = vec![];
+        choice.check(&mut stack)?;
+        result(program, stack, Some(Type::Bool))?;
+    }
+    if choices.is_empty() { result(program, vec![], None) } else { Ok(()) }
+}
+
+/// Whether a program looks beyond the video.
+fn looks_ahead(program: &QuestionProgram) -> bool {
+    const AHEAD: [&str; 5] = ["unseen_events", "whole_events", "prediction", "video_and_prediction", "later"];
+    program.calls(&AHEAD[..2]) || program.tokens.iter().any(|t| AHEAD.contains(&t.as_str()))
+}
+
+/// Frames after the video that a question looks at: more where it names a later time or asks until when something moves.
+fn future_frames<'a>(scene: &Scene, programs: impl Iterator<Item = &'a QuestionProgram>) -> usize {
+    let mut future = FUTURE_FRAMES;
+    let end = scene.times.last().copied().unwrap_or(0.0);
+    for program in programs {
+        if program.calls(&["stop_time", "first_to_stop"]) && looks_ahead(program) {
+            future = future.max(MAX_FUTURE_FRAMES);
+        }
+        for pair in program.ops.windows(2) {
+            let number = if let Op::Push(_, ProgramValue::Factor(n)) = pair[0] { n } else { 0.0 };
+            let beyond = if pair[1].calls("later") { number } else { number - end };
+            let is_time = pair[1].calls("later") || pair[1].calls("at_time");
+            if is_time && beyond * scene.fps > FUTURE_FRAMES as f64 {
+                future = future.max(MAX_FUTURE_FRAMES);
+            }
+        }
+    }
+    future
+}
+
 type Choices = Vec<(String, QuestionProgram)>;
 
-fn programs(question: &Question) -> Result<(QuestionProgram, Choices), ReasonError> {
+/// A question as programs, and what it was read as.
+struct Understood {
+    program: QuestionProgram,
+    choices: Choices,
+    reading: String,
+}
+
+fn understand(
+    scene: &Scene,
+    question: &Question,
+    conversation: &Conversation,
+) -> Result<Understood, ReasonError> {
     match question {
         Question::English { question, choices } => {
-            let tokens = question_program(question)?;
-            let observed = is_explanatory(&tokens);
-            let choices = choices
-                .iter()
-                .map(|c| Ok((c.clone(), QuestionProgram::parse(&choice_program(c, observed)?)?)));
-            Ok((QuestionProgram::parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
+            let read = read_question(question, Some(scene), conversation)?;
+            let observed = read.is_explanatory();
+            let choices = choices.iter().map(|c| {
+                let read = read_choice(c, observed, Some(scene), conversation)?;
+                Ok((c.clone(), QuestionProgram::parse(&read.program)?))
+            });
+            let choices = choices.collect::<Result<_, ReasonError>>()?;
+            Ok(Understood { program: QuestionProgram::parse(&read.program)?, choices, reading: read.reading })
         }
         Question::Program { program, choices } => {
             let choices = choices.iter().map(|c| Ok((c.join(" "), QuestionProgram::parse(c)?)));
-            Ok((QuestionProgram::parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
+            let choices = choices.collect::<Result<_, ReasonError>>()?;
+            let program = QuestionProgram::parse(program)?;
+            let reading = read_back(&program);
+            Ok(Understood { program, choices, reading })
         }
     }
 }
@@ -158,13 +302,15 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
     let counterfactuals: Vec<&Prediction> =
         simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
     let kept = scene.objects.iter().filter(|o| counterfactuals.iter().all(|s| s.unreached.contains(&o.id)));
-    let kept: Vec<String> = kept.map(ops::phrase).collect();
+    let kept: Vec<String> =
+        kept.filter_map(|o| scene.object_index(o.id)).map(|i| ops::name(scene, i)).collect();
     let mut words = String::new();
     let end = scene.times.last().copied().unwrap_or(0.0);
     let duration = |what: &str, s: &Prediction| {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
             true => format!(" {what} runs to {until:.1} s, {:.1} s beyond the video.", until - end),
+            false if what == "The prediction" => format!(" The question is about the video, to {until:.1} s."),
             false => format!(" {what} runs to the end of the video, {until:.1} s."),
         }
     };
@@ -196,8 +342,7 @@ pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectE
             (true, false) => "restitution of",
             (false, false) => "mass and restitution of",
         };
-        let object = scene.objects.get(scene.object_index(o.id)?)?;
-        Some(format!("the {what} {}", ops::phrase(object)))
+        Some(format!("the {what} {}", ops::name(scene, scene.object_index(o.id)?)))
     });
     let open: Vec<String> = open.collect();
     match open.is_empty() {
@@ -231,8 +376,17 @@ impl Session<'_> {
     ) -> Result<(Option<ProgramValue>, Vec<DerivationStep>), ReasonError> {
         loop {
             let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
-            let (scene, effects, scenarios) = (self.scene, &self.effects, &self.scenarios);
-            let context = RolloutContext { scene, bodies, effects, scenarios, rollout };
+            let context = RolloutContext {
+                scene: self.scene,
+                bodies,
+                effects: &self.effects,
+                scenarios: &self.scenarios,
+                simulations: &self.simulations,
+                models: &self.models,
+                fit: Some((self.fit, self.index)),
+                future: self.future,
+                rollout,
+            };
             let mut derivation = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, context, stack)?;
@@ -241,13 +395,14 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), derivation)),
+                Err(Halt::Undetermined(why)) => return Ok((Some(ProgramValue::Undetermined(why)), vec![])),
                 // Simulated already, with fewer rollouts than requested: this rollout does not count.
-                Err(Halt::NeedsSimulation(needed))
-                    if self.scenarios.iter().any(|s| s.interventions == needed) =>
+                Err(Halt::NeedsSimulation(needed, frames))
+                    if self.scenarios.iter().any(|s| s.interventions == needed && s.frames >= frames) =>
                 {
                     return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
                 }
-                Err(Halt::NeedsSimulation(interventions)) => self.simulate(&interventions)?,
+                Err(Halt::NeedsSimulation(interventions, frames)) => self.simulate(&interventions, frames)?,
                 Err(Halt::Error(error)) => return Err(error),
             }
         }
@@ -262,13 +417,19 @@ impl Session<'_> {
             .collect()
     }
 
-    fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
-        let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
-        let frames = self.scene.times.len() + after;
+    /// Simulates a scenario for this number of frames; a shorter simulation of it is replaced.
+    fn simulate(&mut self, interventions: &[Intervention], frames: usize) -> Result<(), ReasonError> {
+        let ahead = self.is_ahead && interventions.is_empty();
+        let frames = frames.max(self.scene.times.len() + if ahead { self.future } else { 0 });
+        if let Some(shorter) = self.scenarios.iter().position(|s| s.interventions == interventions) {
+            self.scenarios.remove(shorter);
+            self.simulations.remove(shorter);
+        }
         let AskOptions { rollouts, seed } = self.options;
         let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts, seed };
         let prediction = predict(self.scene, self.fit, self.index, &request, self.stop)?;
-        self.scenarios.push(scenario(self.scene, &prediction));
+        let noise = self.fit.scenes.get(self.index).map_or(0.0, |s| s.noise_sigma);
+        self.scenarios.push(scenario(self.scene, &prediction, noise));
         self.simulations.push(prediction);
         Ok(())
     }
@@ -305,7 +466,7 @@ impl Session<'_> {
         for (text, choice) in choices {
             let (values, derivation) = self.over_rollouts(&[choice, program])?;
             let yes = values.iter().filter(|v| **v == ProgramValue::Bool(true)).count();
-            let probability = yes as f64 / values.len().max(1) as f64;
+            let probability = estimated_probability(yes, values.len(), !self.simulations.is_empty());
             answers.push(ChoiceAnswer {
                 choice: text.clone(),
                 correct: probability >= 0.5,
@@ -330,27 +491,14 @@ impl Session<'_> {
             derivation: answers.first().map(|c| c.derivation.clone()).unwrap_or_default(),
             choices: answers,
             program: vec![],
+            reading: String::new(),
             simulations: vec![],
         })
     }
 
     fn open(&mut self, program: &QuestionProgram) -> Result<Answer, ReasonError> {
         let (values, derivation) = self.over_rollouts(&[program])?;
-        let (answer, probability) = if matches!(values.first(), Some(ProgramValue::Events(_))) {
-            self.likely_events(&values)
-        } else {
-            let mut tally: Vec<(String, usize)> = vec![];
-            for value in &values {
-                let text = describe(self.scene, value);
-                match tally.iter_mut().find(|(t, _)| *t == text) {
-                    Some((_, n)) => *n += 1,
-                    None => tally.push((text, 1)),
-                }
-            }
-            // Of equally frequent answers the first one, so that the result is deterministic.
-            let most = tally.iter().rev().max_by_key(|(_, n)| *n).cloned().unwrap_or_default();
-            (most.0, most.1 as f64 / values.len().max(1) as f64)
-        };
+        let (answer, probability) = summary(self.scene, &values, !self.simulations.is_empty());
         Ok(Answer {
             explanation: format!("{:.0} % of {} rollouts agree.", 100.0 * probability, values.len()),
             answer: Some(answer),
@@ -358,37 +506,24 @@ impl Session<'_> {
             probability,
             derivation,
             program: vec![],
+            reading: String::new(),
             simulations: vec![],
         })
     }
 
-    /// The events of at least half of the rollouts, in words, and the share of the least likely of them.
-    fn likely_events(&self, values: &[ProgramValue]) -> (String, f64) {
-        let mut tally: Vec<(SceneEvent, usize)> = vec![];
-        for value in values {
-            let ProgramValue::Events(events) = value else { continue };
-            for (k, event) in events.iter().enumerate() {
-                if events.iter().take(k).any(|e| e.is_like(event)) {
-                    continue;
-                }
-                match tally.iter_mut().find(|(e, _)| e.is_like(event)) {
-                    Some((_, n)) => *n += 1,
-                    None => tally.push((event.clone(), 1)),
-                }
-            }
-        }
-        let share = |n: usize| n as f64 / values.len().max(1) as f64;
-        let likely: Vec<_> = tally.iter().filter(|(_, n)| share(*n) >= 0.5).collect();
-        if likely.is_empty() {
-            let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
-            return ("nothing is likely to happen".to_string(), 1.0 - most);
-        }
-        // The share of a single event is the probability of the answer.
-        let words = likely.iter().map(|(e, n)| match likely.len() {
-            1 => describe_event(self.scene, e),
-            _ => format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)),
+    /// What the change of a counterfactual makes of the events of the video, as a sentence.
+    fn difference(&mut self, program: &QuestionProgram) -> String {
+        let mut tokens = program.tokens.clone();
+        tokens.push("difference_made".to_string());
+        let differs = QuestionProgram::parse(&tokens).and_then(|p| {
+            p.check(&mut vec![])?;
+            self.over_rollouts(&[&p])
         });
-        let least = likely.iter().map(|(_, n)| share(*n)).fold(1.0, f64::min);
-        (words.collect::<Vec<_>>().join("; "), least)
+        match differs {
+            Ok((values, _)) => {
+                format!(" The change makes this difference: {}.", summary(self.scene, &values, true).0)
+            }
+            Err(_) => String::new(),
+        }
     }
 }

@@ -1,30 +1,34 @@
 //! Reasoning: predictions, counterfactuals, and answers to questions, all by simulation of the fitted model.
 //!
-//! `ask` (English or a program) -> `english`, `grammar` -> `program` (type check) -> `predict` (rollouts) -> `events` (what happens)
-//! -> `run`, `step`, `ops` (the program on each rollout) -> answer with probability and derivation.
+//! `ask` (English or a program) -> `reader` (text to program) -> `language` (type check) -> `predict` (rollouts) -> `events` (what
+//! happens) -> `run`, `operations` (the program on each rollout) -> `summary` (one answer with its probability).
 
 mod ask;
 mod context;
 mod describe;
-mod english;
 mod events;
-mod grammar;
-mod ops;
+mod language;
+mod operations;
 mod predict;
-mod program;
+mod reader;
 mod run;
-mod step;
+mod summary;
 #[cfg(test)]
 mod tests;
+mod types;
 mod value;
 
-pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask};
-pub use english::{choice_program, examples, question_program};
-pub use events::{FUTURE_FRAMES, MOVING_SPEED};
+pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, ask, ask_in, dry_run};
+pub use events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, MOVING_SPEED};
+pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, read_back};
+pub use operations::{OPERATIONS, Operation, OperationInfo};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
-
-pub use program::{Op, QuestionProgram, TOKENS, Type};
+pub use reader::{
+    Conversation, OwnWord, Reading, choice_program, examples, list_operations, question_program, read_choice,
+    read_question,
+};
 pub use run::DerivationStep;
+pub use types::Type;
 
 use crate::num::Stopped;
 use crate::world::InterventionError;

@@ -1,127 +1,96 @@
-//! The functional programs of CLEVRER: tokens, their types, and the check before anything runs.
+//! The functional programs of CLEVRER: tokens, and the check of their types before anything runs.
 //!
 //! A program is a list of tokens in postfix order on a stack of typed values. A word or a number pushes itself; each other
-//! operation pops its operands and pushes one result, as [`signature`] states. The check runs the types alone over the
-//! stack: if no operation meets a wrong type, none can at run time. A question leaves one value; one that asks about choices ends
-//! in `belong_to` and finds the value of a choice below it. Source of the tokens: the programs of the CLEVRER data set
-//! (Yi et al., ICLR 2020); the operations for billiards and for further changes are ours.
+//! operation pops its operands and pushes one result, as its row of [`OPERATIONS`] states. The check runs the types alone over
+//! the stack: if no operation meets a wrong type, none can at run time. A question leaves one value; one that asks about choices
+//! ends in `belong_to` and finds the value of a choice below it. Source of the tokens: the programs of the CLEVRER data set
+//! (Yi et al., ICLR 2020); the quantities, and the operations for billiards and for further changes, are ours.
 
-use super::ReasonError;
+use crate::reason::ReasonError;
+use crate::reason::operations::{OPERATIONS, Operation, operation};
+use crate::reason::types::{Gives, Type};
+use crate::reason::value::{ProgramValue, SpanKind};
 
-/// Type of a value on the stack.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Type {
-    Objects,
-    Object,
-    Events,
-    Event,
-    Frame,
-    Color,
-    Material,
-    Shape,
-    Side,
-    Order,
-    Factor,
-    Law,
-    Change,
-    Text,
-    Number,
-    Bool,
+/// The words of programs with their types. `color:teal`, `material:wood` and `shape:box` are a scene's own words.
+pub static WORDS: &[(&str, Type)] = &[
+    ("first", Type::Order),
+    ("second", Type::Order),
+    ("third", Type::Order),
+    ("last", Type::Order),
+    ("gray", Type::Color),
+    ("red", Type::Color),
+    ("blue", Type::Color),
+    ("green", Type::Color),
+    ("brown", Type::Color),
+    ("cyan", Type::Color),
+    ("purple", Type::Color),
+    ("yellow", Type::Color),
+    ("white", Type::Color),
+    ("black", Type::Color),
+    ("orange", Type::Color),
+    ("pink", Type::Color),
+    ("rubber", Type::Material),
+    ("metal", Type::Material),
+    ("sphere", Type::Shape),
+    ("cylinder", Type::Shape),
+    ("cube", Type::Shape),
+    ("left", Type::Side),
+    ("right", Type::Side),
+    ("top", Type::Side),
+    ("bottom", Type::Side),
+    ("friction", Type::Law),
+    ("contact_friction", Type::Law),
+    ("drag", Type::Law),
+    ("video", Type::Span),
+    ("prediction", Type::Span),
+    ("video_and_prediction", Type::Span),
+];
+/// Prefixes of a scene's own words.
+const OWN: [(&str, Type); 3] =
+    [("color:", Type::Color), ("material:", Type::Material), ("shape:", Type::Shape)];
+
+/// One instruction of a program.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Op {
+    Call(&'static Operation),
+    Push(Type, ProgramValue),
 }
 
-impl Type {
-    /// Its name in messages.
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Type::Objects => "objects",
-            Type::Object => "an object",
-            Type::Events => "events",
-            Type::Event => "an event",
-            Type::Frame => "a frame",
-            Type::Color => "a color",
-            Type::Material => "a material",
-            Type::Shape => "a shape",
-            Type::Side => "a side",
-            Type::Order => "an order",
-            Type::Factor => "a number",
-            Type::Law => "a law",
-            Type::Change => "a change",
-            Type::Text => "a text",
-            Type::Number => "a count",
-            Type::Bool => "yes or no",
+impl Op {
+    /// The operation or word of a token.
+    pub fn of(token: &str) -> Option<Op> {
+        if let Some(found) = operation(&token.to_lowercase()) {
+            return Some(Op::Call(found));
         }
+        let own = OWN.iter().find_map(|(prefix, kind)| {
+            let word = token.strip_prefix(prefix).filter(|w| !w.is_empty())?;
+            Some((*kind, word))
+        });
+        let known = || WORDS.iter().find(|(word, _)| *word == token).map(|(word, kind)| (*kind, *word));
+        if let Some((kind, word)) = own.or_else(known) {
+            return Some(Op::Push(kind, word_value(kind, word)));
+        }
+        let number = token.parse().ok().filter(|n: &f64| n.is_finite() && *n >= 0.0);
+        number.map(|n| Op::Push(Type::Factor, ProgramValue::Factor(n)))
+    }
+
+    /// Whether it is a call of the operation with this token.
+    pub fn calls(&self, token: &str) -> bool {
+        matches!(self, Op::Call(operation) if operation.token == token)
     }
 }
 
-macro_rules! ops {
-    ($($op:ident: $($token:literal)|+;)*) => {
-        /// One operation; a word of the vocabulary is an operation that pushes itself.
-        #[derive(Debug, Clone, Copy, PartialEq)]
-        pub enum Op { $($op,)* Color(&'static str), Material(&'static str), Shape(&'static str), Side(&'static str), Law(&'static str), Order(usize), Factor(f64) }
-        /// Tokens and their operations: CLEVRER's with the aliases in use, and ours for billiards and further changes. A
-        /// number is a factor, or a length in metres.
-        pub static TOKENS: &[(&str, Op)] = &[$($(($token, Op::$op),)+)*
-            ("first", Op::Order(0)), ("second", Op::Order(1)), ("last", Op::Order(usize::MAX)),
-            ("gray", Op::Color("gray")), ("red", Op::Color("red")), ("blue", Op::Color("blue")),
-            ("green", Op::Color("green")), ("brown", Op::Color("brown")), ("cyan", Op::Color("cyan")),
-            ("purple", Op::Color("purple")), ("yellow", Op::Color("yellow")),
-            ("white", Op::Color("white")), ("black", Op::Color("black")), ("orange", Op::Color("orange")),
-            ("pink", Op::Color("pink")), ("left", Op::Side("left")), ("right", Op::Side("right")),
-            ("friction", Op::Law("friction")), ("drag", Op::Law("drag")),
-            ("top", Op::Side("top")), ("bottom", Op::Side("bottom")),
-            ("rubber", Op::Material("rubber")), ("metal", Op::Material("metal")),
-            ("sphere", Op::Shape("sphere")), ("cylinder", Op::Shape("cylinder")), ("cube", Op::Shape("cube")),
-        ];
-    };
-}
-
-ops! {
-    Objects: "objects";
-    Events: "events";
-    AllEvents: "all_events";
-    UnseenEvents: "unseen_events";
-    Start: "start";
-    End: "end";
-    Null: "null";
-    Unique: "unique";
-    Count: "count";
-    Exist: "exist";
-    Negate: "negate";
-    BelongTo: "belong_to";
-    FilterColor: "filter_color";
-    FilterMaterial: "filter_material";
-    FilterShape: "filter_shape";
-    FilterMoving: "filter_moving";
-    FilterStationary: "filter_stationary";
-    FilterIn: "filter_in";
-    FilterOut: "filter_out";
-    FilterCollision: "filter_collision";
-    FilterSide: "filter_side";
-    FilterPartner: "filter_partner";
-    FilterBefore: "filter_before";
-    FilterAfter: "filter_after";
-    FilterStart: "filter_start";
-    FilterEnd: "filter_end";
-    FilterOrder: "filter_order";
-    FilterAncestor: "filter_ancestor";
-    GetFrame: "get_frame" | "query_frame";
-    GetObject: "get_object" | "query_object";
-    GetPartner: "get_col_partner" | "query_collision_partner";
-    Counterfact: "filter_counterfact" | "get_counterfact" | "counterfact_events";
-    ApplyHeavier: "apply_heavier";
-    ApplyLighter: "apply_lighter";
-    ScaleMass: "scale_mass";
-    ScaleVelocity: "scale_velocity";
-    ScaleRestitution: "scale_restitution";
-    AtRest: "at_rest";
-    Reverse: "reverse";
-    Shift: "shift";
-    AddAnother: "add_another";
-    SwitchOff: "switch_off";
-    Both: "both";
-    QueryColor: "query_color";
-    QueryMaterial: "query_material";
-    QueryShape: "query_shape";
+fn word_value(kind: Type, word: &str) -> ProgramValue {
+    match (kind, word) {
+        (Type::Order, "first") => ProgramValue::Order(0),
+        (Type::Order, "second") => ProgramValue::Order(1),
+        (Type::Order, "third") => ProgramValue::Order(2),
+        (Type::Order, _) => ProgramValue::Order(usize::MAX),
+        (Type::Span, "video") => ProgramValue::Span(SpanKind::Video),
+        (Type::Span, "prediction") => ProgramValue::Span(SpanKind::Prediction),
+        (Type::Span, _) => ProgramValue::Span(SpanKind::Both),
+        _ => ProgramValue::Word(word.to_string()),
+    }
 }
 
 /// A parsed program: its operations and the tokens they came from.
@@ -140,10 +109,9 @@ impl QuestionProgram {
             return Err(ReasonError::ProgramLength { tokens: tokens.len(), most: Self::MAX_TOKENS });
         }
         let ops = tokens.iter().enumerate().map(|(position, token)| {
-            let word = TOKENS.iter().find(|(t, _)| t == token).map(|(_, op)| *op);
-            let factor = || token.parse().ok().filter(|f: &f64| f.is_finite() && *f > 0.0).map(Op::Factor);
-            word.or_else(factor).ok_or_else(|| {
-                let names = TOKENS.iter().map(|(t, _)| *t);
+            Op::of(token).ok_or_else(|| {
+                let names = OPERATIONS.iter().flat_map(|o| std::iter::once(&o.token).chain(o.aliases));
+                let names = names.copied().chain(WORDS.iter().map(|(word, _)| *word));
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })
         });
@@ -153,7 +121,7 @@ impl QuestionProgram {
     /// Runs the types over `stack`; an error names the first operation with an operand of a wrong type.
     pub fn check(&self, stack: &mut Vec<Type>) -> Result<(), ReasonError> {
         for (position, op) in self.ops.iter().enumerate() {
-            apply(*op, stack).map_err(|(expected, found)| ReasonError::ProgramType {
+            apply(op, stack).map_err(|(expected, found)| ReasonError::ProgramType {
                 position,
                 token: self.tokens.get(position).cloned().unwrap_or_default(),
                 expected,
@@ -162,101 +130,53 @@ impl QuestionProgram {
         }
         Ok(())
     }
+
+    /// Whether it calls one of the operations.
+    pub fn calls(&self, tokens: &[&str]) -> bool {
+        self.ops.iter().any(|op| tokens.iter().any(|t| op.calls(t)))
+    }
 }
 
 /// The candidate with the most similar spelling.
-pub(super) fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> String {
+pub fn nearest<'a>(word: &str, candidates: impl Iterator<Item = &'a str>) -> String {
     let score = |c: &str| strsim::jaro_winkler(&word.to_lowercase(), &c.to_lowercase());
     candidates.max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or_default().to_string()
 }
 
-/// One operand of an operation: how messages name it, and the types it may have.
-type Takes = (&'static str, &'static [Type]);
 /// What was expected, and the type that was on the stack instead, if any.
 type Mismatch = (&'static str, Option<Type>);
 
-const COLOR: Takes = ("a color", &[Type::Color]);
-const MATERIAL: Takes = ("a material", &[Type::Material]);
-const SHAPE: Takes = ("a shape", &[Type::Shape]);
-const TABLE_SIDE: Takes = ("a side of the table", &[Type::Side]);
-const DIRECTION: Takes = ("left, right, top or bottom", &[Type::Side]);
-const ORDER: Takes = ("first, second or last", &[Type::Order]);
-const LENGTH: Takes = ("a length", &[Type::Factor]);
-const FACTOR: Takes = ("a factor", &[Type::Factor]);
-const LAW: Takes = ("friction or drag", &[Type::Law]);
-const YES_OR_NO: Takes = ("yes or no", &[Type::Bool]);
-const OBJECT: Takes = ("an object", &[Type::Object]);
-const OBJECTS: Takes = ("objects", &[Type::Objects]);
-const ANY_OBJECTS: Takes = ("objects or an object", &[Type::Objects, Type::Object]);
-const OBJECT_OR_CHANGE: Takes = ("an object or a change", &[Type::Object, Type::Change]);
-const OBJECTS_OR_EVENTS: Takes = ("objects or events", &[Type::Objects, Type::Events]);
-const EVENT: Takes = ("an event", &[Type::Event]);
-const EVENTS: Takes = ("events", &[Type::Events]);
-const FRAME: Takes = ("a frame", &[Type::Frame, Type::Event]);
-const MOMENT: Takes = ("an event or a frame", &[Type::Event, Type::Frame]);
-const CHOICE: Takes = ("the event or object of a choice", &[Type::Event, Type::Object]);
-
-/// The operands of an operation, from the top of the stack, and the type of its result.
-fn signature(op: Op) -> (&'static [Takes], Type) {
-    match op {
-        Op::Objects => (&[], Type::Objects),
-        Op::Events | Op::AllEvents | Op::UnseenEvents => (&[], Type::Events),
-        Op::Start | Op::End => (&[], Type::Event),
-        Op::Null => (&[], Type::Frame),
-        Op::Color(_) => (&[], Type::Color),
-        Op::Material(_) => (&[], Type::Material),
-        Op::Shape(_) => (&[], Type::Shape),
-        Op::Side(_) => (&[], Type::Side),
-        Op::Factor(_) => (&[], Type::Factor),
-        Op::Law(_) => (&[], Type::Law),
-        Op::Order(_) => (&[], Type::Order),
-        Op::Unique => (&[OBJECTS_OR_EVENTS], Type::Object),
-        Op::Count => (&[OBJECTS_OR_EVENTS], Type::Number),
-        Op::Exist => (&[OBJECTS_OR_EVENTS], Type::Bool),
-        Op::Negate => (&[YES_OR_NO], Type::Bool),
-        Op::BelongTo => (&[EVENTS, CHOICE], Type::Bool),
-        Op::FilterColor => (&[COLOR, OBJECTS], Type::Objects),
-        Op::FilterMaterial => (&[MATERIAL, OBJECTS], Type::Objects),
-        Op::FilterShape => (&[SHAPE, OBJECTS], Type::Objects),
-        Op::FilterMoving | Op::FilterStationary => (&[FRAME, OBJECTS], Type::Objects),
-        Op::FilterIn | Op::FilterOut | Op::FilterCollision => (&[ANY_OBJECTS, EVENTS], Type::Events),
-        Op::FilterSide => (&[TABLE_SIDE, ANY_OBJECTS, EVENTS], Type::Events),
-        Op::FilterPartner => (&[OBJECTS, OBJECT, EVENTS], Type::Events),
-        Op::FilterBefore | Op::FilterAfter => (&[MOMENT, EVENTS], Type::Events),
-        Op::FilterStart | Op::FilterEnd => (&[EVENTS], Type::Event),
-        Op::FilterOrder => (&[ORDER, EVENTS], Type::Event),
-        Op::FilterAncestor => (&[EVENT, EVENTS], Type::Events),
-        Op::GetFrame => (&[EVENT], Type::Frame),
-        Op::GetObject => (&[EVENT], Type::Object),
-        Op::GetPartner => (&[OBJECT, EVENT], Type::Object),
-        Op::Counterfact => (&[OBJECT_OR_CHANGE], Type::Events),
-        Op::Shift => (&[DIRECTION, LENGTH, OBJECT], Type::Change),
-        Op::AddAnother => (&[DIRECTION, LENGTH, OBJECT, OBJECTS], Type::Change),
-        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => (&[FACTOR, OBJECT], Type::Change),
-        Op::SwitchOff => (&[LAW], Type::Change),
-        Op::Both => (&[OBJECT_OR_CHANGE, OBJECT_OR_CHANGE], Type::Change),
-        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => (&[OBJECT], Type::Change),
-        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => (&[OBJECT], Type::Text),
-    }
-}
-
 /// Replaces the operands of an operation on the stack by the type of its result.
-fn apply(op: Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
-    let (operands, mut result) = signature(op);
+pub fn apply(op: &Op, stack: &mut Vec<Type>) -> Result<(), Mismatch> {
+    let operation = match op {
+        Op::Push(kind, _) => {
+            stack.push(*kind);
+            return Ok(());
+        }
+        Op::Call(operation) => operation,
+    };
     let mut top = None;
-    for (expected, allowed) in operands {
+    for (expected, allowed) in operation.takes {
         match stack.pop() {
             Some(t) if allowed.contains(&t) => top = top.or(Some(t)),
             found => return Err((expected, found)),
         }
     }
-    if op == Op::Unique && top == Some(Type::Events) {
-        result = Type::Event;
+    if operation.takes_all_changes {
+        while stack.last() == Some(&Type::Change) {
+            stack.pop();
+        }
     }
-    // The events that it replaces may be left out.
-    if op == Op::Counterfact && stack.last() == Some(&Type::Events) {
+    // The events that a counterfactual replaces may be left out.
+    if operation.replaces_events && stack.last() == Some(&Type::Events) {
         stack.pop();
     }
-    stack.push(result);
+    match operation.gives {
+        Gives::One(kind) => stack.push(kind),
+        Gives::OneOfOperand => {
+            stack.push(if top == Some(Type::Events) { Type::Event } else { Type::Object });
+        }
+        Gives::Nothing => {}
+    }
     Ok(())
 }

@@ -1,205 +1,250 @@
-//! One operation of a program: pops its operands and returns its result.
+//! The operations that select objects and events and ask for their attributes.
 
-use super::ReasonError;
-use super::context::{Halt, RolloutContext};
-use super::events::{SceneEvent, SceneEventKind};
+use super::machine::{Machine, happened};
 use super::ops;
-use super::program::Op;
-use super::value::{Operands, ProgramValue};
-use crate::scene::Object;
-use crate::world::Intervention;
+use crate::reason::ReasonError;
+use crate::reason::context::Halt;
+use crate::reason::events::{SceneEvent, SceneEventKind};
+use crate::reason::value::ProgramValue::{self, *};
+use crate::reason::value::SpanKind;
+use crate::scene::Object as SceneObject;
 
-/// The result of an operation. `words`: the describing words since the last `objects`, for messages.
-pub(super) fn step(
-    op: Op,
-    context: RolloutContext,
-    stack: &mut Vec<ProgramValue>,
-    words: &[&str],
-) -> Result<ProgramValue, Halt> {
-    use ProgramValue::*;
-    let scene = context.scene;
-    let mut operands = Operands { op, stack };
-    Ok(match op {
-        Op::Objects => Objects(ops::all(scene)),
-        Op::Events => Events(context.events(&[], false)?),
-        Op::UnseenEvents => Events(context.events(&[], true)?),
-        Op::AllEvents => Events(ops::conceivable(scene)),
-        Op::Start => Event(ops::edge(scene, SceneEventKind::Start)),
-        Op::End => Event(ops::edge(scene, SceneEventKind::End)),
-        Op::Null => Frame(None),
-        Op::Color(word) | Op::Material(word) | Op::Shape(word) | Op::Side(word) | Op::Law(word) => Word(word),
-        Op::Factor(factor) => Factor(factor),
-        Op::Order(place) => Order(place),
-        Op::Unique => match operands.pop()? {
-            Objects(objects) => Object(ops::unique_object(scene, &objects, &words.join(" "))?),
-            Events(events) => Event(ops::unique_event(&events)?),
-            _ => return Err(operands.mismatch()),
-        },
-        Op::Count => Number(operands.count()?),
-        Op::Exist => Bool(operands.count()? > 0),
-        Op::Negate => Bool(!operands.bool()?),
-        Op::BelongTo => {
-            let events = operands.events()?;
-            match operands.pop()? {
-                Event(event) => Bool(ops::has_event(&events, &event)),
-                Object(object) => Bool(ops::has_object(&events, object)),
-                _ => return Err(operands.mismatch()),
-            }
-        }
-        Op::GetFrame => Frame(Some(require_event(operands.event()?)?.frame)),
-        Op::GetObject => match operands.event()?.objects[..] {
-            [one] => Object(one),
-            _ => return Err(ReasonError::NoSingleEvent { found: "none of one object".into() }.into()),
-        },
-        Op::GetPartner => {
-            let object = operands.object()?;
-            Object(ops::partner(&operands.event()?, object)?)
-        }
-        Op::QueryColor | Op::QueryMaterial | Op::QueryShape => match scene.objects.get(operands.object()?) {
-            Some(object) => Text(attribute(op)(object).to_string()),
-            None => return Err(operands.mismatch()),
-        },
-        Op::Counterfact => {
-            let changes = changes(context, &mut operands)?;
-            if matches!(operands.stack.last(), Some(Events(_))) {
-                operands.stack.pop();
-            }
-            Events(context.events(&changes, false)?)
-        }
-        Op::ApplyHeavier | Op::ApplyLighter | Op::AtRest | Op::Reverse => {
-            Change(scale(context, &mut operands)?)
-        }
-        Op::ScaleMass | Op::ScaleVelocity | Op::ScaleRestitution => Change(scale(context, &mut operands)?),
-        Op::Shift | Op::AddAnother | Op::SwitchOff | Op::Both => Change(edit(context, &mut operands)?),
-        _ => filter(context, &mut operands)?,
+type Outcome = Result<ProgramValue, Halt>;
+
+pub fn all_objects(m: &mut Machine) -> Outcome {
+    m.words.clear();
+    Ok(Objects(ops::all(m.context.scene)))
+}
+
+/// The object with this number in the scene.
+pub fn object_number(m: &mut Machine) -> Outcome {
+    let (number, scene) = (m.factor()?, m.context.scene);
+    let found = scene.objects.iter().position(|o| f64::from(o.id) == number);
+    found.map(Object).ok_or_else(|| {
+        let candidates = (0..scene.objects.len()).map(|i| ops::numbered(scene, i)).collect();
+        ReasonError::NoSuchObject { phrase: format!("object {number}"), candidates }.into()
     })
 }
 
-/// The operations that select objects or events.
-fn filter(context: RolloutContext, operands: &mut Operands) -> Result<ProgramValue, Halt> {
-    use ProgramValue::*;
-    let (op, scene) = (operands.op, context.scene);
-    Ok(match op {
-        Op::FilterColor | Op::FilterMaterial | Op::FilterShape => {
-            let word = operands.word()?;
-            Objects(ops::filter_word(scene, &operands.objects()?, attribute(op), word))
-        }
-        Op::FilterMoving | Op::FilterStationary => {
-            let frame = match operands.pop()? {
-                Frame(frame) => frame,
-                Event(event) => Some(event.frame),
-                _ => return Err(operands.mismatch()),
-            };
-            let objects = operands.objects()?;
-            Objects(ops::filter_motion(context.rollout(&[])?, &objects, frame, op == Op::FilterMoving))
-        }
-        Op::FilterIn | Op::FilterOut | Op::FilterCollision | Op::FilterSide => {
-            let kind = match op {
-                Op::FilterIn => SceneEventKind::In,
-                Op::FilterOut => SceneEventKind::Out,
-                Op::FilterSide => SceneEventKind::Side(operands.word()?),
-                _ => SceneEventKind::Collision,
-            };
-            let objects = operands.any_objects()?;
-            Events(ops::filter_kind(&operands.events()?, kind, &objects))
-        }
-        Op::FilterPartner => {
-            let (partners, object) = (operands.objects()?, operands.object()?);
-            Events(ops::filter_partner(&operands.events()?, object, &partners))
-        }
-        Op::FilterBefore | Op::FilterAfter => {
-            let frame = match operands.pop()? {
-                Event(event) => Some(require_event(event)?.frame),
-                Frame(frame) => frame,
-                _ => return Err(operands.mismatch()),
-            };
-            Events(ops::filter_time(&operands.events()?, frame, op == Op::FilterAfter))
-        }
-        Op::FilterStart | Op::FilterEnd => {
-            operands.events()?;
-            let is_start = op == Op::FilterStart;
-            Event(ops::edge(scene, if is_start { SceneEventKind::Start } else { SceneEventKind::End }))
-        }
-        Op::FilterOrder => {
-            let place = operands.order()?;
-            let events = operands.events()?;
-            let none = || ReasonError::NoSingleEvent { found: format!("{} of them", events.len()) };
-            Event(ops::order(&events, place).ok_or_else(none)?)
-        }
-        Op::FilterAncestor => {
-            let event = operands.event()?;
-            Events(ops::ancestors(&operands.events()?, &require_event(event)?))
-        }
-        _ => return Err(operands.mismatch()),
-    })
+/// Two objects as objects to choose from.
+pub fn either(m: &mut Machine) -> Outcome {
+    let (second, first) = (m.object()?, m.object()?);
+    Ok(Objects(vec![first, second]))
 }
 
-/// The operations that multiply a mass, a velocity or a restitution.
-fn scale(context: RolloutContext, operands: &mut Operands) -> Result<Vec<Intervention>, Halt> {
-    let factor = match operands.op {
-        Op::ApplyHeavier => ops::HEAVIER,
-        Op::ApplyLighter => ops::LIGHTER,
-        Op::AtRest => 0.0,
-        Op::Reverse => -1.0,
-        _ => operands.factor()?,
+pub fn pair(m: &mut Machine) -> Outcome {
+    let objects = m.objects()?;
+    if objects.len() == 2 {
+        return Ok(Objects(objects));
+    }
+    let words = m.words.join(" ");
+    Err(ops::unique_object(m.context.scene, &objects, &format!("the two {words} objects"))
+        .err()
+        .unwrap_or(ReasonError::AmbiguousObject { phrase: "the two objects".into(), candidates: vec![] })
+        .into())
+}
+
+pub fn events(m: &mut Machine) -> Outcome {
+    let span = match m.token() {
+        "unseen_events" => SpanKind::Prediction,
+        "whole_events" => SpanKind::Both,
+        _ => SpanKind::Video,
     };
-    let id = ops::id(context.scene, operands.object()?)?;
-    Ok(vec![match operands.op {
-        Op::ApplyHeavier | Op::ApplyLighter | Op::ScaleMass => Intervention::ScaleMass { id, factor },
-        Op::ScaleRestitution => Intervention::ScaleRestitution { id, factor },
-        _ => Intervention::ScaleVelocity { id, factor },
-    }])
+    Ok(Events(m.context.events(&m.supposed, span)?))
 }
 
-/// The operations that move or add an object, switch off a law, or join two changes.
-fn edit(context: RolloutContext, operands: &mut Operands) -> Result<Vec<Intervention>, Halt> {
-    let scene = context.scene;
-    match operands.op {
-        Op::Shift => {
-            let by = ops::towards(operands.word()?, operands.factor()?);
-            Ok(vec![Intervention::Shift { id: ops::id(scene, operands.object()?)?, by }])
+pub fn all_events(m: &mut Machine) -> Outcome {
+    Ok(Events(ops::conceivable(m.context.scene)))
+}
+
+pub fn edge(m: &mut Machine) -> Outcome {
+    let is_start = m.token() == "start";
+    Ok(Event(ops::edge(m.context.scene, if is_start { SceneEventKind::Start } else { SceneEventKind::End })))
+}
+
+/// CLEVRER's form of [`edge`], which pops events.
+pub fn filter_edge(m: &mut Machine) -> Outcome {
+    m.events()?;
+    let is_start = m.token() == "filter_start";
+    Ok(Event(ops::edge(m.context.scene, if is_start { SceneEventKind::Start } else { SceneEventKind::End })))
+}
+
+pub fn null(_: &mut Machine) -> Outcome {
+    Ok(Frame(None))
+}
+
+pub fn unique(m: &mut Machine) -> Outcome {
+    match m.pop()? {
+        Objects(objects) => {
+            Ok(Object(ops::unique_object(m.context.scene, &objects, &m.words.join(" "))?))
         }
-        Op::AddAnother => {
-            let by = ops::towards(operands.word()?, operands.factor()?);
-            let (beside, alike) = (operands.object()?, operands.objects()?);
-            let alike = ops::first_object(scene, &alike, "the object to be another of")?;
-            let ids = [ops::id(scene, alike)?, ops::id(scene, beside)?];
-            Ok(vec![ops::another(context.bodies, ids, by)?])
-        }
-        Op::SwitchOff => Ok(ops::switch_off(context.effects, operands.word()?)?),
-        Op::Both => {
-            let second = changes(context, operands)?;
-            let first = changes(context, operands)?;
-            Ok([first, second].concat())
-        }
-        _ => Err(operands.mismatch()),
+        Events(events) => Ok(Event(ops::unique_event(&events)?)),
+        _ => Err(m.mismatch()),
     }
 }
 
-/// A change, or the removal of an object that stands by itself.
-fn changes(context: RolloutContext, operands: &mut Operands) -> Result<Vec<Intervention>, Halt> {
-    match operands.pop()? {
-        ProgramValue::Object(object) => {
-            Ok(vec![Intervention::Remove { id: ops::id(context.scene, object)? }])
-        }
-        ProgramValue::Change(changes) => Ok(changes),
-        _ => Err(operands.mismatch()),
+pub fn count(m: &mut Machine) -> Outcome {
+    Ok(Number(m.count()?))
+}
+
+pub fn exist(m: &mut Machine) -> Outcome {
+    Ok(Bool(m.count()? > 0))
+}
+
+pub fn negate(m: &mut Machine) -> Outcome {
+    Ok(Bool(!m.boolean()?))
+}
+
+pub fn belong_to(m: &mut Machine) -> Outcome {
+    let events = m.events()?;
+    match m.pop()? {
+        Event(event) => Ok(Bool(ops::has_event(&events, &event))),
+        Object(object) => Ok(Bool(ops::has_object(&events, object))),
+        _ => Err(m.mismatch()),
     }
 }
 
-/// An event that happened: one that did not has no time and no causes.
-fn require_event(event: SceneEvent) -> Result<SceneEvent, ReasonError> {
-    match event.kind {
-        SceneEventKind::Never => Err(ReasonError::NoSingleEvent { found: "none".into() }),
-        _ => Ok(event),
+pub fn get_frame(m: &mut Machine) -> Outcome {
+    Ok(Frame(Some(happened(m.event()?)?.frame)))
+}
+
+pub fn get_object(m: &mut Machine) -> Outcome {
+    match happened(m.event()?)?.objects[..] {
+        [one] => Ok(Object(one)),
+        _ => Err(ReasonError::NoSingleEvent { found: "none of one object".into() }.into()),
     }
+}
+
+/// The objects that take part in the events, each once, by the time of its first event.
+pub fn participants(m: &mut Machine) -> Outcome {
+    let mut found: Vec<usize> = vec![];
+    for object in m.events()?.iter().flat_map(|e| e.objects.clone()) {
+        if !found.contains(&object) {
+            found.push(object);
+        }
+    }
+    Ok(Objects(found))
+}
+
+pub fn get_partner(m: &mut Machine) -> Outcome {
+    let object = m.object()?;
+    Ok(Object(ops::partner(&m.event()?, object)?))
+}
+
+pub fn query(m: &mut Machine) -> Outcome {
+    let of = attribute(m.token());
+    let object = m.object()?;
+    match m.context.scene.objects.get(object) {
+        Some(object) => Ok(Text(of(object).to_string())),
+        None => Err(m.mismatch()),
+    }
+}
+
+/// The number of different colours, materials or shapes.
+pub fn count_distinct(m: &mut Machine) -> Outcome {
+    let of = attribute(m.token());
+    let scene = m.context.scene;
+    let mut found: Vec<&str> =
+        m.objects()?.iter().filter_map(|i| scene.objects.get(*i)).map(of).filter(|w| !w.is_empty()).collect();
+    found.sort_unstable();
+    found.dedup();
+    Ok(Number(found.len()))
+}
+
+pub fn filter_word(m: &mut Machine) -> Outcome {
+    let word = m.word()?;
+    m.words.push(word.clone());
+    Ok(Objects(ops::filter_word(m.context.scene, &m.objects()?, attribute(m.token()), &word)))
+}
+
+pub fn filter_motion(m: &mut Machine) -> Outcome {
+    let frame = m.frame()?;
+    let objects = m.objects()?;
+    let rollout = m.context.rollout(&[], m.context.frames(SpanKind::Video))?;
+    Ok(Objects(ops::filter_motion(rollout, &objects, frame, m.token() == "filter_moving")))
+}
+
+pub fn filter_kind(m: &mut Machine) -> Outcome {
+    let kind = match m.token() {
+        "filter_in" => SceneEventKind::In,
+        "filter_out" => SceneEventKind::Out,
+        "filter_stop" => SceneEventKind::Stop,
+        "filter_side" => {
+            let word = m.word()?;
+            crate::reason::events::SIDES
+                .iter()
+                .find(|side| **side == word)
+                .map_or(SceneEventKind::Never, |side| SceneEventKind::Side(side))
+        }
+        _ => SceneEventKind::Collision,
+    };
+    let objects = m.any_objects()?;
+    Ok(Events(ops::filter_kind(&m.events()?, kind, &objects)))
+}
+
+/// The hits of any side of the table.
+pub fn filter_sides(m: &mut Machine) -> Outcome {
+    let objects = m.any_objects()?;
+    let is_side = |e: &SceneEvent| matches!(e.kind, SceneEventKind::Side(_));
+    let of = |e: &&SceneEvent| is_side(e) && e.objects.iter().any(|o| objects.contains(o));
+    Ok(Events(m.events()?.iter().filter(of).cloned().collect()))
+}
+
+pub fn filter_partner(m: &mut Machine) -> Outcome {
+    let (partners, object) = (m.objects()?, m.object()?);
+    Ok(Events(ops::filter_partner(&m.events()?, object, &partners)))
+}
+
+pub fn filter_time(m: &mut Machine) -> Outcome {
+    let after = m.token() == "filter_after";
+    let limit = match m.stack.last() {
+        Some(Event(_)) => Some(happened(m.event()?)?),
+        Some(Time(time)) => {
+            let (time, frame) = (*time, m.context.scene.frame_at(*time));
+            m.pop()?;
+            Some(SceneEvent { kind: SceneEventKind::Stop, frame, time, objects: vec![] })
+        }
+        _ => m.frame()?.map(|frame| SceneEvent {
+            kind: SceneEventKind::In,
+            frame,
+            time: m.context.scene.time_of(frame),
+            objects: vec![],
+        }),
+    };
+    Ok(Events(ops::filter_time(&m.events()?, limit.as_ref(), after)))
+}
+
+pub fn filter_order(m: &mut Machine) -> Outcome {
+    let place = m.order()?;
+    let events = m.events()?;
+    let none = || ReasonError::NoSingleEvent { found: format!("{} of them", events.len()) };
+    Ok(Event(ops::order(&events, place).ok_or_else(none)?))
+}
+
+pub fn filter_ancestor(m: &mut Machine) -> Outcome {
+    let event = happened(m.event()?)?;
+    Ok(Events(ops::ancestors(&m.events()?, &event)))
+}
+
+/// The events of the video that these lack.
+pub fn lost_events(m: &mut Machine) -> Outcome {
+    let kept = m.events()?;
+    let actual = m.context.events(&[], SpanKind::Video)?;
+    Ok(Events(actual.into_iter().filter(|e| !ops::has_event(&kept, e)).collect()))
+}
+
+/// The events that the video lacks.
+pub fn new_events(m: &mut Machine) -> Outcome {
+    let events = m.events()?;
+    let actual = m.context.events(&[], SpanKind::Video)?;
+    Ok(Events(events.into_iter().filter(|e| !ops::has_event(&actual, e)).collect()))
 }
 
 /// The attribute that an operation filters by or asks for.
-fn attribute(op: Op) -> fn(&Object) -> &str {
-    match op {
-        Op::FilterColor | Op::QueryColor => |o| &o.color,
-        Op::FilterMaterial | Op::QueryMaterial => |o| &o.material,
+fn attribute(token: &str) -> fn(&SceneObject) -> &str {
+    match token {
+        "filter_color" | "query_color" | "count_colors" => |o| &o.color,
+        "filter_material" | "query_material" | "count_materials" => |o| &o.material,
         _ => |o| o.shape.word(),
     }
 }

@@ -1,0 +1,54 @@
+//! A program in English: each operation's line of the table with its operands filled in.
+
+use super::program::{Op, QuestionProgram};
+
+/// What the program asks, such as "speed of the gray sphere at the end of the video".
+pub fn read_back(program: &QuestionProgram) -> String {
+    let mut stack: Vec<String> = vec![];
+    let mut supposed = String::new();
+    for (op, token) in program.ops.iter().zip(&program.tokens) {
+        let Op::Call(operation) = op else {
+            stack.push(token.rsplit(':').next().unwrap_or(token).to_string());
+            continue;
+        };
+        let mut text = operation.reads.to_string();
+        for k in 0..operation.takes.len() {
+            let operand = stack.pop().unwrap_or_default();
+            text = text.replace(&format!("{{{k}}}"), &operand);
+        }
+        match operation.token {
+            "suppose" => supposed = format!(", {text}"),
+            "actual" => supposed.clear(),
+            "unique" => stack.push(only(&text)),
+            "filter_shape" => stack.push(shaped(&text)),
+            "filter_counterfact" => {
+                let is_events = |s: &String| s.ends_with("events") || s.contains("event of");
+                if stack.last().is_some_and(is_events) {
+                    stack.pop();
+                }
+                stack.push(text);
+            }
+            _ if stack.is_empty() && !supposed.is_empty() => stack.push(text + &supposed),
+            _ => stack.push(text),
+        }
+    }
+    stack.join("; ")
+}
+
+/// "the red cubes" as one object: "the red cube".
+fn only(text: &str) -> String {
+    let is_objects = !text.contains("collision") && !text.contains(" enter") && !text.contains(" exit");
+    match text.strip_suffix('s').filter(|_| is_objects) {
+        Some(one) => one.to_string(),
+        None => text.to_string(),
+    }
+}
+
+/// "cube red objects" as "red cubes".
+fn shaped(text: &str) -> String {
+    let (shape, objects) = text.split_once(' ').unwrap_or((text, "objects"));
+    match objects.strip_suffix("objects") {
+        Some(before) => format!("{before}{shape}s"),
+        None => text.to_string(),
+    }
+}

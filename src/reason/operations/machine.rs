@@ -1,0 +1,114 @@
+//! What an operation works on: the stack, the rollout, and the change that is supposed.
+
+use super::Operation;
+use crate::reason::ReasonError;
+use crate::reason::context::{Halt, RolloutContext};
+use crate::reason::events::SceneEvent;
+use crate::reason::value::{ProgramValue, SpanKind};
+use crate::world::Intervention;
+
+/// The state of a run. The type check makes an operand of a wrong type unreachable from outside.
+pub struct Machine<'a> {
+    pub context: RolloutContext<'a>,
+    pub stack: Vec<ProgramValue>,
+    /// The operation under way.
+    pub operation: Option<&'static Operation>,
+    /// Describing words since the last `objects`, for messages.
+    pub words: Vec<String>,
+    /// What `suppose` has changed.
+    pub supposed: Vec<Intervention>,
+}
+
+macro_rules! pops {
+    ($($name:ident $variant:ident $kind:ty;)*) => {
+        $(pub fn $name(&mut self) -> Result<$kind, Halt> {
+            match self.pop()? {
+                ProgramValue::$variant(value) => Ok(value),
+                _ => Err(self.mismatch()),
+            }
+        })*
+    };
+}
+
+impl Machine<'_> {
+    pops! {
+        objects Objects Vec<usize>;
+        object Object usize;
+        events Events Vec<SceneEvent>;
+        event Event SceneEvent;
+        span Span SpanKind;
+        word Word String;
+        order Order usize;
+        factor Factor f64;
+        boolean Bool bool;
+    }
+
+    pub fn token(&self) -> &'static str {
+        self.operation.map_or("", |o| o.token)
+    }
+
+    /// A value of a wrong type.
+    pub fn mismatch(&self) -> Halt {
+        let (expected, found) = ("a checked program", format!("{} on a value of a wrong type", self.token()));
+        Halt::Error(ReasonError::ProgramResult { expected, found })
+    }
+
+    pub fn pop(&mut self) -> Result<ProgramValue, Halt> {
+        match self.stack.pop() {
+            Some(ProgramValue::Undetermined(why)) => Err(Halt::Undetermined(why)),
+            Some(value) => Ok(value),
+            None => Err(self.mismatch()),
+        }
+    }
+
+    /// Objects, or one object.
+    pub fn any_objects(&mut self) -> Result<Vec<usize>, Halt> {
+        match self.pop()? {
+            ProgramValue::Objects(objects) => Ok(objects),
+            ProgramValue::Object(object) => Ok(vec![object]),
+            _ => Err(self.mismatch()),
+        }
+    }
+
+    /// The number of objects or events.
+    pub fn count(&mut self) -> Result<usize, Halt> {
+        match self.pop()? {
+            ProgramValue::Objects(objects) => Ok(objects.len()),
+            ProgramValue::Events(events) => Ok(events.len()),
+            _ => Err(self.mismatch()),
+        }
+    }
+
+    /// Several changes; an object that stands by itself is removed.
+    pub fn changes(&mut self) -> Result<Vec<Intervention>, Halt> {
+        match self.pop()? {
+            ProgramValue::Object(object) => {
+                Ok(vec![Intervention::Remove { id: super::ops::id(self.context.scene, object)? }])
+            }
+            ProgramValue::Change(changes) => Ok(changes),
+            _ => Err(self.mismatch()),
+        }
+    }
+
+    /// The frame of a moment; `None` for any time.
+    pub fn frame(&mut self) -> Result<Option<usize>, Halt> {
+        let scene = self.context.scene;
+        Ok(match self.pop()? {
+            ProgramValue::Frame(frame) => frame,
+            ProgramValue::Event(event) => Some(happened(event)?.frame),
+            ProgramValue::Time(time) => Some(scene.frame_at(time)),
+            ProgramValue::Factor(frame) => Some(frame as usize),
+            _ => return Err(self.mismatch()),
+        })
+    }
+}
+
+/// An event that happened: one that did not has no time and no causes.
+pub fn happened(event: SceneEvent) -> Result<SceneEvent, ReasonError> {
+    match event.kind {
+        crate::reason::events::SceneEventKind::Never => {
+            Err(ReasonError::NoSingleEvent { found: "none".into() })
+        }
+        _ => Ok(event),
+    }
+}
