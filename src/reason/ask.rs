@@ -152,6 +152,8 @@ pub fn ask_in(
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
     if changed {
         answer.explanation += &session.difference(&program);
+    } else if answer.answer.as_deref() == Some("no") {
+        answer.explanation += &session.later(&program);
     }
     answer.program = program.tokens;
     if answer.probability < CERTAIN {
@@ -247,7 +249,7 @@ fn future_frames<'a>(scene: &Scene, programs: impl Iterator<Item = &'a QuestionP
     let mut future = FUTURE_FRAMES;
     let end = scene.times.last().copied().unwrap_or(0.0);
     for program in programs {
-        if program.calls(&["stop_time", "first_to_stop"]) && looks_ahead(program) {
+        if program.calls(&["stop_time", "stops", "first_to_stop"]) && looks_ahead(program) {
             future = future.max(MAX_FUTURE_FRAMES);
         }
         for pair in program.ops.windows(2) {
@@ -509,6 +511,32 @@ impl Session<'_> {
             reading: String::new(),
             simulations: vec![],
         })
+    }
+
+    /// For what does not happen in the video under a change, but does after it: a sentence that says so.
+    fn later(&mut self, program: &QuestionProgram) -> String {
+        if !program.calls(&["filter_counterfact"]) || !program.calls(&["exist"]) {
+            return String::new();
+        }
+        let of = |token: &String| match token.as_str() {
+            "filter_counterfact" => vec!["suppose".to_string(), "unseen_events".to_string()],
+            _ => vec![token.clone()],
+        };
+        let tokens: Vec<String> = program.tokens.iter().flat_map(of).collect();
+        let happens = QuestionProgram::parse(&tokens).and_then(|p| {
+            p.check(&mut vec![])?;
+            self.over_rollouts(&[&p])
+        });
+        match happens {
+            Ok((values, _)) if summary(self.scene, &values, true).0 == "yes" => {
+                let seconds = self.future as f64 / self.scene.fps;
+                format!(
+                    " In the video it does not happen, but it does within {seconds:.1} s after it: the question does not \
+                     determine which is meant."
+                )
+            }
+            _ => String::new(),
+        }
     }
 
     /// What the change of a counterfactual makes of the events of the video, as a sentence.

@@ -564,3 +564,4 @@ fn a_simulation_that_ends_early_says_so() {
     assert!(prediction.best.states[frame][0].is_none() && prediction.best.states[frame - 1][0].is_some());
     assert!(cut.why.to_string().contains("fewer frames"));
 }
+

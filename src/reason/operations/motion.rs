@@ -263,6 +263,14 @@ pub fn motion_time(m: &mut Machine) -> Outcome {
     }
 }
 
+/// Whether it has moved and rests from some frame on.
+pub fn stops(m: &mut Machine) -> Outcome {
+    let (span, object) = (m.span()?, m.object()?);
+    let path = path(m, object, span)?;
+    let last = path.iter().rposition(|(_, s)| s.velocity.norm() > MOVING_SPEED);
+    Ok(Bool(last.is_some_and(|k| k + 1 < path.len())))
+}
+
 /// Time that it moves, or rests.
 pub fn motion_duration(m: &mut Machine) -> Outcome {
     let moving = m.token() == "moving_duration";
@@ -304,7 +312,7 @@ pub fn beside_event(m: &mut Machine) -> Outcome {
 
 /// Speed that an object has lost in a collision: just before it minus just after it.
 pub fn speed_lost(m: &mut Machine) -> Outcome {
-    let (event, object): (SceneEvent, usize) = (happened(m.event()?)?, m.object()?);
+    let (object, event): (usize, SceneEvent) = (m.object()?, happened(m.event()?)?);
     let before = state(m, object, event.time - JUST)?.velocity.norm();
     let after = state(m, object, event.time + JUST)?.velocity.norm();
     Ok(Quantity(before - after, "m/s"))

@@ -190,6 +190,15 @@ pub fn filter_sides(m: &mut Machine) -> Outcome {
     Ok(Events(m.events()?.iter().filter(of).cloned().collect()))
 }
 
+/// Collisions of two of the objects with each other.
+pub fn filter_among(m: &mut Machine) -> Outcome {
+    let objects = m.objects()?;
+    let among = |e: &&SceneEvent| {
+        e.kind == SceneEventKind::Collision && e.objects.iter().all(|o| objects.contains(o))
+    };
+    Ok(Events(m.events()?.iter().filter(among).cloned().collect()))
+}
+
 pub fn filter_partner(m: &mut Machine) -> Outcome {
     let (partners, object) = (m.objects()?, m.object()?);
     Ok(Events(ops::filter_partner(&m.events()?, object, &partners)))

@@ -43,6 +43,11 @@ pub fn with_pronouns(
     scene: Option<&Scene>,
     conversation: &Conversation,
 ) -> Result<Vec<(String, Vec<Word>)>, ReasonError> {
+    // "The green cube, did it hit the ball?" names what "it" is right before.
+    let spans = QuestionReader::new(words, vocabulary).mentions();
+    let repeats = |k: usize| words.get(k).is_some_and(|w| is(w, "it")) && spans.iter().any(|(_, end, _)| *end == k);
+    let words: Vec<Word> =
+        (0..words.len()).filter(|k| !repeats(*k)).filter_map(|k| words.get(k).cloned()).collect();
     let Some(at) = words.iter().position(|w| is(w, "it") || is(w, "otherone")) else {
         return Ok(vec![(String::new(), words.to_vec())]);
     };

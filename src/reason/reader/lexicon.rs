@@ -3,6 +3,7 @@
 //! Each word of a text has the canonical words that it may stand for: its own, or those of its stem. An unknown word is corrected
 //! to the nearest known one by edit distance if it is the only nearest one; otherwise it stays, and the grammar refuses it.
 
+use super::forms::FORMS;
 use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
@@ -68,6 +69,10 @@ impl Lexicon {
                 "known" => lexicon.known.extend(line.split(',').map(|v| v.trim().to_string())),
                 _ => lexicon.add_line(section, line),
             }
+        }
+        // A word of the forms stands for itself.
+        for word in FORMS.iter().flat_map(|f| f.reads.split_whitespace()).filter(|w| !w.starts_with('{')) {
+            lexicon.add(word, &[word.to_string()]);
         }
         // Longest first, and of equal length as listed.
         lexicon.phrases.sort_by_key(|(words, _)| std::cmp::Reverse(words.len()));
@@ -258,15 +263,22 @@ impl Vocabulary {
     /// The only nearest known spelling; `None` if there is none, or if the nearest ones mean different things.
     fn correct(&self, text: &str) -> Option<String> {
         let letters = text.chars().count();
-        if letters < CORRECTED_FROM || !text.chars().all(char::is_alphabetic) {
+        if letters + 1 < CORRECTED_FROM || !text.chars().all(char::is_alphabetic) {
             return None;
         }
         let allowed = if letters < TWO_EDITS_FROM { 1 } else { 2 };
+        // In a word of three letters, letters may only have changed places ("teh").
+        let sorted = |word: &str| {
+            let mut letters: Vec<char> = word.chars().collect();
+            letters.sort_unstable();
+            letters
+        };
+        let is_possible = |known: &str| letters >= CORRECTED_FROM || sorted(text) == sorted(known);
         let own = self.scene.iter().map(|(w, _)| w);
         let distances = LEXICON.spellings.iter().chain(own).filter_map(|known| {
             let apart = known.chars().count().abs_diff(letters);
             let distance = if apart > allowed { usize::MAX } else { strsim::osa_distance(text, known) };
-            (distance <= allowed).then_some((distance, known))
+            (distance <= allowed && is_possible(known)).then_some((distance, known))
         });
         let mut found: Vec<(usize, &String)> = distances.collect();
         let least = found.iter().map(|(d, _)| *d).min()?;
