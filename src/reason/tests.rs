@@ -124,6 +124,14 @@ fn english_is_lenient_but_never_guesses() {
         "why?",
         "how many red red cubes are there",
         "the",
+        "Did the red cube not hit the ball?",
+        "Did the red cube or the blue cube hit the ball?",
+        "Will the red cube hit the ball twice?",
+        "Did the red cube hit the ball first?",
+        "Is the ball moving to the left?",
+        "How fast is the ball?",
+        "speed of the cube and the ball at the end",
+        "Does the red cube hit the red cube?",
     ] {
         assert!(matches!(question_program(bad), Err(ReasonError::NotUnderstood { .. })), "{bad}");
     }
@@ -167,45 +175,25 @@ fn changes_beyond_the_paper_have_programs() {
 }
 
 #[test]
-fn a_refusal_names_the_part_and_completes_what_it_understood() {
-    let check = |text: &str, refused: &str, near: &str| match question_program(text) {
-        Err(ReasonError::NotUnderstood { part, nearest }) => {
-            assert_eq!((part.as_str(), nearest.as_str()), (refused, near), "{text}");
-            question_program(&nearest).unwrap();
-        }
-        other => panic!("{text}: {other:?}"),
-    };
-    check("What will happen without the frog?", "frog", "what will happen without the blue cube");
-    check(
-        "How many cubes are moving when the frog enters?",
-        "frog enters",
-        "how many cubes are moving when the video ends",
-    );
-    check(
-        "If the red ball's gone, what happens?",
-        "'s gone what happens",
-        "if the red ball is removed what will happen",
-    );
-    check("What will happen next week?", "week", "what will happen next");
-    check(
-        "What is the meaning of life?",
-        "meaning of life",
-        "what is the color of the first object to collide with the blue cube",
-    );
-    check(
-        "Why did the red ball bump into the cube?",
-        "why did the red ball bump into the cube",
-        "what is responsible for the collision between the blue cube and the red metal sphere",
-    );
-    for (text, expected) in [
-        ("Suppose the cube weighed ten times as much, what happens?", "heav"),
-        ("How quick is the cube?", "fast"),
-        ("And if nothing was slippery?", "friction"),
+fn a_refusal_names_the_part_and_suggests_what_is_understood() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let conversation = Conversation::default();
+    for (text, part, near) in [
+        ("What will happen without the frog?", "frog", "without"),
+        ("How many cubes are moving when the frog enters?", "frog", "moving"),
+        ("What will happen next week?", "week", "next"),
+        ("What is the speed of the cube at tea time?", "tea", "speed"),
+        ("How bright is the brown sphere?", "bright", "brown sphere"),
     ] {
-        let Err(ReasonError::NotUnderstood { nearest, .. }) = question_program(text) else {
+        let Err(ReasonError::NotUnderstood { part: refused, nearest }) =
+            read_question(text, Some(&scene), &conversation)
+        else {
             panic!("{text}")
         };
-        assert!(nearest.contains(expected) && question_program(&nearest).is_ok(), "{text}: {nearest}");
+        assert!(refused.contains(part) && nearest.contains(near), "{text}: {refused}; {nearest}");
+        let again = read_question(&nearest, Some(&scene), &conversation).unwrap();
+        // What is suggested is about objects of this scene.
+        assert!(dry_run(&scene, &Question::Program { program: again.program, choices: vec![] }, &conversation).is_ok());
     }
 }
 
@@ -565,3 +553,102 @@ fn a_simulation_that_ends_early_says_so() {
     assert!(cut.why.to_string().contains("fewer frames"));
 }
 
+/// One word of a text replaced.
+fn replaced(text: &str, changes: &[(&str, &str)]) -> String {
+    let words = text.split(' ').map(|word| {
+        let bare = word.trim_end_matches(['?', ',', '.']);
+        let found = changes.iter().find(|(from, _)| *from == bare).map(|(_, to)| *to);
+        format!("{}{}", found.unwrap_or(bare), &word[bare.len()..])
+    });
+    words.collect::<Vec<_>>().join(" ")
+}
+
+/// The text with two letters of its n-th long word exchanged, or one left out.
+fn misspelt(text: &str, n: usize) -> String {
+    let long = text.split(' ').filter(|w| w.chars().filter(|c| c.is_alphabetic()).count() > 5).count();
+    let (mut at, mut out) = (0, vec![]);
+    for word in text.split(' ') {
+        let mut letters: Vec<char> = word.chars().collect();
+        if letters.iter().filter(|c| c.is_alphabetic()).count() > 5 {
+            if at == n % long.max(1) {
+                match n % 2 {
+                    0 => letters.swap(2, 3),
+                    _ => drop(letters.remove(3)),
+                }
+            }
+            at += 1;
+        }
+        out.push(letters.into_iter().collect::<String>());
+    }
+    out.join(" ")
+}
+
+/// Light rewordings of a question.
+fn rewordings(text: &str, n: usize) -> Vec<String> {
+    let lower = text.to_lowercase();
+    let synonyms = [
+        ("cube", "block"),
+        ("sphere", "ball"),
+        ("cylinder", "disc"),
+        ("spheres", "balls"),
+        ("gray", "grey"),
+        ("metal", "metallic"),
+        ("color", "colour"),
+        ("enters", "comes into"),
+        ("enter", "come into"),
+        ("exits", "leaves"),
+        ("exit", "leave"),
+        ("collides", "crashes"),
+        ("collide", "bump"),
+        ("collisions", "crashes"),
+        ("object", "thing"),
+        ("objects", "things"),
+        ("removed", "taken away"),
+        ("happen", "occur"),
+        ("video", "clip"),
+    ];
+    let past = [
+        ("is", "was"),
+        ("are", "were"),
+        ("enters", "entered"),
+        ("exits", "exited"),
+        ("collides", "collided"),
+        ("begins", "began"),
+        ("ends", "ended"),
+        ("do", "did"),
+    ];
+    vec![
+        format!("Please tell me: {lower}"),
+        format!("Could you tell me {}, please?", lower.trim_end_matches('?')),
+        format!("hey, {}", lower.trim_end_matches('?')),
+        replaced(&lower, &synonyms),
+        replaced(&lower, &past),
+        replaced(&lower, &[("the", "a")]),
+        replaced(&lower, &[("the", "that")]),
+        lower.replace(" the ", " "),
+        misspelt(&lower, n),
+        misspelt(&replaced(&lower, &synonyms), n + 1),
+    ]
+}
+
+#[test]
+fn light_rewording_changes_no_program() {
+    let questions: Vec<Json> =
+        scenes().iter().flat_map(|s| list(&json(&s.join("questions.json"))["questions"])).collect();
+    let (mut same, mut other, mut asked, mut refused) = (0, vec![], 0, vec![]);
+    for (n, q) in questions.iter().enumerate() {
+        let text = q["question"].as_str().unwrap();
+        let program = question_program(text).unwrap();
+        for reworded in rewordings(text, n) {
+            asked += 1;
+            match question_program(&reworded) {
+                Ok(found) if found == program => same += 1,
+                Ok(found) => other.push(format!("{reworded}: {}", found.join(" "))),
+                Err(_) => refused.push(reworded),
+            }
+        }
+    }
+    println!("{same} of {asked} the same; refused: {:#?}", refused.iter().step_by(17).take(40).collect::<Vec<_>>());
+    assert!(other.is_empty(), "{} differ: {:#?}", other.len(), other.iter().take(30).collect::<Vec<_>>());
+    assert!(same as f64 >= 0.95 * asked as f64, "{same} of {asked}");
+}

@@ -161,13 +161,14 @@ pub fn coefficient(m: &mut Machine) -> Outcome {
             found.push((format!("{} {}", shared.effect, shared.parameter), estimate.clone()));
         }
     }
-    // Of several laws of friction that of a ball is rolling, that of others sliding.
+    // Of several coefficients that of rolling is a ball's; one that the video leaves open is none.
+    found.retain(|(_, e)| e.identified);
     let rolls = |name: &str| name.contains("roll");
     let best = found.iter().find(|(name, _)| rolls(name) == is_ball).or(found.first());
     let who = ops::name(m.context.scene, object);
     match best {
         Some((_, e)) => Ok(drawn(m, e, if law == "drag" { "1/s" } else { "" })),
-        None => Err(Halt::Undetermined(format!("{law} of {who}: the model has no {law}"))),
+        None => Err(Halt::Undetermined(format!("{law} of {who}: the video leaves it open"))),
     }
 }
 

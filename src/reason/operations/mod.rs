@@ -172,7 +172,7 @@ pub static OPERATIONS: &[Operation] = &[
     row(["stops", "does {1} come to rest in the {0}?"], &[], &[SPAN, OBJECT], Gives::One(Type::Bool), motion::stops),
     row(["moving_duration", "time that {1} moves in the {0}"], &[], &[SPAN, OBJECT], Gives::One(Type::Quantity), motion::motion_duration),
     row(["resting_duration", "time that {1} rests in the {0}"], &[], &[SPAN, OBJECT], Gives::One(Type::Quantity), motion::motion_duration),
-    row(["speed_lost", "speed that {0} loses in {1}"], &[], &[OBJECT, EVENT], Gives::One(Type::Quantity), motion::speed_lost),
+    row(["speed_lost", "speed that {0} loses from the frame before to the frame after {1}"], &[], &[OBJECT, EVENT], Gives::One(Type::Quantity), motion::speed_lost),
     row(["fastest", "the fastest of {1} at {0}"], &[], &[MOMENT, OBJECTS], Gives::One(Type::Object), motion::extreme),
     row(["slowest", "the slowest of {1} at {0}"], &[], &[MOMENT, OBJECTS], Gives::One(Type::Object), motion::extreme),
     row(["farthest", "the one of {1} with the longest path in the {0}"], &[], &[SPAN, OBJECTS], Gives::One(Type::Object), motion::extreme),

@@ -310,11 +310,13 @@ pub fn beside_event(m: &mut Machine) -> Outcome {
     Ok(Time(event.time + if m.token() == "just_before" { -JUST } else { JUST }))
 }
 
-/// Speed that an object has lost in a collision: just before it minus just after it.
+/// Speed that an object loses in a collision, from the last frame before it to the first frame after it, as a video shows it.
 pub fn speed_lost(m: &mut Machine) -> Outcome {
     let (object, event): (usize, SceneEvent) = (m.object()?, happened(m.event()?)?);
-    let before = state(m, object, event.time - JUST)?.velocity.norm();
-    let after = state(m, object, event.time + JUST)?.velocity.norm();
+    let scene = m.context.scene;
+    let frame = if scene.time_of(event.frame) < event.time { event.frame } else { event.frame.saturating_sub(1) };
+    let before = state(m, object, scene.time_of(frame))?.velocity.norm();
+    let after = state(m, object, scene.time_of(event.frame + 1))?.velocity.norm();
     Ok(Quantity(before - after, "m/s"))
 }
 
