@@ -6,12 +6,20 @@
 use super::forms::{FORMS, Form};
 use super::lexicon::{Vocabulary, Word};
 use std::collections::HashMap;
+use std::sync::LazyLock;
 
 /// The word after a reading, and its program.
 type PhraseReading = (usize, Vec<String>);
 
 /// Programs of the slots of a form so far.
 type SlotPrograms = Vec<(&'static str, Vec<String>)>;
+
+/// The forms of each phrase.
+static PHRASES: LazyLock<HashMap<&'static str, Vec<&'static Form>>> = LazyLock::new(|| {
+    let mut phrases: HashMap<&'static str, Vec<&'static Form>> = HashMap::new();
+    FORMS.iter().for_each(|form| phrases.entry(form.phrase).or_default().push(form));
+    phrases
+});
 
 /// Most readings of a phrase at a word; texts have a handful.
 const MOST_READINGS: usize = 64;
@@ -32,7 +40,7 @@ pub fn slot(part: &'static str) -> Option<&'static str> {
 /// The phrase that a slot holds: `{S1}` and `{S2}` hold `S`.
 pub fn kind(slot: &'static str) -> &'static str {
     match slot.strip_suffix(['1', '2']) {
-        Some(name) if !FORMS.iter().any(|f| f.phrase == slot) => name,
+        Some(name) if !PHRASES.contains_key(slot) => name,
         _ => slot,
     }
 }
@@ -93,8 +101,8 @@ impl<'a> QuestionReader<'a> {
             "seconds" => self.measured(at, &[("second", 1.0), ("ms", 0.001)]),
             "some" => self.objects(at).into_iter().collect(),
             _ => {
-                let forms = FORMS.iter().filter(|f| f.phrase == name);
-                forms.flat_map(|f| self.form(f, at)).take(MOST_READINGS).collect::<Vec<_>>()
+                let forms = PHRASES.get(name).map(Vec::as_slice).unwrap_or_default();
+                forms.iter().flat_map(|f| self.form(f, at)).take(MOST_READINGS).collect::<Vec<_>>()
             }
         };
         self.known.insert((name, at), readings.clone());
