@@ -9,13 +9,13 @@
 //!    probability 1. A rollout without the event in question is left out of the count. A choice is correct if its probability is at
 //!    least 0.5; an open question has the most frequent answer, a quantity its mean and deviation (`summary`).
 
-use super::context::{Halt, RolloutContext};
 use super::ReasonError;
+use super::context::{Halt, RolloutContext};
 use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, scenario};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest, predict};
-use super::reader::{Conversation, Reading, read_choice, read_question};
+use super::reader::{Conversation, QuestionReading, read_choice, read_question};
 use super::run::{DerivationStep, run};
 use super::summary::{estimated_probability, summary};
 use super::types::Type;
@@ -172,7 +172,7 @@ pub fn dry_run(
     scene: &Scene,
     question: &Question,
     conversation: &Conversation,
-) -> Result<Reading, ReasonError> {
+) -> Result<QuestionReading, ReasonError> {
     let Understood { mut program, choices, reading } = understand(scene, question, conversation)?;
     if choices.is_empty() && program.calls(&["belong_to"]) {
         program = list_program(&program)?;
@@ -192,7 +192,7 @@ pub fn dry_run(
     for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
         resolve_objects(program, context)?;
     }
-    Ok(Reading { program: program.tokens, reading })
+    Ok(QuestionReading { program: program.tokens, reading })
 }
 
 /// Runs each part of a program that describes an object.
@@ -200,7 +200,9 @@ fn resolve_objects(program: &QuestionProgram, context: RolloutContext) -> Result
     let starts = |op: &Op| op.calls("objects");
     let describes = |op: &Op| {
         matches!(op, Op::Push(..))
-            || ["filter_color", "filter_material", "filter_shape", "unique", "objects"].iter().any(|t| op.calls(t))
+            || ["filter_color", "filter_material", "filter_shape", "unique", "objects"]
+                .iter()
+                .any(|t| op.calls(t))
     };
     for (first, _) in program.ops.iter().enumerate().filter(|(_, op)| starts(op)) {
         let ops: Vec<Op> = program.ops.iter().skip(first).take_while(|op| describes(op)).cloned().collect();
@@ -312,7 +314,9 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
             true => format!(" {what} runs to {until:.1} s, {:.1} s beyond the video.", until - end),
-            false if what == "The prediction" => format!(" The question is about the video, to {until:.1} s."),
+            false if what == "The prediction" => {
+                format!(" The question is about the video, to {until:.1} s.")
+            }
             false => format!(" {what} runs to the end of the video, {until:.1} s."),
         }
     };

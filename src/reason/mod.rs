@@ -24,8 +24,8 @@ pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, read_b
 pub use operations::{OPERATIONS, Operation, OperationInfo};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 pub use reader::{
-    Conversation, OwnWord, Reading, choice_program, examples, list_operations, question_program, read_choice,
-    read_question,
+    Conversation, OwnWord, QuestionReading, choice_program, examples, list_operations, question_program,
+    read_choice, read_question,
 };
 pub use run::DerivationStep;
 pub use types::Type;

@@ -222,11 +222,7 @@ fn likely_events(scene: &Scene, best: &Trace, ensemble: &[Trace]) -> Vec<LikelyE
         .enumerate()
         .map(|(i, (key, event))| (i, probability(&key), event))
         .filter(|(i, p, _)| *i < sure || *p >= MIN_PROBABILITY)
-        .map(|(_, probability, event)| LikelyEvent {
-            frame: scene.frame_at(event.time),
-            event,
-            probability,
-        })
+        .map(|(_, probability, event)| LikelyEvent { frame: scene.frame_at(event.time), event, probability })
         .collect();
     likely.sort_by(|a, b| a.event.time.total_cmp(&b.event.time));
     likely

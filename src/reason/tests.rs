@@ -1,12 +1,12 @@
 //! Tests of the question language on real questions: types, English, and answers on the true events.
 
 use super::ask::doubt;
-use super::operations::ops;
-use super::summary::{estimated_probability, summary};
 use super::context::{Halt, RolloutContext};
 use super::describe::describe;
 use super::events::{RolloutEvents, Scenario, SceneEvent, SceneEventKind, scenario};
+use super::operations::ops;
 use super::run::run;
+use super::summary::{estimated_probability, summary};
 use super::value::ProgramValue;
 use super::*;
 use crate::fit::{Estimate, ObjectEstimate};
@@ -195,7 +195,10 @@ fn a_refusal_names_the_part_and_suggests_what_is_understood() {
         assert!(refused.contains(part) && nearest.contains(near), "{text}: {refused}; {nearest}");
         let again = read_question(&nearest, Some(&scene), &conversation).unwrap();
         // What is suggested is about objects of this scene.
-        assert!(dry_run(&scene, &Question::Program { program: again.program, choices: vec![] }, &conversation).is_ok());
+        assert!(
+            dry_run(&scene, &Question::Program { program: again.program, choices: vec![] }, &conversation)
+                .is_ok()
+        );
     }
 }
 
@@ -652,7 +655,10 @@ fn light_rewording_changes_no_program() {
             }
         }
     }
-    println!("{same} of {asked} the same; refused: {:#?}", refused.iter().step_by(9).take(20).collect::<Vec<_>>());
+    println!(
+        "{same} of {asked} the same; refused: {:#?}",
+        refused.iter().step_by(9).take(20).collect::<Vec<_>>()
+    );
     assert!(other.is_empty(), "{} differ: {:#?}", other.len(), other.iter().take(30).collect::<Vec<_>>());
     assert!(same as f64 >= 0.95 * asked as f64, "{same} of {asked}");
 }
@@ -687,7 +693,7 @@ fn a_group_of_effects_has_one_meaning() {
         ops::switch_off(&effects, law).unwrap().into_iter().map(name).collect()
     };
     assert_eq!(off("friction"), ["sliding_friction", "rolling_resistance"]);
-    assert_eq!(off("contact_friction"), ["contact_friction"]);
+    assert_eq!(off("object_friction"), ["contact_friction"]);
     assert_eq!(off("drag"), ["damping"]);
 }
 
@@ -834,7 +840,10 @@ fn what_was_asked_before_says_what_is_meant() {
     );
     assert_eq!(after(&next, "How fast is it at the end?"), Ok(format!("{brown} end speed")));
     let moved = "objects cyan filter_color cube filter_shape unique";
-    assert_eq!(after(&["Does the brown sphere move?"], "And the cyan cube?"), Ok(format!("{moved} video moves")));
+    assert_eq!(
+        after(&["Does the brown sphere move?"], "And the cyan cube?"),
+        Ok(format!("{moved} video moves"))
+    );
     // Of two objects, "it" is asked back; of none, refused.
     let both = ["Does the brown sphere hit the cyan cube?"];
     assert!(matches!(after(&both, "Does it move?"), Err(ReasonError::AmbiguousObject { .. })));

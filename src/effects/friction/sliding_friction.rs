@@ -22,7 +22,8 @@ impl Effect for SlidingFriction {
             doc: "coefficient of friction against the ground",
         }],
     };
-    const PROFILE: Profile = Profile { common_name: Some("friction"),
+    const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
         holds_at_rest: true,
         formula_terms: &[["vx/max(speed, 0.01)", "vy/max(speed, 0.01)"]],
         ..Profile::LAW

@@ -39,7 +39,7 @@ pub static WORDS: &[(&str, Type)] = &[
     ("top", Type::Side),
     ("bottom", Type::Side),
     ("friction", Type::Law),
-    ("contact_friction", Type::Law),
+    ("object_friction", Type::Law),
     ("drag", Type::Law),
     ("video", Type::Span),
     ("prediction", Type::Span),

@@ -18,7 +18,13 @@ pub fn read_back(program: &QuestionProgram) -> String {
         }
         match operation.token {
             "suppose" => supposed = format!(", {text}"),
-            "actual" => supposed.clear(),
+            // What was read under the change says so; what follows is without it.
+            "actual" => {
+                if let Some(last) = stack.last_mut() {
+                    last.push_str(&supposed);
+                }
+                supposed.clear();
+            }
             "unique" => stack.push(only(&text)),
             "filter_shape" => stack.push(shaped(&text)),
             "filter_counterfact" => {
@@ -28,11 +34,10 @@ pub fn read_back(program: &QuestionProgram) -> String {
                 }
                 stack.push(text);
             }
-            _ if stack.is_empty() && !supposed.is_empty() => stack.push(text + &supposed),
             _ => stack.push(text),
         }
     }
-    stack.join("; ")
+    stack.join("; ") + &supposed
 }
 
 /// "the red cubes" as one object: "the red cube".

@@ -7,17 +7,19 @@ use crate::reason::operations::{OPERATIONS, signature_words};
 use serde_json::{Value, json};
 
 /// Pattern of a number, and of a scene's own word such as `color:teal`.
-const NUMBER: &str = "[0-9]+(\\.[0-9]+)?";
+const NUMBER_PATTERN: &str = "[0-9]+(\\.[0-9]+)?";
 const OWN_WORD: &str = "(color|material|shape):[a-z]+";
 
 /// JSON schema (draft 2020-12) of `{"program": [token, ...]}`.
 pub fn json_schema() -> Value {
-    let names = OPERATIONS.iter().map(|o| {
-        json!({ "const": o.token, "description": format!("{}: {}", signature_words(o), o.line()) })
-    });
+    let names = OPERATIONS
+        .iter()
+        .map(|o| json!({ "const": o.token, "description": format!("{}: {}", signature_words(o), o.line()) }));
     let words = WORDS.iter().map(|(word, kind)| json!({ "const": word, "description": kind.name() }));
     let mut tokens: Vec<Value> = names.chain(words).collect();
-    tokens.push(json!({ "type": "string", "pattern": format!("^{NUMBER}$"), "description": "a number" }));
+    tokens.push(
+        json!({ "type": "string", "pattern": format!("^{NUMBER_PATTERN}$"), "description": "a number" }),
+    );
     tokens.push(json!({
         "type": "string", "pattern": format!("^{OWN_WORD}$"), "description": "a word of the scene's own"
     }));
@@ -41,9 +43,7 @@ pub fn json_schema() -> Value {
 
 /// GBNF grammar (llama.cpp) of a program: tokens with one space between.
 pub fn gbnf_grammar() -> String {
-    let quoted = |words: Vec<&str>| {
-        words.iter().map(|w| format!("\"{w}\"")).collect::<Vec<_>>().join(" | ")
-    };
+    let quoted = |words: Vec<&str>| words.iter().map(|w| format!("\"{w}\"")).collect::<Vec<_>>().join(" | ");
     let operations = quoted(OPERATIONS.iter().map(|o| o.token).collect());
     let words = quoted(WORDS.iter().map(|(word, _)| *word).collect());
     format!(

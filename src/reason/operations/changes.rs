@@ -1,13 +1,11 @@
 //! The operations that change the model, and those that simulate the change.
 
-use super::machine::Machine;
+use super::machine::{Machine, Outcome};
 use super::ops;
 use crate::reason::context::Halt;
-use crate::reason::value::ProgramValue::{self, *};
+use crate::reason::value::ProgramValue::*;
 use crate::reason::value::SpanKind;
 use crate::world::Intervention;
-
-type Outcome = Result<ProgramValue, Halt>;
 
 /// Multiplies a mass, a velocity or a restitution; on a change: of the object changed last, beside it.
 pub fn scale(m: &mut Machine) -> Outcome {

@@ -1,6 +1,6 @@
 //! The operations that read what the fit knows: masses, coefficients, its quality; and those that compare quantities.
 
-use super::machine::Machine;
+use super::machine::{Machine, Outcome};
 use super::motion::{state, time};
 use super::ops;
 use crate::fit::{Estimate, Fit};
@@ -10,8 +10,6 @@ use crate::reason::events::{MOVING_SPEED, SceneEventKind};
 use crate::reason::value::ProgramValue::{self, *};
 use crate::reason::value::SpanKind;
 use crate::world::{BodySpec, Model};
-
-type Outcome = Result<ProgramValue, Halt>;
 
 /// A ratio of masses whose logarithm has more than this share of its prior deviation is not determined. The deviation is of 32
 /// draws and has itself a standard error of 13 %.
@@ -49,7 +47,7 @@ pub fn mass(m: &mut Machine) -> Outcome {
     let given = m.context.scene.objects.get(object).is_some_and(|o| o.mass.is_some());
     let known = fit.objects(index).iter().any(|o| o.id == id && o.mass.identified);
     if !given && !known {
-        // What the object meets decides which reason is told.
+        // What the object meets decides which reason is given.
         m.context.rollout(&[], m.context.frames(SpanKind::Video))?;
         return Err(met_nothing(m, object, "the mass"));
     }
@@ -150,7 +148,8 @@ pub fn coefficient(m: &mut Machine) -> Outcome {
     let body = body(m, model(m)?, object)?;
     let is_ball = body.shape.is_ball();
     let scene = fit.scenes.get(index).ok_or_else(|| Halt::Undetermined("there is no fitted model".into()))?;
-    let called = |name: &str| crate::effects::effect(name).is_some_and(|e| e.profile.common_name == Some(law));
+    let called =
+        |name: &str| crate::effects::effect(name).is_some_and(|e| e.profile.common_name == Some(law));
     let of_law = fit.shared(index).into_iter().filter(|s| called(&s.effect));
     let mut found: Vec<(String, Estimate)> = vec![];
     for shared in of_law {

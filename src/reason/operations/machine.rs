@@ -1,11 +1,59 @@
-//! What an operation works on: the stack, the rollout, and the change that is supposed.
+//! An operation, and what it works on: the stack, the rollout, and the change that is supposed.
 
-use super::Operation;
+use super::ops;
 use crate::reason::ReasonError;
 use crate::reason::context::{Halt, RolloutContext};
 use crate::reason::events::SceneEvent;
+use crate::reason::types::{Gives, Takes};
 use crate::reason::value::{ProgramValue, SpanKind};
 use crate::world::Intervention;
+
+/// What an operation gives, or why the run ends.
+pub type Outcome = Result<ProgramValue, Halt>;
+/// The function of an operation.
+pub type OperationFn = fn(&mut Machine) -> Outcome;
+
+/// One operation of the language.
+pub struct Operation {
+    pub token: &'static str,
+    /// Other tokens for it, in use by CLEVRER's programs and in Table 1 of Ding et al. (2021).
+    pub aliases: &'static [&'static str],
+    /// Operands, from the top of the stack.
+    pub takes: &'static [Takes],
+    pub gives: Gives,
+    pub reads: &'static str,
+    pub run: OperationFn,
+    /// Whether it takes all changes on top of the stack.
+    pub takes_all_changes: bool,
+    /// Whether it also pops the events that it replaces.
+    pub replaces_events: bool,
+}
+
+impl PartialEq for Operation {
+    fn eq(&self, other: &Operation) -> bool {
+        self.token == other.token
+    }
+}
+
+impl std::fmt::Debug for Operation {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(self.token)
+    }
+}
+
+impl Operation {
+    pub const fn of_changes(mut self, replaces_events: bool) -> Operation {
+        self.takes_all_changes = true;
+        self.replaces_events = replaces_events;
+        self
+    }
+
+    /// What it does in one line.
+    pub fn line(&self) -> String {
+        let names = self.takes.iter().enumerate();
+        names.fold(self.reads.to_string(), |line, (k, (name, _))| line.replace(&format!("{{{k}}}"), name))
+    }
+}
 
 /// The state of a run. The type check makes an operand of a wrong type unreachable from outside.
 pub struct Machine<'a> {
@@ -83,7 +131,7 @@ impl Machine<'_> {
     pub fn changes(&mut self) -> Result<Vec<Intervention>, Halt> {
         match self.pop()? {
             ProgramValue::Object(object) => {
-                Ok(vec![Intervention::Remove { id: super::ops::id(self.context.scene, object)? }])
+                Ok(vec![Intervention::Remove { id: ops::id(self.context.scene, object)? }])
             }
             ProgramValue::Change(changes) => Ok(changes),
             _ => Err(self.mismatch()),

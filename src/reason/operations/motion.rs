@@ -1,15 +1,13 @@
 //! The operations that read the motion of a rollout: positions, speeds, times.
 
-use super::machine::{Machine, happened};
+use super::machine::{Machine, Outcome, happened};
 use super::ops;
 use crate::num::{Vec2, elementary};
 use crate::reason::context::Halt;
 use crate::reason::events::{MOVING_SPEED, SceneEvent, SceneEventKind};
-use crate::reason::value::ProgramValue::{self, *};
+use crate::reason::value::ProgramValue::*;
 use crate::reason::value::SpanKind;
 use crate::world::{EventKind, State, Trace};
-
-type Outcome = Result<ProgramValue, Halt>;
 
 /// "Just before" and "just after" an event are this far from it (s): less than any time between two contacts that the video shows,
 /// more than the precision of a contact's time.
@@ -38,7 +36,9 @@ fn trace<'a>(m: &Machine<'a>, time: f64) -> Result<&'a Trace, Halt> {
     let (video, most) = (m.context.frames(SpanKind::Video), m.context.frames(SpanKind::Both));
     if needed > most {
         let end = scene.time_of(most.saturating_sub(1));
-        return Err(Halt::Undetermined(format!("{time:.2} s is beyond the simulation, which ends at {end:.2} s")));
+        return Err(Halt::Undetermined(format!(
+            "{time:.2} s is beyond the simulation, which ends at {end:.2} s"
+        )));
     }
     m.context.trace(&m.supposed, if needed > video { most } else { video })
 }
@@ -166,7 +166,8 @@ fn path(m: &Machine, object: usize, span: SpanKind) -> Result<Vec<(f64, State)>,
     let absent = || Halt::Undetermined(format!("{} is not in the scene", ops::name(scene, object)));
     let body = trace.ids.iter().position(|i| *i == id).ok_or_else(absent)?;
     let first = if span == SpanKind::Prediction { video.saturating_sub(1) } else { 0 };
-    let seen = |frame: usize| frame >= video || scene.tracks.get(object).is_some_and(|t| t.at(frame).is_some());
+    let seen =
+        |frame: usize| frame >= video || scene.tracks.get(object).is_some_and(|t| t.at(frame).is_some());
     let all_seen = !m.supposed.is_empty();
     let states = trace.states.iter().enumerate().take(m.context.frames(span)).skip(first);
     let found: Vec<(f64, State)> = states
@@ -232,14 +233,12 @@ pub fn path_after(m: &mut Machine) -> Outcome {
     let (event, object) = (happened(m.event()?)?, m.object()?);
     let span = if event.frame < m.context.scene.times.len() { SpanKind::Video } else { SpanKind::Both };
     let events = m.context.events(&m.supposed, span)?;
-    let next = events.iter().find(|e| {
-        e.time > event.time && e.kind == SceneEventKind::Collision && e.objects.contains(&object)
-    });
+    let next = events
+        .iter()
+        .find(|e| e.time > event.time && e.kind == SceneEventKind::Collision && e.objects.contains(&object));
     let until = next.map_or(f64::INFINITY, |e| e.time);
-    let path: Vec<(f64, State)> = path(m, object, span)?
-        .into_iter()
-        .filter(|(t, _)| *t > event.time && *t < until)
-        .collect();
+    let path: Vec<(f64, State)> =
+        path(m, object, span)?.into_iter().filter(|(t, _)| *t > event.time && *t < until).collect();
     Ok(Quantity(length(&path), "m"))
 }
 
@@ -258,7 +257,9 @@ pub fn motion_time(m: &mut Machine) -> Outcome {
         None => Err(Halt::Undetermined(format!("{who} never moves"))),
         Some(last) => path.get(last + 1).map(|(t, _)| Time(*t)).ok_or_else(|| {
             let end = path.last().map_or(0.0, |(t, _)| *t);
-            Halt::Undetermined(format!("{who} still moves at {end:.2} s, where the simulation or its view ends"))
+            Halt::Undetermined(format!(
+                "{who} still moves at {end:.2} s, where the simulation or its view ends"
+            ))
         }),
     }
 }
@@ -310,13 +311,16 @@ pub fn beside_event(m: &mut Machine) -> Outcome {
     Ok(Time(event.time + if m.token() == "just_before" { -JUST } else { JUST }))
 }
 
-/// Speed that an object loses in a collision, from the last frame before it to the first frame after it, as a video shows it.
+/// Speed that an object loses in a collision as frames show it: the mean over the last whole frame interval before it, minus that
+/// over the first one after it.
 pub fn speed_lost(m: &mut Machine) -> Outcome {
     let (object, event): (usize, SceneEvent) = (m.object()?, happened(m.event()?)?);
-    let scene = m.context.scene;
-    let frame = if scene.time_of(event.frame) < event.time { event.frame } else { event.frame.saturating_sub(1) };
-    let before = state(m, object, scene.time_of(frame))?.velocity.norm();
-    let after = state(m, object, scene.time_of(event.frame + 1))?.velocity.norm();
+    let (scene, half) = (m.context.scene, 0.5 / m.context.scene.fps);
+    let frame =
+        if scene.time_of(event.frame) < event.time { event.frame } else { event.frame.saturating_sub(1) };
+    let first = scene.times.first().copied().unwrap_or(0.0);
+    let before = state(m, object, (scene.time_of(frame) - half).max(first))?.velocity.norm();
+    let after = state(m, object, scene.time_of(event.frame + 1) + half)?.velocity.norm();
     Ok(Quantity(before - after, "m/s"))
 }
 
@@ -347,7 +351,9 @@ pub fn extreme(m: &mut Machine) -> Outcome {
     let mut best: Option<(usize, f64)> = None;
     for object in objects {
         match score(object) {
-            Ok(score) if score.is_finite() && best.is_none_or(|b| score > b.1) => best = Some((object, score)),
+            Ok(score) if score.is_finite() && best.is_none_or(|b| score > b.1) => {
+                best = Some((object, score))
+            }
             Ok(_) | Err(Halt::Undetermined(_)) => {}
             Err(halt) => return Err(halt),
         }

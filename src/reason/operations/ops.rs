@@ -1,9 +1,9 @@
 //! What operations do, as functions of plain data.
 
-use crate::reason::ReasonError;
-use crate::reason::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
 use crate::effects::effect;
 use crate::num::{Vec2, vec2};
+use crate::reason::ReasonError;
+use crate::reason::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
 use crate::scene::{Object, Scene};
 use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
 
@@ -93,8 +93,9 @@ pub fn filter_partner(events: &[SceneEvent], object: usize, partners: &[usize]) 
 
 /// Events before or after a limit; without one all.
 pub fn filter_time(events: &[SceneEvent], limit: Option<&SceneEvent>, after: bool) -> Vec<SceneEvent> {
-    let fits =
-        |e: &&SceneEvent| limit.is_none_or(|limit| if after { limit.is_before(e) } else { e.is_before(limit) });
+    let fits = |e: &&SceneEvent| {
+        limit.is_none_or(|limit| if after { limit.is_before(e) } else { e.is_before(limit) })
+    };
     events.iter().filter(fits).cloned().collect()
 }
 
@@ -211,8 +212,10 @@ pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, Re
 
 /// The changes without repetition: a removed object is removed once and not changed besides; factors of one object multiply.
 pub fn joined_changes(changes: Vec<Intervention>) -> Vec<Intervention> {
-    let removed: Vec<u32> =
-        changes.iter().filter_map(|c| if let Intervention::Remove { id } = c { Some(*id) } else { None }).collect();
+    let removed: Vec<u32> = changes
+        .iter()
+        .filter_map(|c| if let Intervention::Remove { id } = c { Some(*id) } else { None })
+        .collect();
     let mut joined: Vec<Intervention> = vec![];
     for change in changes {
         let is_removal = matches!(change, Intervention::Remove { .. });
@@ -224,7 +227,8 @@ pub fn joined_changes(changes: Vec<Intervention>) -> Vec<Intervention> {
         }
         match &change {
             Intervention::ScaleMass { id, factor } => {
-                let same = |c: &&mut Intervention| matches!(c, Intervention::ScaleMass { id: i, .. } if i == id);
+                let same =
+                    |c: &&mut Intervention| matches!(c, Intervention::ScaleMass { id: i, .. } if i == id);
                 match joined.iter_mut().find(same) {
                     Some(Intervention::ScaleMass { factor: before, .. }) => *before *= factor,
                     _ => joined.push(change),

@@ -1,15 +1,12 @@
 //! The operations that select objects and events and ask for their attributes.
 
-use super::machine::{Machine, happened};
+use super::machine::{Machine, Outcome, happened};
 use super::ops;
 use crate::reason::ReasonError;
-use crate::reason::context::Halt;
 use crate::reason::events::{SceneEvent, SceneEventKind};
-use crate::reason::value::ProgramValue::{self, *};
+use crate::reason::value::ProgramValue::*;
 use crate::reason::value::SpanKind;
 use crate::scene::Object as SceneObject;
-
-type Outcome = Result<ProgramValue, Halt>;
 
 pub fn all_objects(m: &mut Machine) -> Outcome {
     m.words.clear();
@@ -75,9 +72,7 @@ pub fn null(_: &mut Machine) -> Outcome {
 
 pub fn unique(m: &mut Machine) -> Outcome {
     match m.pop()? {
-        Objects(objects) => {
-            Ok(Object(ops::unique_object(m.context.scene, &objects, &m.words.join(" "))?))
-        }
+        Objects(objects) => Ok(Object(ops::unique_object(m.context.scene, &objects, &m.words.join(" "))?)),
         Events(events) => Ok(Event(ops::unique_event(&events)?)),
         _ => Err(m.mismatch()),
     }

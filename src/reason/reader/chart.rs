@@ -4,7 +4,7 @@
 //! once. The first reading that covers the whole text gives the program, its slots filled in.
 
 use super::forms::{FORMS, Form};
-use super::lexicon::{Vocabulary, Word};
+use super::lexicon::{TextWord, Vocabulary};
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
@@ -25,7 +25,7 @@ static PHRASES: LazyLock<HashMap<&'static str, Vec<&'static Form>>> = LazyLock::
 const MOST_READINGS: usize = 64;
 
 pub struct QuestionReader<'a> {
-    words: &'a [Word],
+    words: &'a [TextWord],
     vocabulary: &'a Vocabulary,
     /// Number of words that the longest reading understood.
     pub furthest: usize,
@@ -46,7 +46,7 @@ pub fn kind(slot: &'static str) -> &'static str {
 }
 
 impl<'a> QuestionReader<'a> {
-    pub fn new(words: &'a [Word], vocabulary: &'a Vocabulary) -> QuestionReader<'a> {
+    pub fn new(words: &'a [TextWord], vocabulary: &'a Vocabulary) -> QuestionReader<'a> {
         QuestionReader { words, vocabulary, furthest: 0, known: HashMap::new() }
     }
 

@@ -1,23 +1,33 @@
 //! Words that stand for what was said before: "it", "the other one", "and when?".
 
 use super::chart::QuestionReader;
-use super::lexicon::{Vocabulary, Word};
-use super::{Conversation, read_question};
+use super::lexicon::{OwnWord, TextWord, Vocabulary};
 use crate::reason::ReasonError;
 use crate::reason::language::{Op, apply};
 use crate::reason::types::Type;
 use crate::scene::Scene;
 
+/// What was asked before, and the caller's own words. A service keeps none of it: the caller sends it with each question.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Conversation {
+    /// The questions before this one, oldest first.
+    pub previous: Vec<String>,
+    pub words: Vec<OwnWord>,
+}
+
+/// The program of a question after others.
+type ProgramOf<'a> = &'a dyn Fn(&str, &Conversation) -> Result<Vec<String>, ReasonError>;
+
 /// Questions before this one that are looked at: what is further back is not what "it" means.
 const MOST_PREVIOUS: usize = 8;
 
-fn is(word: &Word, canonical: &str) -> bool {
+fn is(word: &TextWord, canonical: &str) -> bool {
     word.canonical.iter().any(|c| c == canonical)
 }
 
 /// The phrases of objects in a text, each once: as words, and as its program.
-fn mentions(words: &[Word], vocabulary: &Vocabulary) -> Vec<(Vec<Word>, Vec<String>)> {
-    let mut found: Vec<(Vec<Word>, Vec<String>)> = vec![];
+fn mentions(words: &[TextWord], vocabulary: &Vocabulary) -> Vec<(Vec<TextWord>, Vec<String>)> {
+    let mut found: Vec<(Vec<TextWord>, Vec<String>)> = vec![];
     for (from, to, program) in QuestionReader::new(words, vocabulary).mentions() {
         if !found.iter().any(|(_, known)| *known == program) {
             found.push((words.get(from..to).unwrap_or_default().to_vec(), program));
@@ -26,27 +36,31 @@ fn mentions(words: &[Word], vocabulary: &Vocabulary) -> Vec<(Vec<Word>, Vec<Stri
     found
 }
 
-fn text(words: &[Word]) -> String {
+fn text(words: &[TextWord]) -> String {
     words.iter().map(|w| w.text.as_str()).collect::<Vec<_>>().join(" ")
 }
 
 /// The objects that the latest question that names any was about.
-fn mentioned_before(vocabulary: &Vocabulary, conversation: &Conversation) -> Vec<(Vec<Word>, Vec<String>)> {
+fn mentioned_before(
+    vocabulary: &Vocabulary,
+    conversation: &Conversation,
+) -> Vec<(Vec<TextWord>, Vec<String>)> {
     let latest = conversation.previous.iter().rev().take(MOST_PREVIOUS);
     latest.map(|q| mentions(&vocabulary.read(q), vocabulary)).find(|m| !m.is_empty()).unwrap_or_default()
 }
 
 /// The words with each object that "it" may mean in its place, and that object's name.
 pub fn with_pronouns(
-    words: &[Word],
+    words: &[TextWord],
     vocabulary: &Vocabulary,
     scene: Option<&Scene>,
     conversation: &Conversation,
-) -> Result<Vec<(String, Vec<Word>)>, ReasonError> {
+) -> Result<Vec<(String, Vec<TextWord>)>, ReasonError> {
     // "The green cube, did it hit the ball?" names what "it" is right before.
     let spans = QuestionReader::new(words, vocabulary).mentions();
-    let repeats = |k: usize| words.get(k).is_some_and(|w| is(w, "it")) && spans.iter().any(|(_, end, _)| *end == k);
-    let words: Vec<Word> =
+    let repeats =
+        |k: usize| words.get(k).is_some_and(|w| is(w, "it")) && spans.iter().any(|(_, end, _)| *end == k);
+    let words: Vec<TextWord> =
         (0..words.len()).filter(|k| !repeats(*k)).filter_map(|k| words.get(k).cloned()).collect();
     let Some(at) = words.iter().position(|w| is(w, "it") || is(w, "otherone")) else {
         return Ok(vec![(String::new(), words.to_vec())]);
@@ -59,8 +73,8 @@ pub fn with_pronouns(
     if is_other {
         candidates = others(&candidates, vocabulary, scene);
     }
-    let put = |object: &[Word]| -> Vec<Word> {
-        let same = |w: &Word| is(w, "it") || is(w, "otherone");
+    let put = |object: &[TextWord]| -> Vec<TextWord> {
+        let same = |w: &TextWord| is(w, "it") || is(w, "otherone");
         words.iter().flat_map(|w| if same(w) { object.to_vec() } else { vec![w.clone()] }).collect()
     };
     Ok(candidates.iter().map(|(object, _)| (text(object), put(object))).collect())
@@ -68,18 +82,23 @@ pub fn with_pronouns(
 
 /// The objects of the scene that were not mentioned, as phrases.
 fn others(
-    mentioned: &[(Vec<Word>, Vec<String>)],
+    mentioned: &[(Vec<TextWord>, Vec<String>)],
     vocabulary: &Vocabulary,
     scene: Option<&Scene>,
-) -> Vec<(Vec<Word>, Vec<String>)> {
+) -> Vec<(Vec<TextWord>, Vec<String>)> {
     let Some(scene) = scene else { return vec![] };
     let is_mentioned = |id: u32| {
-        let words = |o: &crate::scene::Object| [o.color.clone(), o.material.clone(), o.shape.word().to_string()];
+        let words =
+            |o: &crate::scene::Object| [o.color.clone(), o.material.clone(), o.shape.word().to_string()];
         scene.objects.iter().filter(|o| o.id == id).any(|o| {
             let own = words(o);
             mentioned.iter().any(|(_, program)| {
-                let described: Vec<&String> = program.iter().filter(|t| !t.contains('_') && *t != "objects" && *t != "unique").collect();
-                let number = program.iter().any(|t| t == "object_number") && program.first() == Some(&id.to_string());
+                let described: Vec<&String> = program
+                    .iter()
+                    .filter(|t| !t.contains('_') && *t != "objects" && *t != "unique")
+                    .collect();
+                let number =
+                    program.iter().any(|t| t == "object_number") && program.first() == Some(&id.to_string());
                 number || (!described.is_empty() && described.iter().all(|t| own.contains(t)))
             })
         })
@@ -90,26 +109,25 @@ fn others(
 
 /// The program of a question that only adds to the one before: "and when?", "and the red cube?".
 pub fn follow_up(
-    words: &[Word],
+    words: &[TextWord],
     vocabulary: &Vocabulary,
-    scene: Option<&Scene>,
     conversation: &Conversation,
+    program_of: ProgramOf,
 ) -> Result<Option<Vec<String>>, ReasonError> {
     let Some((last, earlier)) = conversation.previous.split_last() else { return Ok(None) };
-    let rest: Vec<&Word> = words.iter().filter(|w| !is(w, "and") && w.text != "but").collect();
+    let rest: Vec<&TextWord> = words.iter().filter(|w| !is(w, "and") && w.text != "but").collect();
     let earlier = earlier.iter().rev().take(MOST_PREVIOUS).rev().cloned().collect();
     let before = Conversation { previous: earlier, words: conversation.words.clone() };
     match rest[..] {
         [one] if is(one, "when") => {
-            let program = read_question(last, scene, &before)?.program;
+            let program = program_of(last, &before)?;
             Ok(event_part(&program).map(|mut tokens| {
                 tokens.push("get_time".to_string());
                 tokens
             }))
         }
         _ => {
-            let own: Vec<Word> =
-                rest.iter().filter(|w| !is(w, "what")).map(|w| (*w).clone()).collect();
+            let own: Vec<TextWord> = rest.iter().filter(|w| !is(w, "what")).map(|w| (*w).clone()).collect();
             let named = QuestionReader::new(&own, vocabulary).mentions();
             let is_name = matches!(named[..], [(0, end, _)] if end == own.len());
             let asked = vocabulary.read(last);

@@ -17,7 +17,7 @@ pub struct OwnWord {
 
 /// A word of a text.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Word {
+pub struct TextWord {
     /// As written.
     pub text: String,
     /// The canonical words that it may stand for; none for an unknown word.
@@ -147,7 +147,9 @@ fn stems(word: &str) -> Vec<String> {
             stems.push(format!("{stem}e"));
             let mut letters = stem.chars().rev();
             if letters.next() == letters.next() {
-                stems.push(stem[..stem.len() - stem.chars().next_back().map_or(0, char::len_utf8)].to_string());
+                stems.push(
+                    stem[..stem.len() - stem.chars().next_back().map_or(0, char::len_utf8)].to_string(),
+                );
             }
         }
         if end == "es" || end == "ed" {
@@ -170,7 +172,11 @@ fn inflected(word: &str) -> Vec<String> {
 fn scene_words(scene: &Scene) -> Vec<(String, Description)> {
     let mut found: Vec<(String, Description)> = vec![];
     for object in &scene.objects {
-        let words = [("color", object.color.as_str()), ("material", &object.material), ("shape", object.shape.word())];
+        let words = [
+            ("color", object.color.as_str()),
+            ("material", &object.material),
+            ("shape", object.shape.word()),
+        ];
         for (kind, word) in words {
             let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase());
             let is_known = LEXICON.descriptions.contains_key(&format!("{kind}={word}"));
@@ -198,7 +204,7 @@ impl Vocabulary {
     }
 
     /// What a word describes of an object, if it does.
-    pub fn description(&self, word: &Word) -> Option<Description> {
+    pub fn description(&self, word: &TextWord) -> Option<Description> {
         let of = |canonical: &String| {
             let own = self.scene.iter().find(|(w, _)| canonical == &format!("scene={w}"));
             own.map(|(_, d)| d.clone()).or_else(|| LEXICON.descriptions.get(canonical).cloned())
@@ -207,12 +213,12 @@ impl Vocabulary {
     }
 
     /// The words of a text in canonical words, without those that are skipped.
-    pub fn read(&self, text: &str) -> Vec<Word> {
+    pub fn read(&self, text: &str) -> Vec<TextWord> {
         let mut texts = split(text);
         for (word, means) in &self.own {
             replace(&mut texts, word, means);
         }
-        let mut words: Vec<Word> = vec![];
+        let mut words: Vec<TextWord> = vec![];
         let mut at = 0;
         while at < texts.len() {
             let rest = &texts[at..];
@@ -223,7 +229,7 @@ impl Vocabulary {
                     // A phrase may stand for describing words ("cue ball").
                     let described = LEXICON.lookup(one).filter(|c| c.len() == 1 && c[0].contains('='));
                     let canonical = described.unwrap_or_else(|| vec![one.clone()]);
-                    words.push(Word { text: text.clone(), canonical, corrected: None });
+                    words.push(TextWord { text: text.clone(), canonical, corrected: None });
                 }
                 at += phrase.len();
                 continue;
@@ -235,8 +241,8 @@ impl Vocabulary {
     }
 
     /// A word; `None` if it is skipped.
-    fn word(&self, text: &str) -> Option<Word> {
-        let word = |canonical| Word { text: text.to_string(), canonical, corrected: None };
+    fn word(&self, text: &str) -> Option<TextWord> {
+        let word = |canonical| TextWord { text: text.to_string(), canonical, corrected: None };
         if self.scene.iter().any(|(w, _)| w == text || format!("{w}s") == text) {
             let singular = self.scene.iter().find(|(w, _)| w == text || format!("{w}s") == text);
             return singular.map(|(w, _)| word(vec![format!("scene={w}")]));
@@ -251,11 +257,9 @@ impl Vocabulary {
         let corrected = if known { None } else { self.correct(text) };
         match corrected {
             Some(right) if LEXICON.skipped.contains(&right) => None,
-            Some(right) => self.word(&right).map(|w| Word {
-                text: text.to_string(),
-                corrected: Some(right),
-                ..w
-            }),
+            Some(right) => {
+                self.word(&right).map(|w| TextWord { text: text.to_string(), corrected: Some(right), ..w })
+            }
             None => Some(word(vec![])),
         }
     }

@@ -14,6 +14,7 @@ mod forms;
 mod lexicon;
 mod suggest;
 
+pub use conversation::Conversation;
 pub use lexicon::OwnWord;
 pub use suggest::examples;
 
@@ -23,24 +24,16 @@ use super::operations::{self, OperationInfo};
 use crate::scene::Scene;
 use chart::QuestionReader;
 use conversation::{follow_up, with_pronouns};
-use lexicon::{Vocabulary, Word};
-
-/// What was asked before, and the caller's own words. A service keeps none of it: the caller sends it with each question.
-#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Conversation {
-    /// The questions before this one, oldest first.
-    pub previous: Vec<String>,
-    pub words: Vec<OwnWord>,
-}
+use lexicon::{TextWord, Vocabulary};
 
 /// A question as a program, and the program in English.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct Reading {
+pub struct QuestionReading {
     pub program: Vec<String>,
     pub reading: String,
 }
 
-impl Reading {
+impl QuestionReading {
     /// Whether it asks for the causes of an event of the video.
     pub fn is_explanatory(&self) -> bool {
         self.program.iter().any(|t| t == "filter_ancestor")
@@ -62,7 +55,7 @@ pub fn read_question(
     text: &str,
     scene: Option<&Scene>,
     conversation: &Conversation,
-) -> Result<Reading, ReasonError> {
+) -> Result<QuestionReading, ReasonError> {
     read("question", text, "events", scene, conversation)
 }
 
@@ -72,14 +65,16 @@ pub fn read_choice(
     observed: bool,
     scene: Option<&Scene>,
     conversation: &Conversation,
-) -> Result<Reading, ReasonError> {
+) -> Result<QuestionReading, ReasonError> {
     read("choice", text, if observed { "events" } else { "all_events" }, scene, conversation)
 }
 
 /// All operations with an example of those that a question of the reader uses.
 pub fn list_operations() -> Vec<OperationInfo> {
-    let programs: Vec<Vec<String>> =
-        examples().iter().filter_map(|text| question_program(text).or_else(|_| choice_program(text, false)).ok()).collect();
+    let programs: Vec<Vec<String>> = examples()
+        .iter()
+        .filter_map(|text| question_program(text).or_else(|_| choice_program(text, false)).ok())
+        .collect();
     operations::list_operations(&programs)
 }
 
@@ -89,12 +84,13 @@ fn read(
     source: &'static str,
     scene: Option<&Scene>,
     conversation: &Conversation,
-) -> Result<Reading, ReasonError> {
+) -> Result<QuestionReading, ReasonError> {
     let vocabulary = Vocabulary::new(scene, &conversation.words);
     let mut words = vocabulary.read(text);
     if phrase == "question" {
-        if let Some(tokens) = follow_up(&words, &vocabulary, scene, conversation)? {
-            return Ok(told(tokens, &words));
+        let program_of = |text: &str, before: &Conversation| Ok(read_question(text, scene, before)?.program);
+        if let Some(tokens) = follow_up(&words, &vocabulary, conversation, &program_of)? {
+            return Ok(with_reading(tokens, &words));
         }
         words = without_opening(words);
     }
@@ -112,7 +108,7 @@ fn read(
         furthest = furthest.max(reader.furthest);
     }
     match &programs[..] {
-        [(_, tokens)] => Ok(told(tokens.clone(), &words)),
+        [(_, tokens)] => Ok(with_reading(tokens.clone(), &words)),
         [] => Err(suggest::not_understood(phrase, &words, furthest, &vocabulary, scene)),
         several => {
             let candidates = several.iter().map(|(meant, _)| meant.clone()).collect();
@@ -122,7 +118,7 @@ fn read(
 }
 
 /// "And", "but" and "so" before a question say nothing.
-fn without_opening(mut words: Vec<Word>) -> Vec<Word> {
+fn without_opening(mut words: Vec<TextWord>) -> Vec<TextWord> {
     while words.first().is_some_and(|w| ["and", "but"].contains(&w.text.as_str())) {
         words.remove(0);
     }
@@ -130,12 +126,13 @@ fn without_opening(mut words: Vec<Word>) -> Vec<Word> {
 }
 
 /// A program with what it was read as, corrected spellings included.
-fn told(program: Vec<String>, words: &[Word]) -> Reading {
+fn with_reading(program: Vec<String>, words: &[TextWord]) -> QuestionReading {
     let mut reading = QuestionProgram::parse(&program).map(|p| read_back(&p)).unwrap_or_default();
-    let corrected = words.iter().filter_map(|w| Some(format!("\"{}\" as \"{}\"", w.text, w.corrected.as_ref()?)));
+    let corrected =
+        words.iter().filter_map(|w| Some(format!("\"{}\" as \"{}\"", w.text, w.corrected.as_ref()?)));
     let corrected: Vec<String> = corrected.collect();
     if !corrected.is_empty() {
         reading += &format!(" ({})", corrected.join(", "));
     }
-    Reading { program, reading }
+    QuestionReading { program, reading }
 }

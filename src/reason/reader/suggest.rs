@@ -1,7 +1,7 @@
 //! What to ask instead: the example that shares most with a text, about objects of the text or of the scene.
 
 use super::chart::QuestionReader;
-use super::lexicon::{Vocabulary, Word};
+use super::lexicon::{TextWord, Vocabulary};
 use crate::reason::ReasonError;
 use crate::reason::language::nearest;
 use crate::reason::operations::ops;
@@ -28,15 +28,20 @@ fn filled(line: &str, objects: &[String; 2]) -> String {
 /// The part of a text that was not understood, and the nearest example.
 pub fn not_understood(
     phrase: &str,
-    words: &[Word],
+    words: &[TextWord],
     furthest: usize,
     vocabulary: &Vocabulary,
     scene: Option<&Scene>,
 ) -> ReasonError {
     let unknown: Vec<&str> =
         words.iter().filter(|w| w.canonical.is_empty()).map(|w| w.text.as_str()).collect();
-    let rest: Vec<&str> = words.iter().skip(furthest).map(|w| w.text.as_str()).collect();
-    let all: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
+    // A phrase of several words is the text of each of its canonical words.
+    let texts = |from: usize| {
+        let mut texts: Vec<&str> = words.iter().skip(from).map(|w| w.text.as_str()).collect();
+        texts.dedup();
+        texts
+    };
+    let (rest, all) = (texts(furthest), texts(0));
     let whole = all.join(" ");
     let part = [unknown.join(" "), rest.join(" "), whole.clone()].into_iter().find(|p| !p.is_empty());
     let part = part.unwrap_or_default();
@@ -52,10 +57,11 @@ pub fn not_understood(
 }
 
 /// Two objects to speak of: those of the text, then those of the scene.
-fn named(words: &[Word], vocabulary: &Vocabulary, scene: Option<&Scene>) -> [String; 2] {
+fn named(words: &[TextWord], vocabulary: &Vocabulary, scene: Option<&Scene>) -> [String; 2] {
     let mut found: Vec<String> = vec![];
     for (from, to, _) in QuestionReader::new(words, vocabulary).mentions() {
-        let texts: Vec<&str> = words.iter().skip(from).take(to - from).map(|w| w.text.as_str()).collect();
+        let mut texts: Vec<&str> = words.iter().skip(from).take(to - from).map(|w| w.text.as_str()).collect();
+        texts.dedup();
         found.push(format!("the {}", texts.join(" ")));
     }
     match scene {
@@ -69,8 +75,8 @@ fn named(words: &[Word], vocabulary: &Vocabulary, scene: Option<&Scene>) -> [Str
 }
 
 /// The canonical words of a text; all objects are one.
-fn content(words: &[Word], vocabulary: &Vocabulary) -> BTreeSet<String> {
-    let of = |w: &Word| match vocabulary.description(w) {
+fn content(words: &[TextWord], vocabulary: &Vocabulary) -> BTreeSet<String> {
+    let of = |w: &TextWord| match vocabulary.description(w) {
         Some(_) => vec!["object".to_string()],
         None => w.canonical.clone(),
     };
