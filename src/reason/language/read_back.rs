@@ -16,6 +16,8 @@ pub fn read_back(program: &QuestionProgram) -> String {
             let operand = stack.pop().unwrap_or_default();
             text = text.replace(&format!("{{{k}}}"), &operand);
         }
+        let text =
+            text.replace("rest at any time", "never move").replace("that move at any time", "that ever move");
         match operation.token {
             "suppose" => supposed = format!(", {text}"),
             // What was read under the change says so; what follows is without it.

@@ -119,6 +119,13 @@ pub static OPERATIONS: &[Operation] = &[
         select::filter_kind,
     ),
     row(
+        ["filter_contact", "collision of {0} with an object or a side, {1}"],
+        &[],
+        &[ANY_OBJECTS, EVENTS],
+        Gives::One(Type::Events),
+        select::filter_sides,
+    ),
+    row(
         ["filter_sides", "hit of a side by {0}, {1}"],
         &[],
         &[ANY_OBJECTS, EVENTS],

@@ -177,11 +177,16 @@ pub fn filter_kind(m: &mut Machine) -> Outcome {
     Ok(Events(ops::filter_kind(&m.events()?, kind, &objects)))
 }
 
-/// The hits of any side of the table.
+/// The hits of any side of the table; as contacts also the collisions with objects.
 pub fn filter_sides(m: &mut Machine) -> Outcome {
+    let all = m.token() == "filter_contact";
     let objects = m.any_objects()?;
-    let is_side = |e: &SceneEvent| matches!(e.kind, SceneEventKind::Side(_));
-    let of = |e: &&SceneEvent| is_side(e) && e.objects.iter().any(|o| objects.contains(o));
+    let is_kind = |e: &SceneEvent| match e.kind {
+        SceneEventKind::Side(_) => true,
+        SceneEventKind::Collision => all,
+        _ => false,
+    };
+    let of = |e: &&SceneEvent| is_kind(e) && e.objects.iter().any(|o| objects.contains(o));
     Ok(Events(m.events()?.iter().filter(of).cloned().collect()))
 }
 

@@ -130,10 +130,8 @@ impl<'a> QuestionReader<'a> {
 
     /// "blue rubber cube", "object 3": one object, with at least one describing word.
     fn object(&mut self, at: usize) -> Option<PhraseReading> {
-        if self.stands_for(at, "object") {
-            if let Some(number) = self.number(at + 1) {
-                return Some((at + 2, vec![number.to_string(), "object_number".to_string()]));
-            }
+        if let Some(number) = self.number(at + 1).filter(|_| self.stands_for(at, "object")) {
+            return Some((at + 2, vec![number.to_string(), "object_number".to_string()]));
         }
         let (end, tokens) = self.objects(at).filter(|(_, tokens)| tokens.len() > 1)?;
         // "the red cube (object 3)".
