@@ -12,7 +12,7 @@ use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind, word_probabilities
 use crate::num::Stop;
 use crate::num::elementary::{exp, ln};
 use crate::reason::{
-    AskOptions, ChangeWord, ChangedQuantity, WordProbabilities, WordedScene, ask_with_words,
+    AskOptions, ChangeWord, ChangedQuantity, WordProbabilities, WordedScene, ask_with_words, estimated_share,
 };
 use rayon::prelude::*;
 
@@ -119,16 +119,23 @@ impl ChangeLessons<'_> {
                 let Ok(answer) = ask_with_words(worded, fit, index, &lesson.question, &options, stop) else {
                     continue;
                 };
+                // The likelihood is the share of the rollouts: the prior of f is the only one.
+                let share = |p: f64| match answer.simulations.is_empty() {
+                    true => p,
+                    false => estimated_share(p, options.rollouts.max(1)),
+                };
                 match &lesson.answer {
                     LessonAnswer::Choices(correct) => {
                         for (choice, correct) in answer.choices.iter().zip(correct) {
-                            let p = if *correct { choice.probability } else { 1.0 - choice.probability };
+                            let yes = share(choice.probability);
+                            let p = if *correct { yes } else { 1.0 - yes };
                             sum += ln(WRONG + (1.0 - 2.0 * WRONG) * p);
                         }
                     }
                     LessonAnswer::Open(text) => {
                         let is_given = answer.answer.as_deref() == Some(text);
-                        let p = if is_given { answer.probability } else { 1.0 - answer.probability };
+                        let given = share(answer.probability);
+                        let p = if is_given { given } else { 1.0 - given };
                         sum += ln(WRONG + (1.0 - 2.0 * WRONG) * p);
                     }
                 }

@@ -6,11 +6,11 @@ use super::observed::observed_scenario;
 use crate::fit::Fit;
 use crate::num::Stop;
 use crate::reason::{
-    Op, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario, TOKENS,
-    WordFamily, choice_program, predict, question_program, scenario,
+    Op, Prediction, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario,
+    SpanKind, WordFamily, choice_program, predict, question_program, scenario,
 };
 use crate::scene::Scene;
-use crate::world::Intervention;
+use crate::world::{Intervention, Model};
 
 /// A video with questions and their answers. Words of its objects are not read.
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +55,10 @@ pub(super) struct PreparedVideo<'a> {
     pub features: Vec<Vec<f64>>,
     pub items: Vec<LessonItem>,
     pub scenarios: Vec<Scenario>,
+    /// The simulation of each scenario, in the same order; none without a fit.
+    pub simulations: Vec<Prediction>,
+    /// The fitted model, if there is one.
+    pub models: Vec<Model>,
     pub effects: Vec<String>,
 }
 
@@ -85,7 +89,9 @@ fn tokens(question: &Question) -> Result<LessonTokens, ReasonError> {
 fn words_of(program: &[String], found: &mut Vec<(WordFamily, String)>) -> Option<WordFamily> {
     for pair in program.windows(2) {
         if let Some(family) = WordFamily::ALL.into_iter().find(|f| f.filter() == pair[1]) {
-            found.push((family, pair[0].clone()));
+            // A scene's own word has the name of its family before it.
+            let word = pair[0].rsplit(':').next().unwrap_or(&pair[0]);
+            found.push((family, word.to_string()));
         }
     }
     match program.last().map(String::as_str) {
@@ -128,7 +134,7 @@ pub(super) fn family_words(videos: &[LessonVideo]) -> Result<FamilyWords, Concep
 /// The words that are not tokens of the vocabulary.
 pub(super) fn vocabulary(words: &FamilyWords) -> Vec<String> {
     let all = words.iter().flat_map(|(_, w)| w.iter().map(|(word, _)| word.clone()));
-    all.filter(|word| !TOKENS.iter().any(|(token, _)| token == word)).collect()
+    all.filter(|word| Op::of(word).is_none()).collect()
 }
 
 /// Reads the lessons of all videos.
@@ -161,40 +167,62 @@ pub(super) fn prepare<'a>(
         if video.fit.is_none() {
             items.retain(|i| !i.needs_simulation);
         }
-        let (scenarios, effects) = match video.fit {
-            None => (vec![observed_scenario(video.scene)], vec![]),
-            Some((fit, index)) => {
-                let model = fit.scenes.get(index).map(|s| &s.model);
-                let active = model.into_iter().flat_map(|m| &m.effects).filter(|e| e.on);
-                let effects = active.map(|e| e.name.clone()).collect();
-                (vec![simulated(video.scene, (fit, index), &[], stop)?], effects)
-            }
-        };
-        let features = appearance(video.scene);
-        prepared.push(PreparedVideo {
+        let mut ready = PreparedVideo {
             scene: video.scene,
             fit: video.fit,
-            features,
+            features: appearance(video.scene),
             items,
-            scenarios,
-            effects,
-        });
+            scenarios: vec![],
+            simulations: vec![],
+            models: vec![],
+            effects: vec![],
+        };
+        match video.fit {
+            None => ready.scenarios.push(observed_scenario(video.scene)),
+            Some((fit, index)) => {
+                ready.models.extend(fit.scenes.get(index).map(|s| s.model.clone()));
+                let active = ready.models.iter().flat_map(|m| &m.effects).filter(|e| e.on);
+                ready.effects = active.map(|e| e.name.clone()).collect();
+                ready.simulate(&[], video.scene.times.len() + crate::reason::FUTURE_FRAMES, stop)?;
+            }
+        }
+        prepared.push(ready);
     }
     let layout = layout.ok_or(ConceptError::NoQuestions)?;
     Ok((prepared, layout))
 }
 
-/// The best rollout under interventions.
-pub(super) fn simulated(
-    scene: &Scene,
-    (fit, index): (&Fit, usize),
-    interventions: &[Intervention],
-    stop: Stop,
-) -> Result<Scenario, ReasonError> {
-    let after = if interventions.is_empty() { crate::reason::FUTURE_FRAMES } else { 0 };
-    let frames = scene.times.len() + after;
-    let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
-    Ok(scenario(scene, &predict(scene, fit, index, &request, stop)?))
+impl PreparedVideo<'_> {
+    /// Adds the best rollout under interventions, for this number of frames; a shorter one is replaced. Without a fit it does nothing.
+    pub fn simulate(
+        &mut self,
+        interventions: &[Intervention],
+        frames: usize,
+        stop: Stop,
+    ) -> Result<(), ReasonError> {
+        let Some((fit, index)) = self.fit else { return Ok(()) };
+        let request =
+            PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
+        let prediction = predict(self.scene, fit, index, &request, stop)?;
+        if let Some(shorter) = self.scenarios.iter().position(|s| s.interventions == interventions) {
+            self.scenarios.remove(shorter);
+            self.simulations.remove(shorter);
+        }
+        let noise = fit.scenes.get(index).map_or(0.0, |s| s.noise_sigma);
+        self.scenarios.push(scenario(self.scene, &prediction, noise));
+        self.simulations.push(prediction);
+        Ok(())
+    }
+}
+
+/// Whether a program needs simulations: for what the tracks of the video do not show.
+fn needs_simulation(program: &QuestionProgram) -> bool {
+    let is_ahead = |op: &Op| match op {
+        Op::Push(_, ProgramValue::Span(span)) => *span != SpanKind::Video,
+        _ => false,
+    };
+    program.calls(&["filter_counterfact", "suppose", "unseen_events", "whole_events"])
+        || program.ops.iter().any(is_ahead)
 }
 
 enum ItemError {
@@ -211,8 +239,6 @@ impl From<ReasonError> for ItemError {
 fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError> {
     let LessonTokens { question, choices } = tokens(&lesson.question)?;
     let program = QuestionProgram::parse_with(&question, known)?;
-    let simulated =
-        |p: &QuestionProgram| p.ops.iter().any(|op| matches!(op, Op::Counterfact | Op::UnseenEvents));
     match &lesson.answer {
         LessonAnswer::Choices(correct) if correct.len() == choices.len() && !choices.is_empty() => {
             let weight = 1.0 / choices.len() as f64;
@@ -221,7 +247,7 @@ fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError
                 let mut stack = vec![];
                 choice.check(&mut stack)?;
                 program.check(&mut stack)?;
-                let needs_simulation = simulated(&program) || simulated(&choice);
+                let needs_simulation = needs_simulation(&program) || needs_simulation(&choice);
                 let target = ProgramValue::Bool(*correct);
                 Ok(LessonItem { programs: vec![choice, program.clone()], target, weight, needs_simulation })
             };
@@ -235,18 +261,20 @@ fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError
             program.check(&mut vec![])?;
             let wrong =
                 |expected: &str| ItemError::Answer { answer: text.clone(), expected: expected.into() };
-            let target = match (program.ops.last(), text.as_str()) {
-                (Some(Op::Count), number) => {
+            let asks =
+                |tokens: &[&str]| program.ops.last().is_some_and(|op| tokens.iter().any(|t| op.calls(t)));
+            let target = match text.as_str() {
+                number if asks(&["count", "count_colors", "count_materials", "count_shapes"]) => {
                     ProgramValue::Number(number.parse().map_err(|_| wrong("a whole number"))?)
                 }
-                (Some(Op::QueryColor | Op::QueryMaterial | Op::QueryShape), word) => {
+                word if asks(&["query_color", "query_material", "query_shape"]) => {
                     ProgramValue::Text(word.to_string())
                 }
-                (_, "yes") => ProgramValue::Bool(true),
-                (_, "no") => ProgramValue::Bool(false),
+                "yes" => ProgramValue::Bool(true),
+                "no" => ProgramValue::Bool(false),
                 _ => return Err(wrong("yes or no")),
             };
-            let needs_simulation = simulated(&program);
+            let needs_simulation = needs_simulation(&program);
             Ok(vec![LessonItem { programs: vec![program], target, weight: 1.0, needs_simulation }])
         }
     }

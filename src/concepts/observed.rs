@@ -16,7 +16,9 @@ const CHANGE: f64 = 0.08;
 pub fn observed_scenario(scene: &Scene) -> Scenario {
     let mut events = vec![];
     for (object, track) in scene.tracks.iter().enumerate() {
-        let mut add = |kind, frame| events.push(SceneEvent { kind, frame, objects: vec![object] });
+        let mut add = |kind, frame| {
+            events.push(SceneEvent { kind, frame, time: scene.time_of(frame), objects: vec![object] })
+        };
         if let Some(first) = track.samples.first().filter(|s| s.frame > 0) {
             add(SceneEventKind::In, first.frame);
         }
@@ -26,13 +28,15 @@ pub fn observed_scenario(scene: &Scene) -> Scenario {
         for other in 0..object {
             if let Some(frame) = collision(scene, other, object) {
                 let objects = vec![other, object];
-                events.push(SceneEvent { kind: SceneEventKind::Collision, frame, objects });
+                let (kind, time) = (SceneEventKind::Collision, scene.time_of(frame));
+                events.push(SceneEvent { kind, frame, time, objects });
             }
         }
     }
     events.sort_by_key(|e| e.frame);
     let moving = scene.tracks.iter().map(|t| moving(scene, t)).collect();
-    Scenario { interventions: vec![], rollouts: vec![RolloutEvents { events, moving, impacts: vec![] }] }
+    let rollouts = vec![RolloutEvents { events, moving, impacts: vec![] }];
+    Scenario { interventions: vec![], frames: scene.times.len(), rollouts }
 }
 
 fn moving(scene: &Scene, track: &Track) -> Vec<Option<bool>> {

@@ -22,8 +22,8 @@
 use super::soft_value::{SoftValue, add_choice, any, counts, none_of, normalised, only_one};
 use super::tape::{LEAST, ONE, Tape, Variable, ZERO};
 use crate::reason::{
-    Halt, Op, ProgramValue, QuestionProgram, ReasonError, RolloutContext, SceneEvent, SceneEventKind,
-    WordFamily, operand_count, ops, step,
+    Gives, Halt, Op, Operation, ProgramValue, QuestionProgram, ReasonError, RolloutContext, SIDES,
+    SceneEvent, SceneEventKind, SpanKind, WordFamily, operand_count, ops, step,
 };
 
 /// The words of one family for the objects of a scene.
@@ -40,8 +40,6 @@ pub struct SoftContext<'a> {
     /// Events, motion and simulations; its words are not used.
     pub exact: RolloutContext<'a>,
     pub families: &'a [SoftFamily<'a>],
-    /// Word k of `Op::Concept(k)`.
-    pub vocabulary: &'a [String],
 }
 
 /// A run on a tape.
@@ -54,42 +52,66 @@ pub struct SoftRun<'a> {
 }
 
 type SoftChoices = Vec<(ProgramValue, Variable)>;
+/// An operation of a program.
+type Called = &'static Operation;
+
+/// Which events a filter keeps.
+enum KindFilter {
+    Kind(SceneEventKind),
+    /// Hits of any side of the table.
+    Sides,
+    /// These and collisions.
+    Contacts,
+}
+
+impl KindFilter {
+    fn keeps(&self, kind: SceneEventKind) -> bool {
+        match self {
+            KindFilter::Kind(one) => kind == *one,
+            KindFilter::Sides => matches!(kind, SceneEventKind::Side(_)),
+            KindFilter::Contacts => matches!(kind, SceneEventKind::Side(_) | SceneEventKind::Collision),
+        }
+    }
+}
 
 impl SoftRun<'_> {
     /// Runs a checked program on the stack.
     pub fn run(&mut self, program: &QuestionProgram) -> Result<(), Halt> {
         for op in &program.ops {
-            let value = self.step(*op)?;
+            let value = match op {
+                Op::Push(_, value) => SoftValue::certain(value.clone(), self.objects()),
+                Op::Call(operation) => self.call(operation)?,
+            };
             self.stack.push(value);
         }
         Ok(())
     }
 
-    fn step(&mut self, op: Op) -> Result<SoftValue, Halt> {
-        Ok(match op {
-            Op::FilterColor | Op::FilterMaterial | Op::FilterShape => self.filter_word(op)?,
-            Op::FilterMoving | Op::FilterStationary => self.filter_motion(op)?,
-            Op::FilterIn | Op::FilterOut | Op::FilterCollision | Op::FilterSide => self.filter_kind(op)?,
-            Op::FilterPartner => self.filter_partner()?,
-            Op::FilterBefore | Op::FilterAfter => self.filter_time(op)?,
-            Op::FilterStart | Op::FilterEnd => {
-                self.stack.pop();
-                self.exact(if op == Op::FilterStart { Op::Start } else { Op::End }, vec![])?
-            }
-            Op::FilterOrder => self.filter_order()?,
-            Op::FilterAncestor => self.filter_ancestor()?,
-            Op::Unique => self.unique()?,
-            Op::Count | Op::Exist => self.count(op)?,
-            Op::BelongTo => self.belong_to()?,
-            Op::QueryColor | Op::QueryMaterial | Op::QueryShape => self.query(op)?,
-            Op::Counterfact => self.counterfact()?,
-            Op::AddAnother => self.add_another()?,
-            Op::FilterConcept | Op::Apply => return Err(self.mismatch(op)),
-            _ => self.enumerated(op)?,
-        })
+    fn call(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        match op.token {
+            "filter_color" | "filter_material" | "filter_shape" => self.filter_word(op),
+            "filter_moving" | "filter_stationary" => self.filter_motion(op),
+            "filter_in" | "filter_out" | "filter_stop" | "filter_collision" | "filter_side"
+            | "filter_sides" | "filter_contact" => self.filter_kind(op),
+            "filter_partner" => self.filter_partner(op),
+            "filter_before" | "filter_after" => self.filter_time(op),
+            "filter_start" | "filter_end" => self.exact_edge(op),
+            "filter_order" => self.filter_order(op),
+            "filter_ancestor" => self.filter_ancestor(op),
+            "unique" => self.unique(op),
+            "count" | "exist" => self.count(op),
+            "belong_to" => self.belong_to(op),
+            "query_color" | "query_material" | "query_shape" => self.query(op),
+            "filter_counterfact" => self.counterfact(op),
+            "add_another" => self.add_another(op),
+            "filter_concept" | "apply" => Err(self.mismatch(op)),
+            // What is supposed for all that follows has no distribution here.
+            _ if op.gives == Gives::Nothing => Err(self.mismatch(op)),
+            _ => self.enumerated(op),
+        }
     }
 
-    fn mismatch(&self, op: Op) -> Halt {
+    fn mismatch(&self, op: Called) -> Halt {
         let found = format!("{op:?}, which has no soft function for these operands");
         Halt::Error(ReasonError::ProgramResult { expected: "a question about words of families", found })
     }
@@ -98,26 +120,33 @@ impl SoftRun<'_> {
         self.context.exact.scene.objects.len()
     }
 
-    fn exact(&self, op: Op, mut stack: Vec<ProgramValue>) -> Result<SoftValue, Halt> {
-        let value = step(op, self.context.exact, &mut stack, &[])?;
+    /// The exact operation.
+    fn value(&self, op: Called, mut stack: Vec<ProgramValue>) -> Result<ProgramValue, Halt> {
+        step(&Op::Call(op), self.context.exact, &mut stack)
+    }
+
+    /// The start or the end of the video, whatever the events.
+    fn exact_edge(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        self.stack.pop();
+        let value = self.value(op, vec![ProgramValue::Events(vec![])])?;
         Ok(SoftValue::certain(value, self.objects()))
     }
 
-    fn choices(&mut self, op: Op) -> Result<SoftChoices, Halt> {
+    fn choices(&mut self, op: Called) -> Result<SoftChoices, Halt> {
         match self.stack.pop() {
             Some(SoftValue::Choice(choices)) => Ok(choices),
             _ => Err(self.mismatch(op)),
         }
     }
 
-    fn events(&mut self, op: Op) -> Result<Vec<(SceneEvent, Variable)>, Halt> {
+    fn events(&mut self, op: Called) -> Result<Vec<(SceneEvent, Variable)>, Halt> {
         match self.stack.pop() {
             Some(SoftValue::Events(events)) => Ok(events),
             _ => Err(self.mismatch(op)),
         }
     }
 
-    fn set(&mut self, op: Op) -> Result<Vec<Variable>, Halt> {
+    fn set(&mut self, op: Called) -> Result<Vec<Variable>, Halt> {
         match self.stack.pop() {
             Some(SoftValue::Objects(members)) => Ok(members),
             _ => Err(self.mismatch(op)),
@@ -131,10 +160,14 @@ impl SoftRun<'_> {
         SoftValue::Choice(choices)
     }
 
-    /// The exact operation on each combination of exact operands.
-    fn enumerated(&mut self, op: Op) -> Result<SoftValue, Halt> {
+    /// Each combination of this number of exact operands, with the first one on top, and the product of their probabilities.
+    fn combinations(
+        &mut self,
+        op: Called,
+        operands: usize,
+    ) -> Result<Vec<(Vec<ProgramValue>, Variable)>, Halt> {
         let mut combinations: Vec<(Vec<ProgramValue>, Variable)> = vec![(vec![], ONE)];
-        for _ in 0..operand_count(op) {
+        for _ in 0..operands {
             let operand = self.choices(op)?;
             let mut next = vec![];
             for (values, p) in combinations {
@@ -146,34 +179,25 @@ impl SoftRun<'_> {
             }
             combinations = next;
         }
+        Ok(combinations)
+    }
+
+    /// The exact operation on each combination of exact operands.
+    fn enumerated(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let combinations = self.combinations(op, operand_count(&Op::Call(op)))?;
         if let [(values, ONE)] = &combinations[..] {
-            return self.exact(op, values.clone());
+            let value = self.value(op, values.clone())?;
+            return Ok(SoftValue::certain(value, self.objects()));
         }
         let mut results = vec![];
         for (values, p) in combinations {
-            match step(op, self.context.exact, &mut values.clone(), &[]) {
-                Ok(value) => {
-                    let weight = match op {
-                        Op::GetPartner => self.partner_weight(&values, p),
-                        _ => p,
-                    };
-                    add_choice(self.tape, &mut results, value, weight);
-                }
+            match self.value(op, values) {
+                Ok(value) => add_choice(self.tape, &mut results, value, p),
                 Err(Halt::Error(ReasonError::NoSingleEvent { .. } | ReasonError::NoSuchObject { .. })) => {}
                 Err(other) => return Err(other),
             }
         }
         Ok(self.given(results))
-    }
-
-    /// An object and a collision that it takes no part in are one only in programs that contradict themselves.
-    fn partner_weight(&mut self, values: &[ProgramValue], p: Variable) -> Variable {
-        match values {
-            [ProgramValue::Event(event), ProgramValue::Object(object)] if !event.objects.contains(object) => {
-                self.tape.scale(p, LEAST)
-            }
-            _ => p,
-        }
     }
 
     /// The probability of a word for an object.
@@ -183,24 +207,23 @@ impl SoftRun<'_> {
         at.and_then(|k| known.probabilities.get(object)?.get(k)).copied().unwrap_or(ZERO)
     }
 
-    fn filter_word(&mut self, op: Op) -> Result<SoftValue, Halt> {
+    fn filter_word(&mut self, op: Called) -> Result<SoftValue, Halt> {
         let word = match &self.choices(op)?[..] {
-            [(ProgramValue::Word(word), _)] => word.to_string(),
-            [(ProgramValue::Concept(k), _)] => self.context.vocabulary.get(*k).cloned().unwrap_or_default(),
+            [(ProgramValue::Word(word), _)] => word.clone(),
             _ => return Err(self.mismatch(op)),
         };
         let mut members = self.set(op)?;
         for (object, p) in members.iter_mut().enumerate() {
-            let of_word = self.word(family(op), object, &word);
+            let of_word = self.word(WordFamily::of_operation(op.token), object, &word);
             *p = self.tape.mul(*p, of_word);
         }
         Ok(SoftValue::Objects(members))
     }
 
-    fn query(&mut self, op: Op) -> Result<SoftValue, Halt> {
+    fn query(&mut self, op: Called) -> Result<SoftValue, Halt> {
         let objects = self.choices(op)?;
         let families = self.context.families;
-        let Some(known) = families.iter().find(|f| f.family == family(op)) else {
+        let Some(known) = families.iter().find(|f| f.family == WordFamily::of_operation(op.token)) else {
             return Err(self.mismatch(op));
         };
         let mut answers = vec![];
@@ -208,7 +231,7 @@ impl SoftRun<'_> {
             let mut terms = vec![];
             for (value, p) in &objects {
                 if let ProgramValue::Object(o) = value {
-                    let of_word = self.word(family(op), *o, word);
+                    let of_word = self.word(WordFamily::of_operation(op.token), *o, word);
                     terms.push(self.tape.mul(*p, of_word));
                 }
             }
@@ -218,19 +241,22 @@ impl SoftRun<'_> {
         Ok(SoftValue::Choice(answers))
     }
 
-    fn filter_motion(&mut self, op: Op) -> Result<SoftValue, Halt> {
+    fn filter_motion(&mut self, op: Called) -> Result<SoftValue, Halt> {
         let moments = self.choices(op)?;
         let mut members = self.set(op)?;
-        let rollout = self.context.exact.rollout(&[])?;
+        let exact = self.context.exact;
+        let rollout = exact.rollout(&[], exact.frames(SpanKind::Video))?;
         let all: Vec<usize> = (0..members.len()).collect();
         let mut sums = vec![ZERO; members.len()];
         for (moment, p) in moments {
             let frame = match moment {
                 ProgramValue::Frame(frame) => frame,
                 ProgramValue::Event(event) => Some(event.frame),
+                ProgramValue::Time(time) => Some(exact.scene.frame_at(time)),
+                ProgramValue::Factor(frame) => Some(frame as usize),
                 _ => return Err(self.mismatch(op)),
             };
-            for o in ops::filter_motion(rollout, &all, frame, op == Op::FilterMoving) {
+            for o in ops::filter_motion(rollout, &all, frame, op.token == "filter_moving") {
                 sums[o] = self.tape.add(sums[o], p);
             }
         }
@@ -260,19 +286,30 @@ impl SoftRun<'_> {
         }
     }
 
-    fn filter_kind(&mut self, op: Op) -> Result<SoftValue, Halt> {
-        let kind = match op {
-            Op::FilterIn => SceneEventKind::In,
-            Op::FilterOut => SceneEventKind::Out,
-            Op::FilterSide => match &self.choices(op)?[..] {
-                [(ProgramValue::Word(side), _)] => SceneEventKind::Side(side),
+    /// Which events a filter of a kind keeps.
+    fn kind(&mut self, op: Called) -> Result<KindFilter, Halt> {
+        Ok(match op.token {
+            "filter_in" => KindFilter::Kind(SceneEventKind::In),
+            "filter_out" => KindFilter::Kind(SceneEventKind::Out),
+            "filter_stop" => KindFilter::Kind(SceneEventKind::Stop),
+            "filter_sides" => KindFilter::Sides,
+            "filter_contact" => KindFilter::Contacts,
+            "filter_side" => match &self.choices(op)?[..] {
+                [(ProgramValue::Word(word), _)] => {
+                    let side = SIDES.iter().find(|side| *side == word);
+                    KindFilter::Kind(side.map_or(SceneEventKind::Never, |side| SceneEventKind::Side(side)))
+                }
                 _ => return Err(self.mismatch(op)),
             },
-            _ => SceneEventKind::Collision,
-        };
+            _ => KindFilter::Kind(SceneEventKind::Collision),
+        })
+    }
+
+    fn filter_kind(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let kind = self.kind(op)?;
         let Some(objects) = self.stack.pop() else { return Err(self.mismatch(op)) };
         let mut events = self.events(op)?;
-        events.retain(|(e, _)| e.kind == kind);
+        events.retain(|(e, _)| kind.keeps(e.kind));
         for (event, p) in &mut events {
             let takes_part = self.participates(event, &objects);
             *p = self.tape.mul(*p, takes_part);
@@ -281,10 +318,10 @@ impl SoftRun<'_> {
         Ok(SoftValue::Events(events))
     }
 
-    fn filter_partner(&mut self) -> Result<SoftValue, Halt> {
-        let partners = self.set(Op::FilterPartner)?;
-        let objects = self.choices(Op::FilterPartner)?;
-        let mut events = self.events(Op::FilterPartner)?;
+    fn filter_partner(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let partners = self.set(op)?;
+        let objects = self.choices(op)?;
+        let mut events = self.events(op)?;
         events.retain(|(e, _)| e.kind == SceneEventKind::Collision);
         for (event, p) in &mut events {
             let mut terms = vec![];
@@ -304,8 +341,8 @@ impl SoftRun<'_> {
         Ok(SoftValue::Events(events))
     }
 
-    /// The moments of a distribution over events and frames that have a time.
-    fn moments(&mut self, op: Op) -> Result<Vec<(Option<usize>, Variable)>, Halt> {
+    /// The limits in time of a distribution over moments that have a time.
+    fn limits(&mut self, op: Called) -> Result<Vec<(Option<SceneEvent>, Variable)>, Halt> {
         let moments = self.choices(op)?;
         let timed = moments.into_iter().filter(|(value, _)| match value {
             ProgramValue::Event(event) => event.kind != SceneEventKind::Never,
@@ -316,36 +353,35 @@ impl SoftRun<'_> {
             return Err(Halt::Error(ReasonError::NoSingleEvent { found: "none".into() }));
         }
         self.presupposed = self.tape.mul(self.presupposed, sum);
-        let frame = |value: &ProgramValue| match value {
-            ProgramValue::Event(event) => Some(event.frame),
-            ProgramValue::Frame(frame) => *frame,
-            _ => None,
-        };
-        Ok(timed.iter().map(|(value, p)| (frame(value), *p)).collect())
+        let scene = self.context.exact.scene;
+        Ok(timed.iter().map(|(value, p)| (ops::limit(scene, value), *p)).collect())
     }
 
-    fn filter_time(&mut self, op: Op) -> Result<SoftValue, Halt> {
-        let moments = self.moments(op)?;
+    fn filter_time(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let limits = self.limits(op)?;
         let mut events = self.events(op)?;
         for (event, p) in &mut events {
-            let fits = |frame: Option<usize>| {
-                frame.is_none_or(|f| if op == Op::FilterAfter { event.frame > f } else { event.frame < f })
+            let fits = |limit: &Option<SceneEvent>| {
+                limit.as_ref().is_none_or(|limit| match op.token {
+                    "filter_after" => limit.is_before(event),
+                    _ => event.is_before(limit),
+                })
             };
-            let fitting: Vec<Variable> = moments.iter().filter(|m| fits(m.0)).map(|m| m.1).collect();
-            let inside = if fitting.len() == moments.len() { ONE } else { self.tape.sum(&fitting) };
+            let fitting: Vec<Variable> = limits.iter().filter(|l| fits(&l.0)).map(|l| l.1).collect();
+            let inside = if fitting.len() == limits.len() { ONE } else { self.tape.sum(&fitting) };
             *p = self.tape.mul(*p, inside);
         }
         events.retain(|(_, p)| *p != ZERO);
         Ok(SoftValue::Events(events))
     }
 
-    fn filter_order(&mut self) -> Result<SoftValue, Halt> {
-        let place = match &self.choices(Op::FilterOrder)?[..] {
+    fn filter_order(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let place = match &self.choices(op)?[..] {
             [(ProgramValue::Order(place), _)] => *place,
-            _ => return Err(self.mismatch(Op::FilterOrder)),
+            _ => return Err(self.mismatch(op)),
         };
-        let mut events = self.events(Op::FilterOrder)?;
-        events.sort_by_key(|(e, _)| e.frame);
+        let mut events = self.events(op)?;
+        events.sort_by(|a, b| a.0.time.total_cmp(&b.0.time));
         let members: Vec<Variable> = events.iter().map(|e| e.1).collect();
         let mut choices = vec![];
         for (k, (event, p)) in events.iter().enumerate() {
@@ -364,9 +400,9 @@ impl SoftRun<'_> {
     }
 
     /// Whether an event is in the set on the way to a cause is decided by its more probable value.
-    fn filter_ancestor(&mut self) -> Result<SoftValue, Halt> {
-        let of = self.choices(Op::FilterAncestor)?;
-        let events = self.events(Op::FilterAncestor)?;
+    fn filter_ancestor(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let of = self.choices(op)?;
+        let events = self.events(op)?;
         let happened =
             |v: &ProgramValue| matches!(v, ProgramValue::Event(e) if e.kind != SceneEventKind::Never);
         let of: SoftChoices = of.into_iter().filter(|(v, _)| happened(v)).collect();
@@ -394,11 +430,11 @@ impl SoftRun<'_> {
                 causes.push((event, both));
             }
         }
-        causes.sort_by_key(|(e, _)| e.frame);
+        causes.sort_by(|a, b| a.0.time.total_cmp(&b.0.time));
         Ok(SoftValue::Events(causes))
     }
 
-    fn unique(&mut self) -> Result<SoftValue, Halt> {
+    fn unique(&mut self, op: Called) -> Result<SoftValue, Halt> {
         let mut choices = vec![];
         match self.stack.pop() {
             Some(SoftValue::Objects(members)) => {
@@ -424,22 +460,22 @@ impl SoftRun<'_> {
                     add_choice(self.tape, &mut choices, ProgramValue::Event(kinds[k].0.clone()), p);
                 }
                 let none = none_of(self.tape, &members);
-                let never = SceneEvent { kind: SceneEventKind::Never, frame: 0, objects: vec![] };
+                let never = SceneEvent { kind: SceneEventKind::Never, frame: 0, time: 0.0, objects: vec![] };
                 add_choice(self.tape, &mut choices, ProgramValue::Event(never), none);
             }
-            _ => return Err(self.mismatch(Op::Unique)),
+            _ => return Err(self.mismatch(op)),
         }
         Ok(self.given(choices))
     }
 
-    fn count(&mut self, op: Op) -> Result<SoftValue, Halt> {
+    fn count(&mut self, op: Called) -> Result<SoftValue, Halt> {
         let members = match self.stack.pop() {
             Some(SoftValue::Objects(members)) => members,
             Some(SoftValue::Events(events)) => events.into_iter().map(|e| e.1).collect(),
             _ => return Err(self.mismatch(op)),
         };
         let mut choices = vec![];
-        if op == Op::Count {
+        if op.token == "count" {
             for (k, p) in counts(self.tape, &members).into_iter().enumerate() {
                 add_choice(self.tape, &mut choices, ProgramValue::Number(k), p);
             }
@@ -458,10 +494,10 @@ impl SoftRun<'_> {
         choices
     }
 
-    fn belong_to(&mut self) -> Result<SoftValue, Halt> {
-        let events = self.events(Op::BelongTo)?;
+    fn belong_to(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let events = self.events(op)?;
         let mut terms = vec![];
-        for (value, p) in self.choices(Op::BelongTo)? {
+        for (value, p) in self.choices(op)? {
             let inside = match value {
                 ProgramValue::Event(event) => {
                     let alike = events.iter().filter(|(e, _)| e.is_like(&event));
@@ -474,7 +510,7 @@ impl SoftRun<'_> {
                     let own: Vec<Variable> = own.map(|e| e.1).collect();
                     any(self.tape, &own)
                 }
-                _ => return Err(self.mismatch(Op::BelongTo)),
+                _ => return Err(self.mismatch(op)),
             };
             terms.push(self.tape.mul(p, inside));
         }
@@ -483,8 +519,14 @@ impl SoftRun<'_> {
         Ok(SoftValue::Choice(choices))
     }
 
-    fn counterfact(&mut self) -> Result<SoftValue, Halt> {
-        let changes = self.choices(Op::Counterfact)?;
+    fn counterfact(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        // It takes all changes on top of the stack.
+        let is_change = |value: &&SoftValue| {
+            let first = if let SoftValue::Choice(choices) = value { choices.first() } else { None };
+            matches!(first, Some((ProgramValue::Change(_), _)))
+        };
+        let below = self.stack.iter().rev().skip(1).take_while(is_change).count();
+        let changes = self.combinations(op, 1 + below)?;
         if matches!(self.stack.last(), Some(SoftValue::Events(_))) {
             self.stack.pop();
         }
@@ -494,10 +536,8 @@ impl SoftRun<'_> {
             if self.tape.value(p) < LEAST_CHANGE {
                 continue;
             }
-            let mut stack = vec![change];
-            let ProgramValue::Events(under) = step(Op::Counterfact, self.context.exact, &mut stack, &[])?
-            else {
-                return Err(self.mismatch(Op::Counterfact));
+            let ProgramValue::Events(under) = self.value(op, change)? else {
+                return Err(self.mismatch(op));
             };
             for event in under {
                 match events.iter_mut().find(|(known, _)| *known == event) {
@@ -506,28 +546,27 @@ impl SoftRun<'_> {
                 }
             }
         }
-        events.sort_by_key(|(e, _)| e.frame);
+        events.sort_by(|a, b| a.0.time.total_cmp(&b.0.time));
         Ok(SoftValue::Events(events))
     }
 
     /// The kind of the added object is that of the most probable one of the set.
-    fn add_another(&mut self) -> Result<SoftValue, Halt> {
-        let at = self.stack.len().checked_sub(operand_count(Op::AddAnother));
-        let Some(at) = at else { return Err(self.mismatch(Op::AddAnother)) };
+    fn add_another(&mut self, op: Called) -> Result<SoftValue, Halt> {
+        let at = self.stack.len().checked_sub(operand_count(&Op::Call(op)));
+        let Some(at) = at else { return Err(self.mismatch(op)) };
         let SoftValue::Objects(members) = self.stack.remove(at) else {
-            return Err(self.mismatch(Op::AddAnother));
+            return Err(self.mismatch(op));
         };
         let likely = members.iter().enumerate().rev();
         let most = likely.max_by(|a, b| self.tape.value(*a.1).total_cmp(&self.tape.value(*b.1)));
         let alike: Vec<usize> = most.map(|(k, _)| k).into_iter().collect();
-        let (direction, length, beside) =
-            (self.choices(Op::Shift)?, self.choices(Op::Shift)?, self.choices(Op::Shift)?);
+        let (direction, length, beside) = (self.choices(op)?, self.choices(op)?, self.choices(op)?);
         let [(way, _), (far, _)] = [direction.first(), length.first()]
             .map(|c| c.cloned().unwrap_or((ProgramValue::Bool(false), ZERO)));
         let mut results = vec![];
         for (object, p) in beside {
-            let mut stack = vec![ProgramValue::Objects(alike.clone()), object, far.clone(), way.clone()];
-            let value = step(Op::AddAnother, self.context.exact, &mut stack, &[])?;
+            let stack = vec![ProgramValue::Objects(alike.clone()), object, far.clone(), way.clone()];
+            let value = self.value(op, stack)?;
             add_choice(self.tape, &mut results, value, p);
         }
         Ok(self.given(results))
@@ -536,12 +575,3 @@ impl SoftRun<'_> {
 
 /// Least probability of an object whose counterfactual is simulated.
 const LEAST_CHANGE: f64 = 1e-3;
-
-/// The family that an operation filters by or asks for.
-fn family(op: Op) -> WordFamily {
-    match op {
-        Op::FilterColor | Op::QueryColor => WordFamily::Color,
-        Op::FilterMaterial | Op::QueryMaterial => WordFamily::Material,
-        _ => WordFamily::Shape,
-    }
-}

@@ -64,7 +64,12 @@ fn tokens(program: &str) -> Vec<String> {
 
 /// Events with two collisions of a pair, as simulations have them.
 fn scenario() -> Scenario {
-    let event = |kind, frame, objects: &[usize]| SceneEvent { kind, frame, objects: objects.to_vec() };
+    let event = |kind, frame, objects: &[usize]| SceneEvent {
+        kind,
+        frame,
+        time: frame as f64 / 25.0,
+        objects: objects.to_vec(),
+    };
     let events = vec![
         event(SceneEventKind::In, 3, &[1]),
         event(SceneEventKind::In, 3, &[3]),
@@ -75,7 +80,8 @@ fn scenario() -> Scenario {
         event(SceneEventKind::Collision, 24, &[2, 3]),
     ];
     let moving = (0..4).map(|k| (0..20).map(|f| (f >= 3 * (k % 2)).then_some(k > 0)).collect()).collect();
-    Scenario { interventions: vec![], rollouts: vec![RolloutEvents { events, moving, impacts: vec![] }] }
+    let rollouts = vec![RolloutEvents { events, moving, impacts: vec![] }];
+    Scenario { interventions: vec![], frames: 20 + FUTURE_FRAMES, rollouts }
 }
 
 const PROGRAMS: [&str; 23] = [
@@ -104,6 +110,22 @@ const PROGRAMS: [&str; 23] = [
     "events objects sphere filter_shape filter_collision exist",
 ];
 
+/// The only rollout of these scenarios.
+fn context<'a>(scene: &'a Scene, scenarios: &'a [Scenario]) -> RolloutContext<'a> {
+    RolloutContext {
+        scene,
+        bodies: &[],
+        effects: &[],
+        scenarios,
+        simulations: &[],
+        models: &[],
+        fit: None,
+        future: FUTURE_FRAMES,
+        rollout: 0,
+        words: None,
+    }
+}
+
 /// The soft result of a program on certain words.
 fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> Option<SoftValue> {
     let words: Vec<Vec<String>> =
@@ -120,7 +142,7 @@ fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> 
                 .collect(),
         })
         .collect();
-    let context = SoftContext { exact: context, families: &families, vocabulary: &[] };
+    let context = SoftContext { exact: context, families: &families };
     let mut run = SoftRun { context: &context, tape, stack: vec![], presupposed: ONE };
     run.run(program).ok()?;
     run.stack.pop()
@@ -130,20 +152,13 @@ fn soft(program: &QuestionProgram, context: RolloutContext, tape: &mut Tape) -> 
 fn on_certain_words_each_soft_operation_is_the_exact_one() {
     let scene = scene("certain", &LOOKS, &mut ChaCha8Rng::seed_from_u64(1));
     let scenarios = [scenario()];
-    let context = RolloutContext {
-        scene: &scene,
-        bodies: &[],
-        effects: &[],
-        scenarios: &scenarios,
-        rollout: 0,
-        words: None,
-    };
+    let context = context(&scene, &scenarios);
     let mut compared = 0;
     for text in PROGRAMS {
         let program = QuestionProgram::parse(&tokens(text)).unwrap();
         let mut stack = vec![];
         for op in &program.ops {
-            let value = step(*op, context, &mut stack, &[]).unwrap();
+            let value = step(op, context, &mut stack).unwrap();
             stack.push(value);
         }
         let exact = stack.pop().unwrap();
@@ -169,13 +184,12 @@ fn lessons(scene: &Scene) -> Vec<Lesson> {
         "events objects filter_in first filter_order query_object query_material",
     ];
     let scenarios = [observed_scenario(scene)];
-    let context =
-        RolloutContext { scene, bodies: &[], effects: &[], scenarios: &scenarios, rollout: 0, words: None };
+    let context = context(scene, &scenarios);
     let answer = |text: &&str| {
         let program = QuestionProgram::parse(&tokens(text)).unwrap();
         let mut stack = vec![];
         for op in &program.ops {
-            let value = step(*op, context, &mut stack, &[]).ok()?;
+            let value = step(op, context, &mut stack).ok()?;
             stack.push(value);
         }
         let answer = match stack.pop()? {
@@ -330,7 +344,7 @@ fn mass_lessons(scene: &Scene, fit: &crate::fit::Fit, factor: f64) -> Vec<Lesson
         let frames = scene.times.len();
         let request = PredictionRequest { interventions, frames, rollouts: 0, seed: 0 };
         let found = predict(scene, fit, 0, &request, &never).expect("it is simulated");
-        crate::reason::scenario(scene, &found).rollouts.remove(0).events
+        crate::reason::scenario(scene, &found, 0.0).rollouts.remove(0).events
     };
     let meets = |all: &[SceneEvent], pair: &[usize]| {
         all.iter().any(|e| e.kind == SceneEventKind::Collision && pair.iter().all(|o| e.objects.contains(o)))

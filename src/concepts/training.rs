@@ -14,9 +14,7 @@
 
 use super::error::ConceptError;
 use super::features::standard;
-use super::lessons::{
-    FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, simulated, vocabulary,
-};
+use super::lessons::{FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare};
 use super::lexicon::{LearnedFamily, Lexicon, WordCalibration};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
@@ -24,7 +22,8 @@ use super::tape::{ONE, Tape, Variable, ZERO};
 use crate::num::Stop;
 use crate::num::elementary::{cos, ln};
 use crate::num::standard_normal;
-use crate::reason::{Halt, ProgramValue, RolloutContext};
+use crate::reason::{FUTURE_FRAMES, Halt, ProgramValue, RolloutContext};
+use crate::world::Intervention;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -87,12 +86,11 @@ pub fn learn(
     let questions = videos.iter().map(|v| v.lessons.len()).sum();
     let mut lexicon =
         Lexicon { layout: Some(layout), mean, scale, videos: videos.len(), questions, ..Lexicon::default() };
-    let known = vocabulary(&words);
     let report = |step, loss| progress(LearnProgress { step, steps: options.steps, loss });
     let all: Vec<usize> = (0..prepared.len()).collect();
     lexicon.families = start(&words, lexicon.mean.len(), options.seed);
     let blank = lexicon.families.clone();
-    let trainer = Trainer { lexicon: &lexicon, known: &known, options };
+    let trainer = Trainer { lexicon: &lexicon, options };
     let families = trainer.train(&mut prepared, &all, blank.clone(), &report, stop)?;
     let mut left_out = vec![];
     let folds = options.folds.min(prepared.len());
@@ -136,12 +134,11 @@ fn unit_vectors(words: usize, dimension: usize) -> Vec<f64> {
 
 struct Trainer<'a> {
     lexicon: &'a Lexicon,
-    /// Words that are not tokens of the vocabulary.
-    known: &'a [String],
     options: &'a LearnOptions,
 }
 
-/// Loss and gradient of one video, or the simulation that it needs first.
+/// Loss and gradient of one video.
+#[derive(Default)]
 struct VideoLoss {
     loss: f64,
     questions: f64,
@@ -213,18 +210,18 @@ impl Trainer<'_> {
             for (v, loss) in batch.iter().zip(losses) {
                 match loss {
                     Ok(loss) => done.push(loss),
-                    Err(Halt::NeedsSimulation(interventions)) => needs.push((*v, interventions)),
+                    Err(Halt::NeedsSimulation(interventions, frames)) => {
+                        needs.push((*v, interventions, frames));
+                    }
+                    Err(Halt::Undetermined(_)) => done.push(VideoLoss::default()),
                     Err(Halt::Error(error)) => return Err(error.into()),
                 }
             }
             if needs.is_empty() {
                 return Ok(done);
             }
-            for (v, interventions) in needs {
-                let video = &mut videos[v];
-                let Some(fit) = video.fit else { continue };
-                let scenario = simulated(video.scene, fit, &interventions, stop)?;
-                video.scenarios.push(scenario);
+            for (v, interventions, frames) in needs {
+                videos[v].simulate(&interventions, frames, stop)?;
             }
         }
     }
@@ -282,7 +279,7 @@ impl Trainer<'_> {
         (soft, inputs)
     }
 
-    fn context<'v>(&'v self, video: &'v PreparedVideo, soft: &'v [SoftFamily<'v>]) -> SoftContext<'v> {
+    fn context<'v>(&self, video: &'v PreparedVideo, soft: &'v [SoftFamily<'v>]) -> SoftContext<'v> {
         let bodies =
             video.fit.and_then(|(fit, index)| fit.scenes.get(index)).map_or(&[][..], |s| &s.model.bodies);
         let exact = RolloutContext {
@@ -290,10 +287,14 @@ impl Trainer<'_> {
             bodies,
             effects: &video.effects,
             scenarios: &video.scenarios,
+            simulations: &video.simulations,
+            models: &video.models,
+            fit: video.fit,
+            future: FUTURE_FRAMES,
             rollout: 0,
             words: None,
         };
-        SoftContext { exact, families: soft, vocabulary: self.known }
+        SoftContext { exact, families: soft }
     }
 
     /// Adds dL/dW = sum_o E^T g_o f_o^T, dL/du = sum_o E^T g_o, dL/dE = sum_o g_o z_o^T.
@@ -390,13 +391,18 @@ fn answer_probability(
     item: &LessonItem,
     tape: &mut Tape,
 ) -> Result<Option<(Variable, Variable)>, Halt> {
+    let exact = &context.exact;
+    let can_simulate =
+        |needed: &[Intervention], frames| exact.fit.is_some() && !exact.is_simulated(needed, frames);
     let mut run = SoftRun { context, tape, stack: vec![], presupposed: ONE };
     for program in &item.programs {
         match run.run(program) {
             Ok(()) => {}
-            Err(Halt::NeedsSimulation(needed)) => return Err(Halt::NeedsSimulation(needed)),
+            Err(Halt::NeedsSimulation(needed, frames)) if can_simulate(&needed, frames) => {
+                return Err(Halt::NeedsSimulation(needed, frames));
+            }
             // Events that were missed leave the question without a meaning.
-            Err(Halt::Error(_)) => return Ok(None),
+            Err(_) => return Ok(None),
         }
     }
     let presupposed = run.presupposed;

@@ -101,7 +101,7 @@ pub struct Profile {
     pub formula_terms: &'static [[&'static str; 2]],
     /// Size that its amplitudes have where nature gives it (in their unit).
     pub constant_of_nature: Option<f64>,
-    /// What people call it, where its name does not contain that word.
+    /// The group of effects that people switch off as one: friction (of the ground), object_friction (between objects), drag.
     pub common_name: Option<&'static str>,
 }
 

@@ -96,13 +96,14 @@ pub fn estimate(scene: &Scene) -> Noise {
     let stated = stated(scene);
     let (mut positions, mut yaws) = whitened_differences(scene, stated);
     let any_stated = scene.tracks.iter().flat_map(|t| &t.samples).any(|s| s.covariance.is_some());
-    let assumed = scene.noise_sigma.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
+    let given = scene.noise_sigma.filter(|sigma| *sigma > 0.0);
+    let assumed = given.unwrap_or(if any_stated { stated.sqrt() } else { FALLBACK });
     let rounding = scene.finding(FindingKind::Steps).unwrap_or(0.0) / 12.0_f64.sqrt();
     let shifted = standard_deviation(&mut positions).unwrap_or(assumed);
     let fast = (shifted * shifted - rounding * rounding).max(rounding * rounding).sqrt();
     let dependence = scene.finding(FindingKind::DependentNoise).unwrap_or(1.0);
     // Errors that neighbouring frames share do not scatter.
-    let least = scene.noise_sigma.filter(|_| any_stated).unwrap_or(SMALLEST);
+    let least = given.filter(|_| any_stated).unwrap_or(SMALLEST);
     let position = elementary::hypot(dependence * fast, shake(scene)).max(least);
     let any_yaw = scene
         .objects

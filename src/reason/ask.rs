@@ -3,24 +3,29 @@
 //! 1. English becomes a program (`english`); its types are checked before anything is simulated (`program`).
 //! 2. The program runs on the best rollout and on n rollouts with parameters drawn from the posterior (`predict`). What it needs is
 //!    simulated once: the scene as it is, 58 frames beyond the video, and each set of interventions, up to the video's end.
-//! 3. The probability of an answer is the share of the rollouts that give it (a Monte Carlo estimate of the posterior predictive
-//!    probability; its standard error is `sqrt(p (1 - p) / n)`). A rollout without the event in question is left out of the count.
-//!    A choice is correct if its probability is at least 0.5; an open question has the most frequent answer.
+//!    A question about the video alone simulates no frame after it.
+//! 3. The probability of an answer is estimated from the k of n rollouts that give it as `(k + 1/2) / (n + 1)` (the mean under
+//!    Jeffreys' prior): no finite number of simulations proves that something is certain. What is read from the scene alone has
+//!    probability 1. With a lexicon, several draws of words share a rollout (`words`), and n is the number of rollouts still: k is
+//!    n times the share of the draws. A rollout without the event in question is left out of the count. A choice is correct if its probability is at
+//!    least 0.5; an open question has the most frequent answer, a quantity its mean and deviation (`summary`).
 
+use super::ReasonError;
 use super::context::{Halt, RolloutContext};
-use super::describe::{describe, describe_event};
-use super::english::{choice_program, is_explanatory, question_program};
-use super::events::{FUTURE_FRAMES, Scenario, SceneEvent, scenario};
+use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, scenario};
+use super::language::{Op, QuestionProgram, read_back};
+use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest, predict};
-use super::program::{Op, QuestionProgram, Type};
+use super::reader::{Conversation, QuestionReading, read_choice, read_question};
 use super::run::{DerivationStep, run};
+use super::summary::{Sampling, estimated_probability, summary};
+use super::types::Type;
 use super::value::ProgramValue;
 use super::words::{DrawnWords, WordDraw, WordFamily, WordProbabilities};
-use super::{ReasonError, ops};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::world::{EventKind, Intervention, UnseenPush};
+use crate::world::{EventKind, Intervention, Model, UnseenPush};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -60,6 +65,9 @@ pub struct Answer {
     #[serde(rename = "trail")]
     pub derivation: Vec<DerivationStep>,
     pub program: Vec<String>,
+    /// How the question was understood.
+    #[serde(default)]
+    pub reading: String,
     /// One or two sentences.
     pub explanation: String,
     /// The simulations that the answer is based on.
@@ -80,11 +88,17 @@ pub struct ChoiceAnswer {
 struct Session<'a> {
     scene: &'a Scene,
     words: Option<&'a WordProbabilities>,
+    vocabulary: Vec<String>,
     fit: &'a Fit,
     index: usize,
     options: AskOptions,
     stop: Stop<'a>,
     effects: Vec<String>,
+    /// The fitted model and the drawn ones.
+    models: Vec<Model>,
+    /// Frames after the video that a question about the future looks at, and whether this one does.
+    future: usize,
+    is_ahead: bool,
     scenarios: Vec<Scenario>,
     simulations: Vec<Prediction>,
 }
@@ -98,7 +112,7 @@ pub fn ask(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
-    answer(scene, None, (fit, index), question, options, stop)
+    ask_in((scene, None), (fit, index), question, &Conversation::default(), options, stop)
 }
 
 /// A scene with the words of a lexicon for it.
@@ -118,107 +132,245 @@ pub fn ask_with_words(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
-    let mut scene = worded.scene.clone();
-    let draw = WordDraw::best(worded.words, scene.objects.len());
-    let drawn = DrawnWords { words: worded.words, draw: &draw };
+    let asked = (worded.scene, Some(worded.words));
+    ask_in(asked, (fit, index), question, &Conversation::default(), options, stop)
+}
+
+/// The scene with the most probable words of its objects.
+fn with_best_words(scene: &Scene, words: &WordProbabilities) -> Scene {
+    let mut scene = scene.clone();
+    let draw = WordDraw::best(words, scene.objects.len());
+    let drawn = DrawnWords { words, draw: &draw };
     for (k, object) in scene.objects.iter_mut().enumerate() {
         let word = |family, own: &str| drawn.of_family(family, k).unwrap_or(own).to_string();
         object.color = word(WordFamily::Color, &object.color);
         object.material = word(WordFamily::Material, &object.material);
     }
-    answer(&scene, Some(worded.words), (fit, index), question, options, stop)
+    scene
 }
 
-fn answer(
-    scene: &Scene,
-    words: Option<&WordProbabilities>,
+/// [`ask`], after the questions before it, with the caller's own words, and with the words of a lexicon if there is one.
+pub fn ask_in(
+    (scene, words): (&Scene, Option<&WordProbabilities>),
     (fit, index): (&Fit, usize),
     question: &Question,
+    conversation: &Conversation,
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
     if index >= fit.scenes.len() {
         return Err(ReasonError::NoSuchScene { index, scenes: fit.scenes.len() });
     }
-    let (mut program, choices) = programs(question, words)?;
-    let open_list = choices.is_empty() && program.ops.contains(&Op::BelongTo);
-    if open_list && program.ops.contains(&Op::Negate) {
-        let expected = "a verdict on choices: give some, or ask without \"not\"";
-        let found = "a list of all events that do not happen".to_string();
-        return Err(ReasonError::ProgramResult { expected, found });
-    }
+    let worded = words.map(|words| with_best_words(scene, words));
+    let scene = worded.as_ref().unwrap_or(scene);
+    let vocabulary = words.map_or(vec![], WordProbabilities::vocabulary);
+    let Understood { mut program, choices, reading } =
+        understand(scene, question, conversation, &vocabulary)?;
+    let open_list = choices.is_empty() && program.calls(&["belong_to"]);
+    let changed = open_list && program.calls(&["filter_counterfact"]);
     if open_list {
-        // Without choices, the answer is the list of events.
-        let keep = program.ops.iter().position(|op| *op == Op::BelongTo).unwrap_or(program.ops.len());
-        program.ops.truncate(keep);
-        program.tokens.truncate(keep);
+        program = list_program(&program, &vocabulary)?;
     }
-    for (_, choice) in &choices {
-        let mut stack = vec![];
-        choice.check(&mut stack)?;
-        result(&program, stack, Some(Type::Bool))?;
-    }
-    if choices.is_empty() {
-        result(&program, vec![], None)?;
-    }
+    check(&program, &choices)?;
+    check_words(words, std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)))?;
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
     let effects = active.map(|e| e.name.clone()).collect();
+    let fitted = fit.scenes.get(index).map(|s| s.model.clone());
+    let models = fitted.into_iter().chain(fit.draw(index, options.rollouts, options.seed)).collect();
     let (scenarios, simulations) = (vec![], vec![]);
-    let mut session = Session { scene, words, fit, index, options, stop, effects, scenarios, simulations };
+    let all = || std::iter::once(&program).chain(choices.iter().map(|(_, c)| c));
+    let (future, is_ahead) = (future_frames(scene, all()), all().any(looks_ahead));
+    let mut session = Session {
+        scene,
+        words,
+        vocabulary,
+        fit,
+        index,
+        options,
+        stop,
+        effects,
+        models,
+        future,
+        is_ahead,
+        scenarios,
+        simulations,
+    };
     let mut answer =
         if choices.is_empty() { session.open(&program)? } else { session.choices(&program, &choices)? };
+    if changed {
+        answer.explanation += &session.difference(&program);
+    } else if answer.answer.as_deref() == Some("no") {
+        answer.explanation += &session.later(&program);
+    }
     answer.program = program.tokens;
     if answer.probability < CERTAIN {
         let met = session.colliding_objects();
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
     answer.explanation += &reach(scene, &session.simulations);
+    answer.explanation += &format!(" Read as: {reading}.");
+    answer.reading = reading;
     answer.simulations = session.simulations;
     Ok(answer)
 }
 
-type Choices = Vec<(String, QuestionProgram)>;
-
-fn programs(
+/// Resolves types and objects of a question without simulating anything: its program, and how it was understood.
+pub fn dry_run(
+    scene: &Scene,
     question: &Question,
-    words: Option<&WordProbabilities>,
-) -> Result<(QuestionProgram, Choices), ReasonError> {
-    let vocabulary = words.map_or(vec![], WordProbabilities::vocabulary);
-    let parse = |tokens: &[String]| -> Result<QuestionProgram, ReasonError> {
-        let program = QuestionProgram::parse_with(tokens, &vocabulary)?;
-        words.map_or(Ok(()), |words| check_words(&program, words))?;
-        Ok(program)
-    };
-    match question {
-        Question::English { question, choices } => {
-            let tokens = question_program(question)?;
-            let observed = is_explanatory(&tokens);
-            let choices = choices.iter().map(|c| Ok((c.clone(), parse(&choice_program(c, observed)?)?)));
-            Ok((parse(&tokens)?, choices.collect::<Result<_, ReasonError>>()?))
-        }
-        Question::Program { program, choices } => {
-            let choices = choices.iter().map(|c| Ok((c.join(" "), parse(c)?)));
-            Ok((parse(program)?, choices.collect::<Result<_, ReasonError>>()?))
-        }
+    conversation: &Conversation,
+) -> Result<QuestionReading, ReasonError> {
+    let Understood { mut program, choices, reading } = understand(scene, question, conversation, &[])?;
+    if choices.is_empty() && program.calls(&["belong_to"]) {
+        program = list_program(&program, &[])?;
     }
+    check(&program, &choices)?;
+    let context = RolloutContext {
+        scene,
+        bodies: &[],
+        effects: &[],
+        scenarios: &[],
+        simulations: &[],
+        models: &[],
+        fit: None,
+        future: FUTURE_FRAMES,
+        rollout: 0,
+        words: None,
+    };
+    for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
+        resolve_objects(program, context)?;
+    }
+    Ok(QuestionReading { program: program.tokens, reading })
 }
 
-/// Refuses a word of a family that the lexicon has not learned.
-fn check_words(program: &QuestionProgram, words: &WordProbabilities) -> Result<(), ReasonError> {
-    for op in &program.ops {
-        let (family, word) = match op {
-            Op::Color(word) => (WordFamily::Color, word),
-            Op::Material(word) => (WordFamily::Material, word),
-            Op::Shape(word) => (WordFamily::Shape, word),
-            _ => continue,
-        };
-        let known = words.family(family).map_or(&[][..], |f| &f.words);
-        if words.family(family).is_some() && !known.iter().any(|w| w == word) {
-            return Err(ReasonError::UnknownWord { word: word.to_string(), known: known.to_vec() });
+/// Runs each part of a program that describes an object.
+fn resolve_objects(program: &QuestionProgram, context: RolloutContext) -> Result<(), ReasonError> {
+    let starts = |op: &Op| op.calls("objects");
+    let describes = |op: &Op| {
+        matches!(op, Op::Push(..))
+            || ["filter_color", "filter_material", "filter_shape", "unique", "objects"]
+                .iter()
+                .any(|t| op.calls(t))
+    };
+    for (first, _) in program.ops.iter().enumerate().filter(|(_, op)| starts(op)) {
+        let ops: Vec<Op> = program.ops.iter().skip(first).take_while(|op| describes(op)).cloned().collect();
+        let Some(last) = ops.iter().position(|op| op.calls("unique")) else { continue };
+        let ops: Vec<Op> = ops.into_iter().take(last + 1).collect();
+        let tokens = program.tokens.iter().skip(first).take(ops.len()).cloned().collect();
+        if let Err(Halt::Error(error)) = run(&QuestionProgram { ops, tokens }, context, vec![]) {
+            return Err(error);
         }
     }
     Ok(())
+}
+
+/// Without choices, the answer is the list of events: those that the program selects, or those of the video that it leaves out.
+fn list_program(program: &QuestionProgram, vocabulary: &[String]) -> Result<QuestionProgram, ReasonError> {
+    let keep = program.ops.iter().position(|op| op.calls("belong_to")).unwrap_or(program.ops.len());
+    let mut tokens: Vec<String> = program.tokens.iter().take(keep).cloned().collect();
+    if program.ops.iter().skip(keep).any(|op| op.calls("negate")) {
+        if program.calls(&["unseen_events"]) {
+            let expected = "a verdict on choices: give some, or ask without \"not\"";
+            let found = "a list of all events that do not happen".to_string();
+            return Err(ReasonError::ProgramResult { expected, found });
+        }
+        tokens.push("lost_events".to_string());
+    }
+    QuestionProgram::parse_with(&tokens, vocabulary)
+}
+
+fn check(program: &QuestionProgram, choices: &Choices) -> Result<(), ReasonError> {
+    for (_, choice) in choices {
+        let mut stack = vec![];
+        choice.check(&mut stack)?;
+        result(program, stack, Some(Type::Bool))?;
+    }
+    if choices.is_empty() { result(program, vec![], None) } else { Ok(()) }
+}
+
+/// Refuses a word of a family that the lexicon has not learned.
+fn check_words<'a>(
+    words: Option<&WordProbabilities>,
+    programs: impl Iterator<Item = &'a QuestionProgram>,
+) -> Result<(), ReasonError> {
+    let Some(words) = words else { return Ok(()) };
+    for op in programs.flat_map(|p| &p.ops) {
+        let (family, word) = match op {
+            Op::Push(Type::Color, ProgramValue::Word(word)) => (WordFamily::Color, word),
+            Op::Push(Type::Material, ProgramValue::Word(word)) => (WordFamily::Material, word),
+            Op::Push(Type::Shape, ProgramValue::Word(word)) => (WordFamily::Shape, word),
+            _ => continue,
+        };
+        let Some(known) = words.family(family).map(|f| &f.words) else { continue };
+        if !known.contains(word) {
+            return Err(ReasonError::UnknownWord { word: word.clone(), known: known.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// Whether a program looks beyond the video.
+fn looks_ahead(program: &QuestionProgram) -> bool {
+    const AHEAD: [&str; 5] = ["unseen_events", "whole_events", "prediction", "video_and_prediction", "later"];
+    program.calls(&AHEAD[..2]) || program.tokens.iter().any(|t| AHEAD.contains(&t.as_str()))
+}
+
+/// Frames after the video that a question looks at: more where it names a later time or asks until when something moves.
+fn future_frames<'a>(scene: &Scene, programs: impl Iterator<Item = &'a QuestionProgram>) -> usize {
+    let mut future = FUTURE_FRAMES;
+    let end = scene.times.last().copied().unwrap_or(0.0);
+    for program in programs {
+        if program.calls(&["stop_time", "stops", "first_to_stop"]) && looks_ahead(program) {
+            future = future.max(MAX_FUTURE_FRAMES);
+        }
+        for pair in program.ops.windows(2) {
+            let number = if let Op::Push(_, ProgramValue::Factor(n)) = pair[0] { n } else { 0.0 };
+            let beyond = if pair[1].calls("later") { number } else { number - end };
+            let is_time = pair[1].calls("later") || pair[1].calls("at_time");
+            if is_time && beyond * scene.fps > FUTURE_FRAMES as f64 {
+                future = future.max(MAX_FUTURE_FRAMES);
+            }
+        }
+    }
+    future
+}
+
+type Choices = Vec<(String, QuestionProgram)>;
+
+/// A question as programs, and what it was read as.
+struct Understood {
+    program: QuestionProgram,
+    choices: Choices,
+    reading: String,
+}
+
+fn understand(
+    scene: &Scene,
+    question: &Question,
+    conversation: &Conversation,
+    vocabulary: &[String],
+) -> Result<Understood, ReasonError> {
+    let parse = |tokens: &[String]| QuestionProgram::parse_with(tokens, vocabulary);
+    match question {
+        Question::English { question, choices } => {
+            let read = read_question(question, Some(scene), conversation)?;
+            let observed = read.is_explanatory();
+            let choices = choices.iter().map(|c| {
+                let read = read_choice(c, observed, Some(scene), conversation)?;
+                Ok((c.clone(), parse(&read.program)?))
+            });
+            let choices = choices.collect::<Result<_, ReasonError>>()?;
+            Ok(Understood { program: parse(&read.program)?, choices, reading: read.reading })
+        }
+        Question::Program { program, choices } => {
+            let choices = choices.iter().map(|c| Ok((c.join(" "), parse(c)?)));
+            let choices = choices.collect::<Result<_, ReasonError>>()?;
+            let program = parse(program)?;
+            let reading = read_back(&program);
+            Ok(Understood { program, choices, reading })
+        }
+    }
 }
 
 /// How far the simulations run, which objects move as observed in every counterfactual, and whether a rollout ended early.
@@ -226,13 +378,17 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
     let counterfactuals: Vec<&Prediction> =
         simulations.iter().filter(|s| !s.interventions.is_empty()).collect();
     let kept = scene.objects.iter().filter(|o| counterfactuals.iter().all(|s| s.unreached.contains(&o.id)));
-    let kept: Vec<String> = kept.map(ops::phrase).collect();
+    let kept: Vec<String> =
+        kept.filter_map(|o| scene.object_index(o.id)).map(|i| ops::name(scene, i)).collect();
     let mut words = String::new();
     let end = scene.times.last().copied().unwrap_or(0.0);
     let duration = |what: &str, s: &Prediction| {
         let until = s.best.times.last().copied().unwrap_or(end);
         match until > end {
             true => format!(" {what} runs to {until:.1} s, {:.1} s beyond the video.", until - end),
+            false if what == "The prediction" => {
+                format!(" The question is about the video, to {until:.1} s.")
+            }
             false => format!(" {what} runs to the end of the video, {until:.1} s."),
         }
     };
@@ -264,8 +420,7 @@ pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectE
             (true, false) => "restitution of",
             (false, false) => "mass and restitution of",
         };
-        let object = scene.objects.get(scene.object_index(o.id)?)?;
-        Some(format!("the {what} {}", ops::phrase(object)))
+        Some(format!("the {what} {}", ops::name(scene, scene.object_index(o.id)?)))
     });
     let open: Vec<String> = open.collect();
     match open.is_empty() {
@@ -301,8 +456,18 @@ impl Session<'_> {
         let words = self.words.zip(draw).map(|(words, draw)| DrawnWords { words, draw });
         loop {
             let bodies = self.fit.scenes.get(self.index).map_or(&[][..], |s| &s.model.bodies);
-            let (scene, effects, scenarios) = (self.scene, &self.effects, &self.scenarios);
-            let context = RolloutContext { scene, bodies, effects, scenarios, rollout, words };
+            let context = RolloutContext {
+                scene: self.scene,
+                bodies,
+                effects: &self.effects,
+                scenarios: &self.scenarios,
+                simulations: &self.simulations,
+                models: &self.models,
+                fit: Some((self.fit, self.index)),
+                future: self.future,
+                rollout,
+                words,
+            };
             let mut derivation = vec![];
             let outcome = programs.iter().try_fold(vec![], |stack, program| {
                 let (stack, steps) = run(program, context, stack)?;
@@ -311,13 +476,14 @@ impl Session<'_> {
             });
             match outcome {
                 Ok(mut stack) => return Ok((stack.pop(), derivation)),
+                Err(Halt::Undetermined(why)) => return Ok((Some(ProgramValue::Undetermined(why)), vec![])),
                 // Simulated already, with fewer rollouts than requested: this rollout does not count.
-                Err(Halt::NeedsSimulation(needed))
-                    if self.scenarios.iter().any(|s| s.interventions == needed) =>
+                Err(Halt::NeedsSimulation(needed, frames))
+                    if self.scenarios.iter().any(|s| s.interventions == needed && s.frames >= frames) =>
                 {
                     return Err(ReasonError::NoSingleEvent { found: "no such rollout".to_string() });
                 }
-                Err(Halt::NeedsSimulation(interventions)) => self.simulate(&interventions)?,
+                Err(Halt::NeedsSimulation(interventions, frames)) => self.simulate(&interventions, frames)?,
                 Err(Halt::Error(error)) => return Err(error),
             }
         }
@@ -332,13 +498,19 @@ impl Session<'_> {
             .collect()
     }
 
-    fn simulate(&mut self, interventions: &[Intervention]) -> Result<(), ReasonError> {
-        let after = if interventions.is_empty() { FUTURE_FRAMES } else { 0 };
-        let frames = self.scene.times.len() + after;
+    /// Simulates a scenario for this number of frames; a shorter simulation of it is replaced.
+    fn simulate(&mut self, interventions: &[Intervention], frames: usize) -> Result<(), ReasonError> {
+        let ahead = self.is_ahead && interventions.is_empty();
+        let frames = frames.max(self.scene.times.len() + if ahead { self.future } else { 0 });
+        if let Some(shorter) = self.scenarios.iter().position(|s| s.interventions == interventions) {
+            self.scenarios.remove(shorter);
+            self.simulations.remove(shorter);
+        }
         let AskOptions { rollouts, seed } = self.options;
         let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts, seed };
         let prediction = predict(self.scene, self.fit, self.index, &request, self.stop)?;
-        self.scenarios.push(scenario(self.scene, &prediction));
+        let noise = self.fit.scenes.get(self.index).map_or(0.0, |s| s.noise_sigma);
+        self.scenarios.push(scenario(self.scene, &prediction, noise));
         self.simulations.push(prediction);
         Ok(())
     }
@@ -408,12 +580,21 @@ impl Session<'_> {
         }
     }
 
+    /// What the values of an answer are drawn from.
+    fn sampling(&self) -> Sampling {
+        let is_simulated = !self.simulations.is_empty();
+        match self.words {
+            None => is_simulated.into(),
+            Some(_) => Sampling::Words { simulations: is_simulated.then_some(self.options.rollouts.max(1)) },
+        }
+    }
+
     fn choices(&mut self, program: &QuestionProgram, choices: &Choices) -> Result<Answer, ReasonError> {
         let mut answers = vec![];
         for (text, choice) in choices {
             let (values, derivation) = self.over_rollouts(&[choice, program])?;
             let yes = values.iter().filter(|v| **v == ProgramValue::Bool(true)).count();
-            let probability = yes as f64 / values.len().max(1) as f64;
+            let probability = estimated_probability(yes, values.len(), self.sampling());
             answers.push(ChoiceAnswer {
                 choice: text.clone(),
                 correct: probability >= 0.5,
@@ -438,27 +619,14 @@ impl Session<'_> {
             derivation: answers.first().map(|c| c.derivation.clone()).unwrap_or_default(),
             choices: answers,
             program: vec![],
+            reading: String::new(),
             simulations: vec![],
         })
     }
 
     fn open(&mut self, program: &QuestionProgram) -> Result<Answer, ReasonError> {
         let (values, derivation) = self.over_rollouts(&[program])?;
-        let (answer, probability) = if matches!(values.first(), Some(ProgramValue::Events(_))) {
-            self.likely_events(&values)
-        } else {
-            let mut tally: Vec<(String, usize)> = vec![];
-            for value in &values {
-                let text = describe(self.scene, value);
-                match tally.iter_mut().find(|(t, _)| *t == text) {
-                    Some((_, n)) => *n += 1,
-                    None => tally.push((text, 1)),
-                }
-            }
-            // Of equally frequent answers the first one, so that the result is deterministic.
-            let most = tally.iter().rev().max_by_key(|(_, n)| *n).cloned().unwrap_or_default();
-            (most.0, most.1 as f64 / values.len().max(1) as f64)
-        };
+        let (answer, probability) = summary(self.scene, &values, self.sampling());
         Ok(Answer {
             explanation: format!("{:.0} % of {} rollouts agree.", 100.0 * probability, values.len()),
             answer: Some(answer),
@@ -466,37 +634,53 @@ impl Session<'_> {
             probability,
             derivation,
             program: vec![],
+            reading: String::new(),
             simulations: vec![],
         })
     }
 
-    /// The events of at least half of the rollouts, in words, and the share of the least likely of them.
-    fn likely_events(&self, values: &[ProgramValue]) -> (String, f64) {
-        let mut tally: Vec<(SceneEvent, usize)> = vec![];
-        for value in values {
-            let ProgramValue::Events(events) = value else { continue };
-            for (k, event) in events.iter().enumerate() {
-                if events.iter().take(k).any(|e| e.is_like(event)) {
-                    continue;
-                }
-                match tally.iter_mut().find(|(e, _)| e.is_like(event)) {
-                    Some((_, n)) => *n += 1,
-                    None => tally.push((event.clone(), 1)),
-                }
-            }
+    /// For what does not happen in the video under a change, but does after it: a sentence that says so.
+    fn later(&mut self, program: &QuestionProgram) -> String {
+        if !program.calls(&["filter_counterfact"]) || !program.calls(&["exist"]) {
+            return String::new();
         }
-        let share = |n: usize| n as f64 / values.len().max(1) as f64;
-        let likely: Vec<_> = tally.iter().filter(|(_, n)| share(*n) >= 0.5).collect();
-        if likely.is_empty() {
-            let most = tally.iter().map(|(_, n)| share(*n)).fold(0.0, f64::max);
-            return ("nothing is likely to happen".to_string(), 1.0 - most);
-        }
-        // The share of a single event is the probability of the answer.
-        let words = likely.iter().map(|(e, n)| match likely.len() {
-            1 => describe_event(self.scene, e),
-            _ => format!("{} ({:.0} %)", describe_event(self.scene, e), 100.0 * share(*n)),
+        let of = |token: &String| match token.as_str() {
+            "filter_counterfact" => vec!["suppose".to_string(), "unseen_events".to_string()],
+            _ => vec![token.clone()],
+        };
+        let tokens: Vec<String> = program.tokens.iter().flat_map(of).collect();
+        let happens = QuestionProgram::parse_with(&tokens, &self.vocabulary).and_then(|p| {
+            p.check(&mut vec![])?;
+            self.over_rollouts(&[&p])
         });
-        let least = likely.iter().map(|(_, n)| share(*n)).fold(1.0, f64::min);
-        (words.collect::<Vec<_>>().join("; "), least)
+        match happens {
+            Ok((values, _)) if summary(self.scene, &values, self.sampling()).0 == "yes" => {
+                let seconds = self.future as f64 / self.scene.fps;
+                format!(
+                    " In the video it does not happen, but it does within {seconds:.1} s after it: the question does not \
+                     determine which is meant."
+                )
+            }
+            _ => String::new(),
+        }
+    }
+
+    /// What the change of a counterfactual makes of the events of the video, as a sentence.
+    fn difference(&mut self, program: &QuestionProgram) -> String {
+        let mut tokens = program.tokens.clone();
+        tokens.push("difference_made".to_string());
+        let differs = QuestionProgram::parse_with(&tokens, &self.vocabulary).and_then(|p| {
+            p.check(&mut vec![])?;
+            self.over_rollouts(&[&p])
+        });
+        match differs {
+            Ok((values, _)) => {
+                format!(
+                    " The change makes this difference: {}.",
+                    summary(self.scene, &values, self.sampling()).0
+                )
+            }
+            Err(_) => String::new(),
+        }
     }
 }

@@ -2,16 +2,20 @@
 
 use super::ReasonError;
 use super::events::{RolloutEvents, Scenario, SceneEvent};
-use super::program::Op;
+use super::predict::Prediction;
+use super::value::SpanKind;
 use super::words::{DrawnWords, WordFamily};
+use crate::fit::Fit;
 use crate::scene::Scene;
-use crate::world::{BodySpec, Intervention};
+use crate::world::{BodySpec, Intervention, Model, Trace};
 
 /// Why a run ended early.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Halt {
-    /// It needs the rollouts under these interventions, which are not simulated yet.
-    NeedsSimulation(Vec<Intervention>),
+    /// It needs the rollouts under these interventions for this number of frames, which are not simulated yet.
+    NeedsSimulation(Vec<Intervention>, usize),
+    /// What the video does not determine, and why.
+    Undetermined(String),
     Error(ReasonError),
 }
 
@@ -30,6 +34,14 @@ pub struct RolloutContext<'a> {
     /// Effects that are on in the fitted model.
     pub effects: &'a [String],
     pub scenarios: &'a [Scenario],
+    /// The simulation of each scenario, in the same order.
+    pub simulations: &'a [Prediction],
+    /// The fitted model, then those drawn from the posterior.
+    pub models: &'a [Model],
+    /// The fit and the index of its scene.
+    pub fit: Option<(&'a Fit, usize)>,
+    /// Frames after the video that a question about the future looks at.
+    pub future: usize,
     pub rollout: usize,
     /// The words of a lexicon, as this draw has them; `None`: the scene's own.
     pub words: Option<DrawnWords<'a>>,
@@ -37,12 +49,12 @@ pub struct RolloutContext<'a> {
 
 impl<'a> RolloutContext<'a> {
     /// The object's word of the attribute that an operation filters by or asks for.
-    pub(super) fn attribute(&self, op: Op, object: usize) -> Option<&'a str> {
+    pub(super) fn attribute(&self, token: &str, object: usize) -> Option<&'a str> {
         let known = self.scene.objects.get(object)?;
-        let (family, own) = match op {
-            Op::FilterColor | Op::QueryColor => (WordFamily::Color, known.color.as_str()),
-            Op::FilterMaterial | Op::QueryMaterial => (WordFamily::Material, known.material.as_str()),
-            _ => (WordFamily::Shape, known.shape.word()),
+        let (family, own) = match WordFamily::of_operation(token) {
+            WordFamily::Color => (WordFamily::Color, known.color.as_str()),
+            WordFamily::Material => (WordFamily::Material, known.material.as_str()),
+            WordFamily::Shape => (WordFamily::Shape, known.shape.word()),
         };
         Some(self.words.and_then(|w| w.of_family(family, object)).unwrap_or(own))
     }
@@ -54,22 +66,53 @@ impl<'a> RolloutContext<'a> {
         impacts.find(|i| i.frame == event.frame && i.objects == event.objects).map(|i| i.features)
     }
 
-    /// The rollout under these interventions.
-    pub fn rollout(&self, interventions: &[Intervention]) -> Result<&RolloutEvents, Halt> {
-        let scenario = self.scenarios.iter().find(|s| s.interventions == interventions);
-        scenario
-            .and_then(|s| s.rollouts.get(self.rollout))
-            .ok_or_else(|| Halt::NeedsSimulation(interventions.to_vec()))
+    /// Whether these interventions are simulated for this number of frames.
+    pub fn is_simulated(&self, interventions: &[Intervention], frames: usize) -> bool {
+        self.scenario(interventions, frames).is_ok()
     }
 
-    /// The events under these interventions during the video, or after it.
+    fn scenario(&self, interventions: &[Intervention], frames: usize) -> Result<usize, Halt> {
+        let fits = |s: &Scenario| s.interventions == interventions && s.frames >= frames;
+        let found = self.scenarios.iter().position(fits);
+        found.ok_or_else(|| Halt::NeedsSimulation(interventions.to_vec(), frames))
+    }
+
+    /// The rollout under these interventions, for this number of frames at least.
+    pub fn rollout(&self, interventions: &[Intervention], frames: usize) -> Result<&'a RolloutEvents, Halt> {
+        let scenario = self.scenario(interventions, frames)?;
+        let rollouts = self.scenarios.get(scenario).map(|s| &s.rollouts);
+        let missing = || Halt::NeedsSimulation(interventions.to_vec(), frames);
+        rollouts.and_then(|r| r.get(self.rollout)).ok_or_else(missing)
+    }
+
+    /// Its states.
+    pub(super) fn trace(&self, interventions: &[Intervention], frames: usize) -> Result<&'a Trace, Halt> {
+        let scenario = self.scenario(interventions, frames)?;
+        let missing = || Halt::NeedsSimulation(interventions.to_vec(), frames);
+        let simulation = self.simulations.get(scenario).ok_or_else(missing)?;
+        match self.rollout.checked_sub(1) {
+            None => Ok(&simulation.best),
+            Some(k) => simulation.ensemble.get(k).ok_or_else(missing),
+        }
+    }
+
+    /// The frames that a span ends with, from frame 0.
+    pub fn frames(&self, span: SpanKind) -> usize {
+        self.scene.times.len() + if span == SpanKind::Video { 0 } else { self.future }
+    }
+
+    /// The events under these interventions in a span.
     pub(super) fn events(
         &self,
         interventions: &[Intervention],
-        after: bool,
+        span: SpanKind,
     ) -> Result<Vec<SceneEvent>, Halt> {
-        let end = self.scene.times.len();
-        let events = self.rollout(interventions)?.events.iter();
-        Ok(events.filter(|e| (e.frame >= end) == after).cloned().collect())
+        let (end, until) = (self.scene.times.len(), self.frames(span));
+        let fits = |e: &&SceneEvent| match span {
+            SpanKind::Video => e.frame < end,
+            SpanKind::Prediction => e.frame >= end && e.frame < until,
+            SpanKind::Both => e.frame < until,
+        };
+        Ok(self.rollout(interventions, until)?.events.iter().filter(fits).cloned().collect())
     }
 }

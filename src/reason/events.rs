@@ -1,4 +1,7 @@
-//! The events of each rollout in the terms of questions: collisions, entrances and exits by frame, and which objects move.
+//! The events of each rollout in the terms of questions: collisions, entrances and exits, and which objects move.
+//!
+//! The frame of an event is the last frame that does not begin after it. Collisions and stops have an exact time; entrances and
+//! exits are known to the frame.
 
 use super::Prediction;
 use super::words::impact_features;
@@ -8,8 +11,16 @@ use std::collections::BTreeSet;
 
 /// Frames that a prediction continues after the video: "next" means within 2.3 s at 25 frames/s.
 pub const FUTURE_FRAMES: usize = 58;
+/// The same for a question that names a later time, or asks when something stops: 10 s at 25 frames/s.
+pub const MAX_FUTURE_FRAMES: usize = 250;
 /// Slowest speed that counts as moving (m/s).
 pub const MOVING_SPEED: f64 = 0.02;
+
+/// Events that differ by less are simultaneous (s): the precision to which the simulation locates a contact.
+const SIMULTANEOUS: f64 = 1e-9;
+/// A motion shorter than this many standard deviations of the measured positions is no motion that the video shows: the
+/// difference of two positions has sqrt(2) of them, and two of those are exceeded by chance in 5 % of the cases.
+const MOTION_DEVIATIONS: f64 = 2.0 * std::f64::consts::SQRT_2;
 
 /// Sides of a table.
 pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
@@ -23,14 +34,18 @@ pub enum SceneEventKind {
     Out,
     Start,
     End,
+    /// The object comes to rest.
+    Stop,
     /// Stands for an event in question that did not happen.
     Never,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SceneEvent {
     pub kind: SceneEventKind,
     pub frame: usize,
+    /// s; of an entrance or exit the time of its frame.
+    pub time: f64,
     /// Indices of the scene's objects, sorted.
     pub objects: Vec<usize>,
 }
@@ -40,12 +55,25 @@ impl SceneEvent {
     pub fn is_like(&self, other: &SceneEvent) -> bool {
         self.kind != SceneEventKind::Never && self.kind == other.kind && self.objects == other.objects
     }
+
+    /// Whether it happens before the other: by time if both are exact, else by frame. Simultaneous events are not.
+    pub fn is_before(&self, other: &SceneEvent) -> bool {
+        let is_exact = |e: &SceneEvent| {
+            matches!(e.kind, SceneEventKind::Collision | SceneEventKind::Side(_) | SceneEventKind::Stop)
+        };
+        match is_exact(self) && is_exact(other) {
+            true => self.time + SIMULTANEOUS < other.time,
+            false => self.frame < other.frame,
+        }
+    }
 }
 
 /// A set of interventions and the events of its rollouts: rollout 0 has the best parameters, the ensemble follows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
     pub interventions: Vec<Intervention>,
+    /// Frames simulated, from frame 0.
+    pub frames: usize,
     pub rollouts: Vec<RolloutEvents>,
 }
 
@@ -70,15 +98,20 @@ pub struct Impact {
 }
 
 /// The events of every rollout of a prediction.
-pub fn scenario(scene: &Scene, prediction: &Prediction) -> Scenario {
+/// `noise`: standard deviation of a measured position (m).
+pub fn scenario(scene: &Scene, prediction: &Prediction, noise: f64) -> Scenario {
     let traces = std::iter::once(&prediction.best).chain(&prediction.ensemble);
     let is_factual = prediction.interventions.is_empty();
     let rollouts = traces.map(|trace| RolloutEvents {
         events: events(scene, trace, is_factual),
-        moving: if is_factual { moving(scene, trace) } else { vec![] },
+        moving: if is_factual { moving(scene, trace, noise) } else { vec![] },
         impacts: impacts(scene, trace),
     });
-    Scenario { interventions: prediction.interventions.clone(), rollouts: rollouts.collect() }
+    Scenario {
+        interventions: prediction.interventions.clone(),
+        frames: prediction.best.times.len(),
+        rollouts: rollouts.collect(),
+    }
 }
 
 fn impacts(scene: &Scene, trace: &Trace) -> Vec<Impact> {
@@ -100,19 +133,22 @@ fn events(scene: &Scene, trace: &Trace, is_factual: bool) -> Vec<SceneEvent> {
         let is_repeated = events.iter().any(|e| e.objects == objects);
         let side = event.wall.as_ref().and_then(|wall| SIDES.iter().find(|side| *side == wall));
         if let (Some(side), 1) = (side, objects.len()) {
-            let frame = scene.frame_at(event.time);
-            events.push(SceneEvent { kind: SceneEventKind::Side(side), frame, objects });
+            let (frame, time) = (scene.frame_at(event.time), event.time);
+            events.push(SceneEvent { kind: SceneEventKind::Side(side), frame, time, objects });
         } else if objects.len() == 2 && !(is_repeated && scene.world == WorldKind::Clevrer) {
             events.push(SceneEvent {
                 kind: SceneEventKind::Collision,
                 frame: scene.frame_at(event.time),
+                time: event.time,
                 objects,
             });
         }
     }
     for object in 0..scene.objects.len() {
         let seen = if is_factual { observed(scene, object, trace) } else { in_view(scene, object, trace) };
-        let mut add = |kind, frame| events.push(SceneEvent { kind, frame, objects: vec![object] });
+        let mut add = |kind, frame| {
+            events.push(SceneEvent { kind, frame, time: scene.time_of(frame), objects: vec![object] })
+        };
         if let Some(&first) = seen.first().filter(|f| **f > 0) {
             add(SceneEventKind::In, first);
         }
@@ -120,7 +156,7 @@ fn events(scene: &Scene, trace: &Trace, is_factual: bool) -> Vec<SceneEvent> {
             add(SceneEventKind::Out, last + 1);
         }
     }
-    events.sort_by_key(|e| e.frame);
+    events.sort_by(|a, b| a.time.total_cmp(&b.time));
     events
 }
 
@@ -148,16 +184,30 @@ fn in_view(scene: &Scene, object: usize, trace: &Trace) -> Vec<usize> {
     (0..trace.states.len()).filter(inside).collect()
 }
 
-/// Whether each object moves in each observed frame with a sample of it.
-fn moving(scene: &Scene, trace: &Trace) -> Vec<Vec<Option<bool>>> {
+/// Whether each object moves in each observed frame with a sample of it: faster than [`MOVING_SPEED`], in a motion that is longer
+/// than the noise of the video explains.
+fn moving(scene: &Scene, trace: &Trace, noise: f64) -> Vec<Vec<Option<bool>>> {
     let of = |(object, track): (&crate::scene::Object, &crate::scene::Track)| {
         let seen: BTreeSet<usize> = track.samples.iter().map(|s| s.frame).collect();
         let body = trace.ids.iter().position(|id| *id == object.id);
-        let at = |frame: usize| {
-            let state = trace.states.get(frame)?.get(body?).copied().flatten()?;
-            seen.contains(&frame).then(|| state.velocity.norm() > MOVING_SPEED)
-        };
-        (0..scene.times.len()).map(at).collect()
+        let state = |frame: usize| trace.states.get(frame)?.get(body?).copied().flatten();
+        let fast = |frame: usize| state(frame).map(|s| s.velocity.norm() > MOVING_SPEED);
+        let mut moving: Vec<Option<bool>> =
+            (0..trace.states.len().min(scene.times.len())).map(fast).collect();
+        let mut first = 0;
+        while first < moving.len() {
+            let length = moving.iter().skip(first).take_while(|m| **m == Some(true)).count();
+            let ends = state(first).zip(state(first + length));
+            let ends = ends.or_else(|| state(first).zip(state((first + length).saturating_sub(1))));
+            let distance = ends.map_or(0.0, |(a, b)| (b.position - a.position).norm());
+            if distance < MOTION_DEVIATIONS * noise {
+                moving.iter_mut().skip(first).take(length).for_each(|m| *m = Some(false));
+            }
+            first += length.max(1);
+        }
+        (0..scene.times.len())
+            .map(|f| moving.get(f).copied().flatten().filter(|_| seen.contains(&f)))
+            .collect()
     };
     scene.objects.iter().zip(&scene.tracks).map(of).collect()
 }

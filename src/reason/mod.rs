@@ -1,37 +1,44 @@
 //! Reasoning: predictions, counterfactuals, and answers to questions, all by simulation of the fitted model.
 //!
-//! `ask` (English or a program) -> `english`, `grammar` -> `program` (type check) -> `predict` (rollouts) -> `events` (what happens)
-//! -> `run`, `step`, `ops` (the program on each rollout) -> answer with probability and derivation. With a lexicon, `words` are
-//! drawn for each rollout.
+//! `ask` (English or a program) -> `reader` (text to program) -> `language` (type check) -> `predict` (rollouts) -> `events` (what
+//! happens) -> `run`, `operations` (the program on each rollout) -> `summary` (one answer with its probability). With a lexicon,
+//! `words` are drawn for each rollout.
 
 mod ask;
 mod context;
 mod describe;
-mod english;
 mod events;
-mod grammar;
-pub mod ops;
+mod language;
+mod operations;
 mod predict;
-mod program;
+mod reader;
 mod run;
-mod step;
+mod summary;
 #[cfg(test)]
 mod tests;
+mod types;
 mod value;
 mod words;
 
-pub use ask::{Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_with_words};
-pub use context::{Halt, RolloutContext};
-pub use english::{choice_program, examples, question_program};
-pub use events::{
-    FUTURE_FRAMES, Impact, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind, scenario,
+pub use ask::{
+    Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_in, ask_with_words, dry_run,
 };
+pub use context::{Halt, RolloutContext};
+pub use events::{
+    FUTURE_FRAMES, Impact, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, SIDES, Scenario, SceneEvent,
+    SceneEventKind, scenario,
+};
+pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, operand_count, read_back};
+pub use operations::{OPERATIONS, Operation, OperationInfo, ops};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
-
-pub use program::{Op, QuestionProgram, TOKENS, Type, operand_count};
-pub use run::DerivationStep;
-pub use step::step;
-pub use value::ProgramValue;
+pub use reader::{
+    Conversation, OwnWord, QuestionReading, choice_program, examples, list_operations, question_program,
+    read_choice, read_question,
+};
+pub use run::{DerivationStep, step};
+pub use summary::estimated_share;
+pub use types::{Gives, Type};
+pub use value::{ProgramValue, SpanKind};
 pub use words::{
     ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, DrawnWords, FamilyProbabilities,
     IMPACT_FEATURES, LogisticWord, WordDraw, WordFamily, WordProbabilities, impact_features, logistic,

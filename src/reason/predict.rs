@@ -62,7 +62,7 @@ pub struct CutShort {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LikelyEvent {
     pub event: Event,
-    /// The frame nearest to the event's time.
+    /// The last frame that does not begin after the event.
     pub frame: usize,
     /// Share of the ensemble in which it happens.
     pub probability: f64,
@@ -222,20 +222,10 @@ fn likely_events(scene: &Scene, best: &Trace, ensemble: &[Trace]) -> Vec<LikelyE
         .enumerate()
         .map(|(i, (key, event))| (i, probability(&key), event))
         .filter(|(i, p, _)| *i < sure || *p >= MIN_PROBABILITY)
-        .map(|(_, probability, event)| LikelyEvent {
-            frame: nearest_frame(scene, event.time),
-            event,
-            probability,
-        })
+        .map(|(_, probability, event)| LikelyEvent { frame: scene.frame_at(event.time), event, probability })
         .collect();
     likely.sort_by(|a, b| a.event.time.total_cmp(&b.event.time));
     likely
-}
-
-fn nearest_frame(scene: &Scene, time: f64) -> usize {
-    let before = scene.frame_at(time);
-    let nearer = scene.time_of(before + 1) - time < time - scene.time_of(before);
-    if nearer { before + 1 } else { before }
 }
 
 /// The events of bodies that enter or leave the camera's view.

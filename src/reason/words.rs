@@ -26,6 +26,15 @@ pub enum WordFamily {
 impl WordFamily {
     pub const ALL: [WordFamily; 3] = [WordFamily::Color, WordFamily::Material, WordFamily::Shape];
 
+    /// The family that an operation filters by, asks for or counts.
+    pub fn of_operation(token: &str) -> WordFamily {
+        match token {
+            "filter_color" | "query_color" | "count_colors" => WordFamily::Color,
+            "filter_material" | "query_material" | "count_materials" => WordFamily::Material,
+            _ => WordFamily::Shape,
+        }
+    }
+
     /// The operation that filters by a word of this family.
     pub fn filter(self) -> &'static str {
         match self {
@@ -89,7 +98,7 @@ pub struct WordProbabilities {
 }
 
 impl WordProbabilities {
-    /// All words: those of families, then the others, then the changes. `Op::Concept(k)` stands for word k.
+    /// All words: those of families, then the others, then the changes.
     pub fn vocabulary(&self) -> Vec<String> {
         let families = self.families.iter().flat_map(|f| f.words.iter().cloned());
         let concepts = self.concepts.iter().map(|c| c.name.clone());

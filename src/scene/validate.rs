@@ -51,7 +51,8 @@ impl Scene {
             check_name(r, "setup", setup);
         }
         r.within(|| "fps".into(), self.fps, FPS_RANGE, "1/s");
-        if let Some(sigma) = self.noise_sigma {
+        // 0: a perfect recording, whose noise is estimated.
+        if let Some(sigma) = self.noise_sigma.filter(|sigma| *sigma != 0.0) {
             r.within(|| "noise_sigma".into(), sigma, NOISE_RANGE, "m");
         }
         self.check_times(r);

@@ -45,6 +45,7 @@ impl Effect for ContactFriction {
         ],
     };
     const PROFILE: Profile = Profile {
+        common_name: Some("object_friction"),
         param_roles: &[("planar", ParamRole::Choice)],
         negligible: 0.02,
         // Most touching surfaces do not slip with this coefficient. From zero, where contacts change at once, no search leads to it.

@@ -22,7 +22,8 @@ impl Effect for CubicDrag {
             doc: "force per cubed speed",
         }],
     };
-    const PROFILE: Profile = Profile { formula_terms: &[["vx*speed^2", "vy*speed^2"]], ..Profile::LAW };
+    const PROFILE: Profile =
+        Profile { common_name: Some("drag"), formula_terms: &[["vx*speed^2", "vy*speed^2"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force -= body.velocity * (p[0] * body.velocity.norm_squared());

@@ -22,7 +22,8 @@ impl Effect for LinearDrag {
             doc: "force per speed",
         }],
     };
-    const PROFILE: Profile = Profile { formula_terms: &[["vx", "vy"]], ..Profile::LAW };
+    const PROFILE: Profile =
+        Profile { common_name: Some("drag"), formula_terms: &[["vx", "vy"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force -= body.velocity * p[0];

@@ -22,7 +22,8 @@ impl Effect for QuadraticDrag {
             doc: "force per squared speed",
         }],
     };
-    const PROFILE: Profile = Profile { formula_terms: &[["vx*speed", "vy*speed"]], ..Profile::LAW };
+    const PROFILE: Profile =
+        Profile { common_name: Some("drag"), formula_terms: &[["vx*speed", "vy*speed"]], ..Profile::LAW };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.force -= body.velocity * (p[0] * body.velocity.norm());

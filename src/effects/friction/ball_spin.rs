@@ -34,7 +34,8 @@ impl Effect for BallSpin {
             },
         ],
     };
-    const PROFILE: Profile = Profile { changes_after_contact: true, ..Profile::LAW };
+    const PROFILE: Profile =
+        Profile { common_name: Some("friction"), changes_after_contact: true, ..Profile::LAW };
 
     const AMPLITUDES: usize = 2;
 

@@ -34,6 +34,7 @@ impl Effect for GlidingFriction {
         ],
     };
     const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
         covers: &["sliding_friction", "rolling_resistance", "ball_spin"],
         holds_at_rest: true,
         ..Profile::LAW

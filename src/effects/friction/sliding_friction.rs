@@ -23,6 +23,7 @@ impl Effect for SlidingFriction {
         }],
     };
     const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
         holds_at_rest: true,
         formula_terms: &[["vx/max(speed, 0.01)", "vy/max(speed, 0.01)"]],
         ..Profile::LAW

@@ -7,7 +7,7 @@ use crate::api::v1;
 use crate::api::v1::learn_concepts_request::Source;
 use crate::concepts::{Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe};
 use crate::engine::{EngineError, ExamplePlace, LearnRequest, NamedExample, VideoLessons};
-use crate::reason::{ChangedQuantity, Question, TOKENS, WordFamily};
+use crate::reason::{ChangedQuantity, Op, Question, WordFamily};
 
 /// Most videos of one call: more than a data set of the paper's size needs at once.
 const MAX_VIDEOS: usize = 10_000;
@@ -146,7 +146,7 @@ fn word(r: &mut Violations, path: &str, name: String) -> String {
     if !starts || !name.chars().all(letters) || name.len() > MAX_WORD {
         let rule = format!("a letter, then letters, digits, - and _, at most {MAX_WORD} bytes");
         r.add(path, format!("is {name:?}; give {rule}"));
-    } else if TOKENS.iter().any(|(token, _)| *token == name) {
+    } else if Op::of(&name).is_some() {
         r.add(path, format!("is {name:?}, which is a word of the vocabulary; take another one"));
     }
     name

@@ -83,6 +83,7 @@ pub fn answer(video: &str, done: &PublishedAnswer) -> v1::AskResponse {
         explanation: answer.explanation.clone(),
         traces: done.traces.iter().map(|id| trace_name(id)).collect(),
         model: model_name(video, &done.model),
+        reading: answer.reading.clone(),
     }
 }
 

@@ -126,6 +126,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         "choices": choices,
         "trail": steps(&reply.derivation),
         "program": reply.program.as_ref().map(|p| &p.tokens),
+        "reading": reply.reading,
         "explanation": reply.explanation,
         "traces": reply.traces,
     })

@@ -1,9 +1,10 @@
-//! The operations of programs, one function each.
+//! What operations do, as functions of plain data.
 
-use super::ReasonError;
-use super::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
 use crate::effects::effect;
 use crate::num::{Vec2, vec2};
+use crate::reason::ReasonError;
+use crate::reason::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
+use crate::reason::value::ProgramValue;
 use crate::scene::{Object, Scene};
 use crate::world::{BodySpec, Intervention, InterventionError, Start, State};
 
@@ -18,6 +19,19 @@ pub fn phrase(object: &Object) -> String {
     format!("the {}", object.description())
 }
 
+/// The phrase of an object of the scene, with its number where another object looks alike.
+pub fn name(scene: &Scene, index: usize) -> String {
+    let Some(object) = scene.objects.get(index) else { return String::new() };
+    let text = object.description();
+    let alike = scene.objects.iter().filter(|o| o.description() == text).count();
+    if alike > 1 { numbered(scene, index) } else { phrase(object) }
+}
+
+/// "the red metal cube (object 3)".
+pub fn numbered(scene: &Scene, index: usize) -> String {
+    scene.objects.get(index).map_or(String::new(), |o| format!("{} (object {})", phrase(o), o.id))
+}
+
 pub fn all(scene: &Scene) -> Vec<usize> {
     (0..scene.objects.len()).collect()
 }
@@ -25,7 +39,7 @@ pub fn all(scene: &Scene) -> Vec<usize> {
 /// Every event that a choice can name: two objects collide; an object enters, exits or hits a side of the table.
 pub fn conceivable(scene: &Scene) -> Vec<SceneEvent> {
     let n = scene.objects.len();
-    let event = |kind, objects| SceneEvent { kind, frame: 0, objects };
+    let event = |kind, objects| SceneEvent { kind, frame: 0, time: 0.0, objects };
     let pairs = (0..n).flat_map(|b| (0..b).map(move |a| vec![a, b]));
     let mut events: Vec<SceneEvent> = pairs.map(|p| event(SceneEventKind::Collision, p)).collect();
     for i in 0..n {
@@ -40,7 +54,8 @@ pub fn conceivable(scene: &Scene) -> Vec<SceneEvent> {
 /// The start or the end of the video.
 pub fn edge(scene: &Scene, kind: SceneEventKind) -> SceneEvent {
     let last = scene.times.len().saturating_sub(END_MARGIN);
-    SceneEvent { kind, frame: if kind == SceneEventKind::Start { 0 } else { last }, objects: vec![] }
+    let frame = if kind == SceneEventKind::Start { 0 } else { last };
+    SceneEvent { kind, frame, time: scene.time_of(frame), objects: vec![] }
 }
 
 /// Objects that move, or rest, in a frame. Without a frame: objects that ever move, or that never do.
@@ -72,15 +87,30 @@ pub fn filter_partner(events: &[SceneEvent], object: usize, partners: &[usize]) 
     filter_kind(events, SceneEventKind::Collision, &[object]).iter().filter(others).cloned().collect()
 }
 
-pub fn filter_time(events: &[SceneEvent], frame: Option<usize>, after: bool) -> Vec<SceneEvent> {
-    let fits = |e: &&SceneEvent| frame.is_none_or(|f| if after { e.frame > f } else { e.frame < f });
+/// A moment as the limit of events before or after it; `None` for any time.
+pub fn limit(scene: &Scene, moment: &ProgramValue) -> Option<SceneEvent> {
+    let (kind, frame, time) = match moment {
+        ProgramValue::Event(event) => return Some(event.clone()),
+        ProgramValue::Time(time) => (SceneEventKind::Stop, scene.frame_at(*time), *time),
+        ProgramValue::Frame(Some(frame)) => (SceneEventKind::In, *frame, scene.time_of(*frame)),
+        ProgramValue::Factor(frame) => (SceneEventKind::In, *frame as usize, scene.time_of(*frame as usize)),
+        _ => return None,
+    };
+    Some(SceneEvent { kind, frame, time, objects: vec![] })
+}
+
+/// Events before or after a limit; without one all.
+pub fn filter_time(events: &[SceneEvent], limit: Option<&SceneEvent>, after: bool) -> Vec<SceneEvent> {
+    let fits = |e: &&SceneEvent| {
+        limit.is_none_or(|limit| if after { limit.is_before(e) } else { e.is_before(limit) })
+    };
     events.iter().filter(fits).cloned().collect()
 }
 
 /// The event at this place in time; `usize::MAX` is the last.
 pub fn order(events: &[SceneEvent], place: usize) -> Option<SceneEvent> {
     let mut sorted: Vec<&SceneEvent> = events.iter().collect();
-    sorted.sort_by_key(|e| e.frame);
+    sorted.sort_by(|a, b| a.time.total_cmp(&b.time));
     if place == usize::MAX { sorted.last() } else { sorted.get(place) }.map(|e| (*e).clone())
 }
 
@@ -89,14 +119,14 @@ pub fn ancestors(events: &[SceneEvent], of: &SceneEvent) -> Vec<SceneEvent> {
     let mut found: Vec<SceneEvent> = vec![];
     let mut open = vec![of.clone()];
     while let Some(event) = open.pop() {
-        for earlier in events.iter().filter(|e| e.frame < event.frame) {
+        for earlier in events.iter().filter(|e| e.is_before(&event)) {
             if earlier.objects.iter().any(|o| event.objects.contains(o)) && !found.contains(earlier) {
                 found.push(earlier.clone());
                 open.push(earlier.clone());
             }
         }
     }
-    found.sort_by_key(|e| e.frame);
+    found.sort_by(|a, b| a.time.total_cmp(&b.time));
     found
 }
 
@@ -110,7 +140,7 @@ pub fn has_event(events: &[SceneEvent], event: &SceneEvent) -> bool {
 
 /// The only object; for none or several, an error that names the candidates.
 pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
-    let names = |of: &[usize]| of.iter().filter_map(|i| scene.objects.get(*i)).map(phrase).collect();
+    let names = |of: &[usize]| of.iter().map(|i| name(scene, *i)).collect();
     let phrase = phrase_asked.to_string();
     match objects {
         [one] => Ok(*one),
@@ -143,16 +173,17 @@ pub fn another(bodies: &[BodySpec], [like, beside]: [u32; 2], by: Vec2) -> Resul
 /// The only event; of several alike the first. None gives [`SceneEventKind::Never`].
 pub fn unique_event(events: &[SceneEvent]) -> Result<SceneEvent, ReasonError> {
     match events {
-        [] => Ok(SceneEvent { kind: SceneEventKind::Never, frame: 0, objects: vec![] }),
+        [] => Ok(SceneEvent { kind: SceneEventKind::Never, frame: 0, time: 0.0, objects: vec![] }),
         [first, rest @ ..] if rest.iter().all(|e| e.is_like(first)) => Ok(first.clone()),
         several => Err(ReasonError::NoSingleEvent { found: format!("{} of them", several.len()) }),
     }
 }
 
-/// The other object of a collision.
+/// The other object of a collision in which the object takes part.
 pub fn partner(event: &SceneEvent, object: usize) -> Result<usize, ReasonError> {
-    let other = event.objects.iter().find(|o| **o != object).copied();
-    other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none".to_string() })
+    let is_pair = event.kind == SceneEventKind::Collision && event.objects.contains(&object);
+    let other = event.objects.iter().find(|o| is_pair && **o != object).copied();
+    other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none of this object".to_string() })
 }
 
 /// The scene's id of an object.
@@ -174,10 +205,10 @@ pub fn towards(side: &str, length: f64) -> Vec2 {
     }
 }
 
-/// Switches off the effects of the model that together are what people call friction, or drag.
+/// Switches off the effects of the model that together are the friction of the ground, that between objects, or drag.
 pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, ReasonError> {
     let called = |name: &&String| effect(name).is_some_and(|e| e.profile.common_name == Some(law));
-    let off = effects.iter().filter(|name| name.contains(law) || called(name));
+    let off = effects.iter().filter(called);
     let off: Vec<Intervention> =
         off.map(|name| Intervention::SwitchEffect { name: name.clone(), on: false }).collect();
     if off.is_empty() {
@@ -185,4 +216,34 @@ pub fn switch_off(effects: &[String], law: &str) -> Result<Vec<Intervention>, Re
         return Err(InterventionError::UnknownEffect { name, known }.into());
     }
     Ok(off)
+}
+
+/// The changes without repetition: a removed object is removed once and not changed besides; factors of one object multiply.
+pub fn joined_changes(changes: Vec<Intervention>) -> Vec<Intervention> {
+    let removed: Vec<u32> = changes
+        .iter()
+        .filter_map(|c| if let Intervention::Remove { id } = c { Some(*id) } else { None })
+        .collect();
+    let mut joined: Vec<Intervention> = vec![];
+    for change in changes {
+        let is_removal = matches!(change, Intervention::Remove { .. });
+        if joined.contains(&change) && (is_removal || matches!(change, Intervention::SwitchEffect { .. })) {
+            continue;
+        }
+        if !is_removal && change.object().is_some_and(|id| removed.contains(&id)) {
+            continue;
+        }
+        match &change {
+            Intervention::ScaleMass { id, factor } => {
+                let same =
+                    |c: &&mut Intervention| matches!(c, Intervention::ScaleMass { id: i, .. } if i == id);
+                match joined.iter_mut().find(same) {
+                    Some(Intervention::ScaleMass { factor: before, .. }) => *before *= factor,
+                    _ => joined.push(change),
+                }
+            }
+            _ => joined.push(change),
+        }
+    }
+    joined
 }

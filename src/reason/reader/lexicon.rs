@@ -1,0 +1,335 @@
+//! Text to tokens: the words of a question in the canonical words of `words.txt`, spelling corrected.
+//!
+//! Each word of a text has the canonical words that it may stand for: its own, or those of its stem. An unknown word is corrected
+//! to the nearest known one by edit distance if it is the only nearest one; otherwise it stays, and the grammar refuses it.
+
+use super::forms::FORMS;
+use crate::scene::Scene;
+use std::collections::{HashMap, HashSet};
+use std::sync::LazyLock;
+
+/// A word of the caller's own and what it means in known words, such as "cue ball" for "white ball".
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct OwnWord {
+    pub word: String,
+    pub means: String,
+}
+
+/// A word of a text.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TextWord {
+    /// As written.
+    pub text: String,
+    /// The canonical words that it may stand for; none for an unknown word.
+    pub canonical: Vec<String>,
+    /// The known word that its spelling was corrected to.
+    pub corrected: Option<String>,
+}
+
+/// A describing word of objects: the token and the operation that filters by it; `None` for "object".
+pub type Description = Option<(String, &'static str)>;
+
+pub struct Lexicon {
+    canonical: HashMap<String, Vec<String>>,
+    /// Variants of several words, longest first, and what they stand for; nothing for those that are skipped.
+    phrases: Vec<(Vec<String>, Vec<String>)>,
+    skipped: HashSet<String>,
+    /// Words of English that are not in use here: they are no misspelling of a word that is.
+    known: HashSet<String>,
+    descriptions: HashMap<String, Description>,
+    /// All spellings of known words, for corrections.
+    spellings: Vec<String>,
+}
+
+static LEXICON: LazyLock<Lexicon> = LazyLock::new(|| Lexicon::parse(include_str!("words.txt")));
+
+/// Letters that a word must have before it is corrected: one edit of a shorter word makes other words of it.
+const CORRECTED_FROM: usize = 4;
+/// Letters from which on two edits are allowed.
+const TWO_EDITS_FROM: usize = 7;
+
+impl Lexicon {
+    fn parse(table: &str) -> Lexicon {
+        let mut lexicon = Lexicon {
+            canonical: HashMap::new(),
+            phrases: vec![],
+            skipped: HashSet::new(),
+            known: HashSet::new(),
+            descriptions: HashMap::new(),
+            spellings: vec![],
+        };
+        let mut section = "";
+        for line in table.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with('#')) {
+            if let Some(name) = line.strip_prefix('[').and_then(|l| l.strip_suffix(']')) {
+                section = name;
+                continue;
+            }
+            match section {
+                "skip" => line.split(',').for_each(|v| lexicon.add(v.trim(), &[])),
+                "known" => lexicon.known.extend(line.split(',').map(|v| v.trim().to_string())),
+                _ => lexicon.add_line(section, line),
+            }
+        }
+        // A word of the forms stands for itself.
+        for word in FORMS.iter().flat_map(|f| f.reads.split_whitespace()).filter(|w| !w.starts_with('{')) {
+            lexicon.add(word, &[word.to_string()]);
+        }
+        // Longest first, and of equal length as listed.
+        lexicon.phrases.sort_by_key(|(words, _)| std::cmp::Reverse(words.len()));
+        lexicon.spellings =
+            lexicon.canonical.keys().chain(&lexicon.skipped).flat_map(|word| inflected(word)).collect();
+        lexicon.spellings.sort_unstable();
+        lexicon.spellings.dedup();
+        lexicon
+    }
+
+    fn add_line(&mut self, section: &str, line: &str) {
+        let Some((canonical, variants)) = line.split_once(':') else { return };
+        let mut meaning: Vec<String> = canonical.split_whitespace().map(str::to_string).collect();
+        if section == "describe" {
+            let (kind, value) = canonical.split_once(' ').unwrap_or(("", canonical));
+            let filter = filter_of(kind);
+            let description = filter.map(|filter| (value.to_string(), filter));
+            meaning = vec![if filter.is_some() { format!("{kind}={value}") } else { value.to_string() }];
+            self.descriptions.insert(meaning.join(" "), description);
+        }
+        variants.split(',').for_each(|v| self.add(v.trim(), &meaning));
+    }
+
+    fn add(&mut self, variant: &str, meaning: &[String]) {
+        let words: Vec<String> = variant.split_whitespace().map(str::to_string).collect();
+        match (&words[..], meaning) {
+            ([], _) => {}
+            ([one], []) => {
+                self.skipped.insert(one.clone());
+            }
+            ([one], [_]) => {
+                let entry = self.canonical.entry(one.clone()).or_default();
+                entry.extend(meaning.iter().filter(|m| !entry.contains(m)).cloned().collect::<Vec<_>>());
+            }
+            _ => self.phrases.push((words.clone(), meaning.to_vec())),
+        }
+    }
+
+    /// The canonical words of a word or of its stem.
+    fn lookup(&self, word: &str) -> Option<Vec<String>> {
+        if let Some(found) = self.canonical.get(word) {
+            return Some(found.clone());
+        }
+        if is_number(word) {
+            return Some(vec![word.to_string()]);
+        }
+        stems(word).iter().find_map(|stem| self.canonical.get(stem).cloned())
+    }
+}
+
+/// The operation that filters by a kind of describing word.
+fn filter_of(kind: &str) -> Option<&'static str> {
+    match kind {
+        "color" => Some("filter_color"),
+        "material" => Some("filter_material"),
+        "shape" => Some("filter_shape"),
+        _ => None,
+    }
+}
+
+fn is_number(word: &str) -> bool {
+    word.starts_with(|c: char| c.is_ascii_digit()) && word.parse::<f64>().is_ok_and(f64::is_finite)
+}
+
+/// The words of which this may be an inflection.
+fn stems(word: &str) -> Vec<String> {
+    let mut stems = vec![];
+    for end in ["ing", "es", "ed", "s", "d"] {
+        let Some(stem) = word.strip_suffix(end).filter(|s| s.len() > 1) else { continue };
+        stems.push(stem.to_string());
+        if end == "ing" || end == "ed" {
+            stems.push(format!("{stem}e"));
+            let mut letters = stem.chars().rev();
+            if letters.next() == letters.next() {
+                stems.push(
+                    stem[..stem.len() - stem.chars().next_back().map_or(0, char::len_utf8)].to_string(),
+                );
+            }
+        }
+        if end == "es" || end == "ed" {
+            stems.extend(stem.strip_suffix('i').map(|s| format!("{s}y")));
+        }
+    }
+    stems
+}
+
+/// A word and its regular inflections.
+fn inflected(word: &str) -> Vec<String> {
+    if word.len() < CORRECTED_FROM || !word.chars().all(char::is_alphabetic) {
+        return vec![word.to_string()];
+    }
+    let base = word.strip_suffix('e').unwrap_or(word);
+    vec![word.to_string(), format!("{word}s"), format!("{base}es"), format!("{base}ed"), format!("{base}ing")]
+}
+
+/// A word of the scene that no table has, as its description.
+fn scene_words(scene: &Scene) -> Vec<(String, Description)> {
+    let mut found: Vec<(String, Description)> = vec![];
+    for object in &scene.objects {
+        let words = [
+            ("color", object.color.as_str()),
+            ("material", &object.material),
+            ("shape", object.shape.word()),
+        ];
+        for (kind, word) in words {
+            let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase());
+            let is_known = LEXICON.descriptions.contains_key(&format!("{kind}={word}"));
+            if is_word && !is_known && !found.iter().any(|(w, _)| w == word) {
+                let description = filter_of(kind).map(|filter| (format!("{kind}:{word}"), filter));
+                found.push((word.to_string(), description));
+            }
+        }
+    }
+    found
+}
+
+/// The words that a text is read with: those of the table, the scene's and the caller's.
+pub struct Vocabulary {
+    scene: Vec<(String, Description)>,
+    own: Vec<(Vec<String>, Vec<String>)>,
+}
+
+impl Vocabulary {
+    pub fn new(scene: Option<&Scene>, own: &[OwnWord]) -> Vocabulary {
+        let mut own: Vec<_> = own.iter().map(|w| (split(&w.word), split(&w.means))).collect();
+        own.retain(|(word, _)| !word.is_empty());
+        own.sort_by_key(|(word, _)| std::cmp::Reverse(word.len()));
+        Vocabulary { scene: scene.map(scene_words).unwrap_or_default(), own }
+    }
+
+    /// What a word describes of an object, if it does.
+    pub fn description(&self, word: &TextWord) -> Option<Description> {
+        let of = |canonical: &String| {
+            let own = self.scene.iter().find(|(w, _)| canonical == &format!("scene={w}"));
+            own.map(|(_, d)| d.clone()).or_else(|| LEXICON.descriptions.get(canonical).cloned())
+        };
+        word.canonical.iter().find_map(of)
+    }
+
+    /// The words of a text in canonical words, without those that are skipped.
+    pub fn read(&self, text: &str) -> Vec<TextWord> {
+        let mut texts = split(text);
+        for (word, means) in &self.own {
+            replace(&mut texts, word, means);
+        }
+        let mut words: Vec<TextWord> = vec![];
+        let mut at = 0;
+        while at < texts.len() {
+            let rest = &texts[at..];
+            let starts = |(phrase, _): &&(Vec<String>, Vec<String>)| rest.starts_with(phrase);
+            if let Some((phrase, meaning)) = LEXICON.phrases.iter().find(starts) {
+                let text = rest.iter().take(phrase.len()).cloned().collect::<Vec<_>>().join(" ");
+                for one in meaning {
+                    // A phrase may stand for describing words ("cue ball").
+                    let described = LEXICON.lookup(one).filter(|c| c.len() == 1 && c[0].contains('='));
+                    let canonical = described.unwrap_or_else(|| vec![one.clone()]);
+                    words.push(TextWord { text: text.clone(), canonical, corrected: None });
+                }
+                at += phrase.len();
+                continue;
+            }
+            words.extend(self.word(&texts[at]));
+            at += 1;
+        }
+        words
+    }
+
+    /// A word; `None` if it is skipped.
+    fn word(&self, text: &str) -> Option<TextWord> {
+        let word = |canonical| TextWord { text: text.to_string(), canonical, corrected: None };
+        if self.scene.iter().any(|(w, _)| w == text || format!("{w}s") == text) {
+            let singular = self.scene.iter().find(|(w, _)| w == text || format!("{w}s") == text);
+            return singular.map(|(w, _)| word(vec![format!("scene={w}")]));
+        }
+        if LEXICON.skipped.contains(text) {
+            return None;
+        }
+        if let Some(canonical) = LEXICON.lookup(text) {
+            return Some(word(canonical));
+        }
+        let known = LEXICON.known.contains(text) || stems(text).iter().any(|s| LEXICON.known.contains(s));
+        let corrected = if known { None } else { self.correct(text) };
+        match corrected {
+            Some(right) if LEXICON.skipped.contains(&right) => None,
+            Some(right) => {
+                self.word(&right).map(|w| TextWord { text: text.to_string(), corrected: Some(right), ..w })
+            }
+            None => Some(word(vec![])),
+        }
+    }
+
+    /// The only nearest known spelling; `None` if there is none, or if the nearest ones mean different things.
+    fn correct(&self, text: &str) -> Option<String> {
+        let letters = text.chars().count();
+        if letters + 1 < CORRECTED_FROM || !text.chars().all(char::is_alphabetic) {
+            return None;
+        }
+        let allowed = if letters < TWO_EDITS_FROM { 1 } else { 2 };
+        // In a word of three letters, letters may only have changed places ("teh").
+        let sorted = |word: &str| {
+            let mut letters: Vec<char> = word.chars().collect();
+            letters.sort_unstable();
+            letters
+        };
+        let is_possible = |known: &str| letters >= CORRECTED_FROM || sorted(text) == sorted(known);
+        let own = self.scene.iter().map(|(w, _)| w);
+        let distances = LEXICON.spellings.iter().chain(own).filter_map(|known| {
+            let apart = known.chars().count().abs_diff(letters);
+            let distance = if apart > allowed { usize::MAX } else { strsim::osa_distance(text, known) };
+            (distance <= allowed && is_possible(known)).then_some((distance, known))
+        });
+        let mut found: Vec<(usize, &String)> = distances.collect();
+        let least = found.iter().map(|(d, _)| *d).min()?;
+        found.retain(|(d, _)| *d == least);
+        let meaning = |word: &str| match LEXICON.skipped.contains(word) {
+            true => Some(vec![]),
+            false => LEXICON.lookup(word),
+        };
+        let first = found.first()?.1;
+        found.iter().all(|(_, word)| meaning(word) == meaning(first)).then(|| first.clone())
+    }
+}
+
+fn replace(texts: &mut Vec<String>, word: &[String], means: &[String]) {
+    let mut at = 0;
+    while at + word.len() <= texts.len() {
+        if texts[at..].starts_with(word) {
+            texts.splice(at..at + word.len(), means.iter().cloned());
+            at += means.len();
+        } else {
+            at += 1;
+        }
+    }
+}
+
+/// Lower case words without punctuation. A possessive is a word of its own; so are a number and its unit.
+pub fn split(text: &str) -> Vec<String> {
+    let text = text.to_lowercase().replace(['\u{2019}', '\u{2018}', '`'], "'").replace("'s", " 's ");
+    let text = text.replace("'ll", " 'll ").replace("'d ", " 'd ");
+    // No form has the word "minus", so that a negative number is refused and not read without its sign.
+    let negative = |w: &str| {
+        w.strip_prefix(['-', '\u{2212}']).is_some_and(|n| n.starts_with(|c: char| c.is_ascii_digit()))
+    };
+    let signed =
+        text.split_whitespace().map(|w| if negative(w) { format!("minus {w}") } else { w.to_string() });
+    let text = signed.collect::<Vec<_>>().join(" ");
+    let parts = text.split(|c: char| !(c.is_alphanumeric() || c == '\'' || c == '.'));
+    let parts = parts.map(|w| w.trim_matches('.')).filter(|w| !w.is_empty());
+    parts.flat_map(number_and_unit).collect()
+}
+
+/// "2.5s" as "2.5" and "s"; "1st" stays.
+fn number_and_unit(word: &str) -> Vec<String> {
+    let unit = word.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
+    let number = &word[..word.len() - unit.len()];
+    match is_number(number) && ["s", "sec", "m", "cm", "mm", "ms", "x"].contains(&unit) {
+        true => vec![number.to_string(), unit.to_string()],
+        false => vec![word.to_string()],
+    }
+}
