@@ -29,7 +29,7 @@ pub struct TextWord {
 /// A describing word of objects: the token and the operation that filters by it; `None` for "object".
 pub type Description = Option<(String, &'static str)>;
 
-pub struct Lexicon {
+pub struct EnglishWords {
     canonical: HashMap<String, Vec<String>>,
     /// Variants of several words, longest first, and what they stand for; nothing for those that are skipped.
     phrases: Vec<(Vec<String>, Vec<String>)>,
@@ -41,16 +41,16 @@ pub struct Lexicon {
     spellings: Vec<String>,
 }
 
-static LEXICON: LazyLock<Lexicon> = LazyLock::new(|| Lexicon::parse(include_str!("words.txt")));
+static ENGLISH: LazyLock<EnglishWords> = LazyLock::new(|| EnglishWords::parse(include_str!("words.txt")));
 
 /// Letters that a word must have before it is corrected: one edit of a shorter word makes other words of it.
 const CORRECTED_FROM: usize = 4;
 /// Letters from which on two edits are allowed.
 const TWO_EDITS_FROM: usize = 7;
 
-impl Lexicon {
-    fn parse(table: &str) -> Lexicon {
-        let mut lexicon = Lexicon {
+impl EnglishWords {
+    fn parse(table: &str) -> EnglishWords {
+        let mut lexicon = EnglishWords {
             canonical: HashMap::new(),
             phrases: vec![],
             skipped: HashSet::new(),
@@ -179,7 +179,7 @@ fn scene_words(scene: &Scene) -> Vec<(String, Description)> {
         ];
         for (kind, word) in words {
             let is_word = !word.is_empty() && word.chars().all(|c| c.is_ascii_lowercase());
-            let is_known = LEXICON.descriptions.contains_key(&format!("{kind}={word}"));
+            let is_known = ENGLISH.descriptions.contains_key(&format!("{kind}={word}"));
             if is_word && !is_known && !found.iter().any(|(w, _)| w == word) {
                 let description = filter_of(kind).map(|filter| (format!("{kind}:{word}"), filter));
                 found.push((word.to_string(), description));
@@ -207,7 +207,7 @@ impl Vocabulary {
     pub fn description(&self, word: &TextWord) -> Option<Description> {
         let of = |canonical: &String| {
             let own = self.scene.iter().find(|(w, _)| canonical == &format!("scene={w}"));
-            own.map(|(_, d)| d.clone()).or_else(|| LEXICON.descriptions.get(canonical).cloned())
+            own.map(|(_, d)| d.clone()).or_else(|| ENGLISH.descriptions.get(canonical).cloned())
         };
         word.canonical.iter().find_map(of)
     }
@@ -223,11 +223,11 @@ impl Vocabulary {
         while at < texts.len() {
             let rest = &texts[at..];
             let starts = |(phrase, _): &&(Vec<String>, Vec<String>)| rest.starts_with(phrase);
-            if let Some((phrase, meaning)) = LEXICON.phrases.iter().find(starts) {
+            if let Some((phrase, meaning)) = ENGLISH.phrases.iter().find(starts) {
                 let text = rest.iter().take(phrase.len()).cloned().collect::<Vec<_>>().join(" ");
                 for one in meaning {
                     // A phrase may stand for describing words ("cue ball").
-                    let described = LEXICON.lookup(one).filter(|c| c.len() == 1 && c[0].contains('='));
+                    let described = ENGLISH.lookup(one).filter(|c| c.len() == 1 && c[0].contains('='));
                     let canonical = described.unwrap_or_else(|| vec![one.clone()]);
                     words.push(TextWord { text: text.clone(), canonical, corrected: None });
                 }
@@ -247,16 +247,16 @@ impl Vocabulary {
             let singular = self.scene.iter().find(|(w, _)| w == text || format!("{w}s") == text);
             return singular.map(|(w, _)| word(vec![format!("scene={w}")]));
         }
-        if LEXICON.skipped.contains(text) {
+        if ENGLISH.skipped.contains(text) {
             return None;
         }
-        if let Some(canonical) = LEXICON.lookup(text) {
+        if let Some(canonical) = ENGLISH.lookup(text) {
             return Some(word(canonical));
         }
-        let known = LEXICON.known.contains(text) || stems(text).iter().any(|s| LEXICON.known.contains(s));
+        let known = ENGLISH.known.contains(text) || stems(text).iter().any(|s| ENGLISH.known.contains(s));
         let corrected = if known { None } else { self.correct(text) };
         match corrected {
-            Some(right) if LEXICON.skipped.contains(&right) => None,
+            Some(right) if ENGLISH.skipped.contains(&right) => None,
             Some(right) => {
                 self.word(&right).map(|w| TextWord { text: text.to_string(), corrected: Some(right), ..w })
             }
@@ -279,7 +279,7 @@ impl Vocabulary {
         };
         let is_possible = |known: &str| letters >= CORRECTED_FROM || sorted(text) == sorted(known);
         let own = self.scene.iter().map(|(w, _)| w);
-        let distances = LEXICON.spellings.iter().chain(own).filter_map(|known| {
+        let distances = ENGLISH.spellings.iter().chain(own).filter_map(|known| {
             let apart = known.chars().count().abs_diff(letters);
             let distance = if apart > allowed { usize::MAX } else { strsim::osa_distance(text, known) };
             (distance <= allowed && is_possible(known)).then_some((distance, known))
@@ -287,9 +287,9 @@ impl Vocabulary {
         let mut found: Vec<(usize, &String)> = distances.collect();
         let least = found.iter().map(|(d, _)| *d).min()?;
         found.retain(|(d, _)| *d == least);
-        let meaning = |word: &str| match LEXICON.skipped.contains(word) {
+        let meaning = |word: &str| match ENGLISH.skipped.contains(word) {
             true => Some(vec![]),
-            false => LEXICON.lookup(word),
+            false => ENGLISH.lookup(word),
         };
         let first = found.first()?.1;
         found.iter().all(|(_, word)| meaning(word) == meaning(first)).then(|| first.clone())
