@@ -416,11 +416,11 @@ fn words_are_learned_from_questions_and_shown_and_used() {
     let score = ["score", &folders[6], "--programs", "--lexicon", &lexicon, "--answers", "-"];
     let (output, out, err) = run(&score);
     assert!(
-        output.status.success() && out.contains(r#""0": "2""#) && out.contains(r#""1": "1""#),
+        output.status.success() && out.contains(r#""0":"2""#) && out.contains(r#""1":"1""#),
         "{out}{err}"
     );
     let (output, out, _) = run(&["score", &folders[6], "--programs", "--answers", "-"]);
-    assert!(output.status.success() && !out.contains(r#""0": "2""#), "labels say green: {out}");
+    assert!(output.status.success() && !out.contains(r#""0":"2""#), "labels say green: {out}");
     let bare = scratch.write(
         "bare/observed.json",
         &fs::read_to_string("tests/data/clevrer/scene_00000/observed.json").unwrap(),

@@ -6,11 +6,11 @@ use v1::learn_concepts_request::Source;
 use vrdp::api::v1;
 
 /// A small video whose objects have features: shine, and what says nothing.
-fn shown(name: &str, shine: [f32; 3]) -> v1::Video {
-    let mut video = video(name, 12);
+fn shown(number: u32, shine: [f32; 3]) -> v1::Video {
+    let mut video = video(&format!("v{number}"), 12);
     video.feature_layout = "shine-1".into();
     for (object, shine) in video.objects.iter_mut().zip(shine) {
-        object.features = vec![shine, 0.1 * object.id as f32];
+        object.features = vec![shine, 0.1 * ((object.id + number) % 3) as f32];
     }
     video
 }
@@ -51,8 +51,8 @@ async fn a_word_from_examples_is_kept_described_used_and_deleted() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let mut videos = vec![];
-    for (k, shine) in [[0.9, 0.1, 0.8], [0.95, 0.15, 0.2], [0.85, 0.9, 0.1]].into_iter().enumerate() {
-        videos.push(service.create(shown(&format!("v{k}"), shine)).await.unwrap());
+    for (number, shine) in (0..).zip([[0.9, 0.1, 0.8], [0.95, 0.15, 0.2], [0.85, 0.9, 0.1]]) {
+        videos.push(service.create(shown(number, shine)).await.unwrap());
     }
     let [a, b, c] = &videos[..] else { panic!("three") };
     let yes = vec![example(a, 0), example(b, 0), example(c, 0), example(c, 1)];
@@ -99,8 +99,8 @@ async fn a_word_from_examples_is_kept_described_used_and_deleted() {
 async fn what_cannot_be_learned_is_refused_with_the_field_and_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
-    let a = service.create(shown("a", [0.9, 0.1, 0.8])).await.unwrap();
-    let b = service.create(shown("b", [0.9, 0.1, 0.2])).await.unwrap();
+    let a = service.create(shown(0, [0.9, 0.1, 0.8])).await.unwrap();
+    let b = service.create(shown(3, [0.9, 0.1, 0.2])).await.unwrap();
     let few = learn(&service, shiny(vec![example(&a, 0)], vec![example(&a, 1)])).await.unwrap_err();
     assert_eq!(fields(&few), ["examples"], "{few:?}");
     let yes = vec![example(&a, 0), example(&a, 2)];
