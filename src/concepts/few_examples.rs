@@ -12,6 +12,7 @@ use super::logistic::{LogisticFit, fit_columns};
 use crate::fit::Fit;
 use crate::num::elementary::{exp, ln};
 use crate::num::never;
+use crate::reason::FUTURE_FRAMES;
 use crate::scene::Scene;
 
 /// An object or a collision of a scene that fits a word, or does not.
@@ -132,7 +133,8 @@ fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>,
         (_, ExampleOf::Collision { objects: [a, b], frame }) => {
             let wanted = if a < b { vec![a, b] } else { vec![b, a] };
             let Some(fit) = example.fit else { return Err(missing(a)) };
-            let scenario = simulated(example.scene, fit, &[], &never)?;
+            let frames = example.scene.times.len() + FUTURE_FRAMES;
+            let (scenario, _) = simulated(example.scene, fit, &[], frames, &never)?;
             let impacts = scenario.rollouts.first().map_or(&[][..], |r| &r.impacts);
             let own = impacts.iter().filter(|i| i.objects == wanted);
             let nearest = own.min_by_key(|i| i.frame.abs_diff(frame));

@@ -200,19 +200,30 @@ impl PreparedVideo<'_> {
         frames: usize,
         stop: Stop,
     ) -> Result<(), ReasonError> {
-        let Some((fit, index)) = self.fit else { return Ok(()) };
-        let request =
-            PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
-        let prediction = predict(self.scene, fit, index, &request, stop)?;
+        let Some(fit) = self.fit else { return Ok(()) };
+        let (scenario, simulation) = simulated(self.scene, fit, interventions, frames, stop)?;
         if let Some(shorter) = self.scenarios.iter().position(|s| s.interventions == interventions) {
             self.scenarios.remove(shorter);
             self.simulations.remove(shorter);
         }
-        let noise = fit.scenes.get(index).map_or(0.0, |s| s.noise_sigma);
-        self.scenarios.push(scenario(self.scene, &prediction, noise));
-        self.simulations.push(prediction);
+        self.scenarios.push(scenario);
+        self.simulations.push(simulation);
         Ok(())
     }
+}
+
+/// The best rollout under interventions, for this number of frames: its events and its states.
+pub(super) fn simulated(
+    scene: &Scene,
+    (fit, index): (&Fit, usize),
+    interventions: &[Intervention],
+    frames: usize,
+    stop: Stop,
+) -> Result<(Scenario, Prediction), ReasonError> {
+    let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
+    let simulation = predict(scene, fit, index, &request, stop)?;
+    let noise = fit.scenes.get(index).map_or(0.0, |s| s.noise_sigma);
+    Ok((scenario(scene, &simulation, noise), simulation))
 }
 
 /// Whether a program needs simulations: for what the tracks of the video do not show.

@@ -20,7 +20,7 @@
 //! On probabilities 0 and 1 every function equals the exact operation.
 
 use super::soft_value::{SoftValue, add_choice, any, counts, none_of, normalised, only_one};
-use super::tape::{LEAST, ONE, Tape, Variable, ZERO};
+use super::tape::{ONE, Tape, Variable, ZERO};
 use crate::reason::{
     Gives, Halt, Op, Operation, ProgramValue, QuestionProgram, ReasonError, RolloutContext, SIDES,
     SceneEvent, SceneEventKind, SpanKind, WordFamily, operand_count, ops, step,
