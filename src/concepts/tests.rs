@@ -84,7 +84,7 @@ fn scenario() -> Scenario {
     Scenario { interventions: vec![], frames: 20 + FUTURE_FRAMES, rollouts }
 }
 
-const PROGRAMS: [&str; 23] = [
+const PROGRAMS: [&str; 27] = [
     "objects red filter_color count",
     "objects metal filter_material sphere filter_shape exist",
     "objects red filter_color metal filter_material unique query_shape",
@@ -108,6 +108,10 @@ const PROGRAMS: [&str; 23] = [
     "events objects blue filter_color unique objects cylinder filter_shape filter_partner exist",
     "objects blue filter_color unique query_shape",
     "events objects sphere filter_shape filter_collision exist",
+    "events objects blue filter_color unique filter_contact count",
+    "objects red filter_color 0.4 at_time filter_moving count",
+    "events objects filter_collision 0.3 at_time filter_after count",
+    "events objects filter_in 5 filter_before count",
 ];
 
 /// The only rollout of these scenarios.
@@ -169,7 +173,7 @@ fn on_certain_words_each_soft_operation_is_the_exact_one() {
         assert!((tape.value(best.1) - 1.0).abs() < 1e-9, "{text}");
         compared += 1;
     }
-    assert_eq!(compared, 23);
+    assert_eq!(compared, 27);
 }
 
 /// Lessons of random scenes, answered by the exact operations on the true words.

@@ -876,3 +876,114 @@ fn the_table_of_operations_makes_schema_and_grammar() {
         assert!(Op::of(name).is_some(), "{name}");
     }
 }
+
+/// Words for the objects of a scene: its colors end in "ish", object 0 alone is shiny, object 1 is fast in frames 10 to 19, every
+/// collision is hard, and heavy ones have 5 times the mass.
+fn learned_words(scene: &Scene) -> WordProbabilities {
+    let n = scene.objects.len();
+    let mut words: Vec<String> = scene.objects.iter().map(|o| format!("{}ish", o.color)).collect();
+    words.sort();
+    words.dedup();
+    let row = |o: &Object| {
+        words.iter().map(|w| f64::from(u8::from(*w == format!("{}ish", o.color)))).collect::<Vec<f64>>()
+    };
+    let probabilities = scene.objects.iter().map(row).collect();
+    let only = |of: usize| (0..n).map(|k| f64::from(u8::from(k == of))).collect::<Vec<f64>>();
+    let frames = |k: usize| {
+        let fast = |f: usize| k == 1 && (10..20).contains(&f);
+        (0..scene.times.len()).map(|f| f64::from(u8::from(fast(f)))).collect::<Vec<f64>>()
+    };
+    let hard = LogisticWord {
+        columns: vec![0],
+        mean: vec![0.0],
+        scale: vec![1.0],
+        weights: vec![0.0, 100.0],
+        covariance: vec![0.0; 4],
+    };
+    let concept = |name: &str, holds| ConceptProbabilities { name: name.into(), holds };
+    WordProbabilities {
+        families: vec![FamilyProbabilities { family: WordFamily::Color, words, probabilities }],
+        concepts: vec![
+            concept("shiny", ConceptTruth::Objects(only(0))),
+            concept("fast", ConceptTruth::Motion { whole: only(1), frames: (0..n).map(frames).collect() }),
+            concept("hard", ConceptTruth::Impacts(hard)),
+        ],
+        changes: vec![ChangeWord { name: "heavy".into(), quantity: ChangedQuantity::Mass, factor: 5.0 }],
+    }
+}
+
+#[test]
+fn words_of_a_lexicon_select_objects_and_collisions_and_stand_for_changes() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let (fit, words) = (fitted(&scene), learned_words(&scene));
+    let options = AskOptions { rollouts: 3, seed: 1 };
+    let program = |text: &str| Question::Program {
+        program: text.split(' ').map(str::to_string).collect(),
+        choices: vec![],
+    };
+    let worded = WordedScene { scene: &scene, words: &words };
+    let asked = |text: &str| ask_with_words(worded, &fit, 0, &program(text), &options, &never);
+    let said = |text: &str| asked(text).unwrap_or_else(|e| panic!("{text}: {e}")).answer.unwrap();
+    let (color, n) = (&scene.objects[0].color, scene.objects.len().to_string());
+    let alike = scene.objects.iter().filter(|o| o.color == *color).count().to_string();
+    assert_eq!(said("objects shiny filter_concept count"), "1");
+    assert_eq!(said(&format!("objects {color}ish filter_color count")), alike);
+    assert_eq!(said(&format!("objects {color}ish filter_concept count")), alike);
+    assert_eq!(said("objects shiny filter_concept unique query_color"), format!("{color}ish"));
+    for (moment, count) in [("", "1"), ("15 ", "1"), ("0.6 at_time ", "1"), ("30 ", "0"), ("start ", "0")] {
+        assert_eq!(said(&format!("objects fast {moment}filter_concept count")), count, "{moment}");
+    }
+    let collisions = said("events objects filter_collision count");
+    assert_eq!(said("events objects filter_collision hard filter_concept count"), collisions);
+    // Draws of words are no proof either; with simulations, theirs is the number.
+    let [still, moving] = ["objects count", "events objects filter_in count"].map(|t| asked(t).unwrap());
+    assert_eq!((still.answer, still.probability), (Some(n), 48.5 / 49.0));
+    assert_eq!(moving.probability, 3.5 / 4.0);
+    // The word for a change is that change, also beside another one.
+    let changed = |change: &str| {
+        let text = format!("objects shiny filter_concept unique {change} filter_counterfact");
+        let answer = asked(&text).unwrap();
+        (answer.answer, answer.simulations.iter().map(|s| s.interventions.clone()).collect::<Vec<_>>())
+    };
+    assert_eq!(changed("heavy apply"), changed("5 scale_mass"));
+    assert_eq!(changed("at_rest heavy apply"), changed("at_rest 5 scale_mass"));
+    // Words that it lacks, and none without it.
+    let unknown = asked(&format!("objects {color} filter_color count"));
+    assert!(
+        matches!(unknown, Err(ReasonError::UnknownWord { known, .. }) if known == words.families[0].words)
+    );
+    assert!(matches!(
+        asked("objects shiny filter_concept unique fast apply"),
+        Err(ReasonError::UnknownWord { .. })
+    ));
+    let bare = ask(&scene, &fit, 0, &program("objects shiny filter_concept count"), &options, &never);
+    assert!(matches!(bare, Err(ReasonError::UnknownToken { .. })), "{bare:?}");
+    // English has the most probable words of the scene, and the reading says them.
+    let question = format!("How many {color}ish objects are there?");
+    let question = Question::English { question, choices: vec![] };
+    let answer = ask_with_words(worded, &fit, 0, &question, &options, &never).unwrap();
+    assert_eq!(answer.answer, Some(alike));
+    assert_eq!(
+        asked("objects fast 30 filter_concept count").unwrap().reading,
+        "number of: fast objects at 30"
+    );
+}
+
+#[test]
+fn words_of_a_lexicon_have_a_type_of_their_own() {
+    let words = ["shiny".to_string(), "unique".to_string(), "red".to_string()];
+    let checked = |text: &str| {
+        let tokens: Vec<String> = text.split(' ').map(str::to_string).collect();
+        let mut stack = vec![];
+        QuestionProgram::parse_with(&tokens, &words).and_then(|p| p.check(&mut stack)).map(|()| stack)
+    };
+    assert_eq!(checked("objects shiny filter_concept"), Ok(vec![Type::Objects]));
+    assert_eq!(checked("events shiny filter_concept"), Ok(vec![Type::Events]));
+    assert_eq!(checked("objects shiny null filter_concept unique"), Ok(vec![Type::Object]));
+    assert_eq!(checked("objects shiny filter_shape unique shiny apply"), Ok(vec![Type::Change]));
+    // Operations and words of the vocabulary go before those of the lexicon.
+    assert_eq!(checked("objects unique"), Ok(vec![Type::Object]));
+    assert_eq!(checked("red"), Ok(vec![Type::Color]));
+    assert!(matches!(checked("objects 3 filter_concept"), Err(ReasonError::ProgramType { .. })));
+    assert!(matches!(checked("shiny filter_moving"), Err(ReasonError::ProgramType { .. })));
+}
