@@ -93,7 +93,7 @@ const ONLY_IN_NUM: [&str; 5] = ["median", "quantile", "hermite", "levenberg_marq
 /// Names of effects that are words for other things too (an object's restitution in results, a CSS class), and the rooms
 /// that mean those.
 const ALSO_WORDS: [&str; 2] = ["restitution", "cushion"];
-const WORDY_ROOMS: [&str; 4] = ["reason", "concepts", "report", "cli"];
+const WORDY_ROOMS: [&str; 3] = ["reason", "report", "cli"];
 
 struct Source {
     /// Inside `src`.

@@ -68,7 +68,7 @@ pub fn learn_change(
     }
     let coarse = GridPosterior::new(&first, &whole);
     let step = first[1] - first[0];
-    let (low, high) = (coarse.inverse_cdf(0.01) - step, coarse.inverse_cdf(0.99) + step);
+    let (low, high) = (coarse.below(0.01) - step, coarse.below(0.99) + step);
     let second: Vec<f64> = (0..GRID).map(|k| low + (high - low) * k as f64 / (GRID - 1) as f64).collect();
     let near = lessons.log_likelihood(&second, &crate::num::progress_within(stop, [0.5, 1.0]))?;
     let fine = GridPosterior::new(&second, &near);
@@ -79,7 +79,7 @@ pub fn learn_change(
         meaning: Meaning::Change {
             quantity: options.quantity,
             factor: exp(fine.mean()),
-            interval: [exp(fine.inverse_cdf(0.025)), exp(fine.inverse_cdf(0.975))],
+            interval: [exp(fine.below(0.025)), exp(fine.below(0.975))],
         },
         yes: questions,
         no: 0,
@@ -163,7 +163,8 @@ impl GridPosterior {
         self.points.iter().zip(&self.weights).map(|(x, w)| x * w).sum()
     }
 
-    fn inverse_cdf(&self, share: f64) -> f64 {
+    /// The least point up to which this share of the weight lies.
+    fn below(&self, share: f64) -> f64 {
         let mut sum = 0.0;
         for (x, w) in self.points.iter().zip(&self.weights) {
             sum += w;

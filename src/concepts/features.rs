@@ -66,7 +66,7 @@ pub const MOTION: [&str; 9] = [
     "yaw_turn",
     "closest",
     "log_mass",
-    "restitution",
+    "contact_restitution",
 ];
 
 /// Which numbers an object has.

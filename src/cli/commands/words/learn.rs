@@ -13,6 +13,7 @@ use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress::TaskProgress;
 use crate::cli::{input, output};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Share of the work that reading the videos has.
@@ -118,8 +119,9 @@ async fn request(
                 Some(ExampleKind::Dynamic) => ConceptKind::Dynamic,
                 Some(ExampleKind::Event) => ConceptKind::Event,
             };
-            let yes = examples(connection, &args.yes).await?;
-            let no = examples(connection, &args.no).await?;
+            let mut posted = BTreeMap::new();
+            let yes = examples(connection, &args.yes, &mut posted).await?;
+            let no = examples(connection, &args.no, &mut posted).await?;
             Source::Examples(WordExamples { name: name.clone(), kind: kind.into(), yes, no })
         }
     };
@@ -147,15 +149,23 @@ async fn lessons(
     Ok(Lessons { videos, observed_only: args.observed_only })
 }
 
-/// Posts the scenes of examples.
-async fn examples(connection: &Connection, given: &[String]) -> Result<Vec<ConceptExample>, Failure> {
+/// Posts the scenes of examples, each file once: `posted` has their names.
+async fn examples(
+    connection: &Connection,
+    given: &[String],
+    posted: &mut BTreeMap<String, String>,
+) -> Result<Vec<ConceptExample>, Failure> {
     let mut found = vec![];
     for text in given {
         let (file, place) = place(text).ok_or_else(|| {
             let form = "FILE:OBJECT, or FILE:OBJECT:OTHER@FRAME for a collision";
             Failure::input(format!("{text:?} is no example; give {form}"))
         })?;
-        let video = connection.post(&input::scene(Path::new(file))?).await?;
+        if !posted.contains_key(file) {
+            let video = connection.post(&input::scene(Path::new(file))?).await?;
+            posted.insert(file.to_string(), video);
+        }
+        let video = posted.get(file).cloned().unwrap_or_default();
         found.push(ConceptExample { video, ..place });
     }
     Ok(found)
