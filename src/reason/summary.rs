@@ -38,7 +38,7 @@ pub fn estimated_probability(k: usize, n: usize, sampling: impl Into<Sampling>) 
     }
 }
 
-/// The share of `n` simulations that a probability of [`estimated_probability`] comes from.
+/// The share of `n` simulations that a probability of `estimated_probability` comes from.
 pub fn estimated_share(probability: f64, n: usize) -> f64 {
     ((probability * (n as f64 + 1.0) - 0.5) / n.max(1) as f64).clamp(0.0, 1.0)
 }
