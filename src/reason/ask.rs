@@ -209,7 +209,7 @@ pub fn ask_in(
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
     answer.explanation += &reach(scene, &session.simulations);
-    answer.explanation += &format!(" Read as: {reading}.");
+    answer.explanation += &format!(" Read as: {}.", reading.trim_end_matches('?'));
     answer.reading = reading;
     answer.simulations = session.simulations;
     Ok(answer)
@@ -628,7 +628,7 @@ impl Session<'_> {
         let (values, derivation) = self.over_rollouts(&[program])?;
         let (answer, probability) = summary(self.scene, &values, self.sampling());
         Ok(Answer {
-            explanation: format!("{:.0} % of {} rollouts agree.", 100.0 * probability, values.len()),
+            explanation: format!("Probability {:.0} % by {} rollouts.", 100.0 * probability, values.len()),
             answer: Some(answer),
             choices: vec![],
             probability,
