@@ -18,6 +18,8 @@ pub enum ConceptError {
         "the lexicon has version {found}, this program reads {expected}; learn it again with this program"
     )]
     Version { found: u32, expected: u32 },
+    #[error("the lexicon lacks some of its numbers; take its whole content, or learn it again")]
+    Incomplete,
     #[error("questions is empty; give questions with their answers")]
     NoQuestions,
     #[error("videos[{video}].questions[{question}]: {source}")]

@@ -9,6 +9,7 @@
 //!
 //! Motion, of the samples of a track smoothed over [`HALF_WINDOW`] frames: see [`MOTION`].
 
+use super::error::ConceptError;
 use crate::fit::Fit;
 use crate::num::elementary::{atan2, exp, ln};
 use crate::num::{Vec2, wrap_angle};
@@ -85,6 +86,23 @@ impl FeatureLayout {
         let length = scene.objects.first()?.features.len();
         let name = scene.feature_layout.clone().unwrap_or_default();
         (length > 0).then_some(FeatureLayout { name, length, version: FEATURES_VERSION })
+    }
+
+    /// The layout of video `video`, which must be the expected one where there is such.
+    pub fn of_video(
+        video: usize,
+        scene: &Scene,
+        expected: Option<&FeatureLayout>,
+    ) -> Result<FeatureLayout, ConceptError> {
+        let found = FeatureLayout::of(scene).ok_or(ConceptError::NoFeatures { video })?;
+        match expected.filter(|expected| **expected != found) {
+            None => Ok(found),
+            Some(expected) => {
+                let text = |l: &FeatureLayout| format!("\"{}\" ({} numbers)", l.name, l.length);
+                let (found, expected) = (text(&found), text(expected));
+                Err(ConceptError::Layout { video, found, expected })
+            }
+        }
     }
 
     pub fn is_perceived(&self) -> bool {

@@ -6,13 +6,14 @@
 
 use super::error::ConceptError;
 use super::features::{FeatureLayout, appearance, motion};
-use super::lessons::simulated;
+use super::lessons::best_rollout;
 use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind};
 use super::logistic::{LogisticFit, fit_columns};
 use crate::fit::Fit;
 use crate::num::elementary::{exp, ln};
 use crate::num::never;
 use crate::reason::FUTURE_FRAMES;
+use crate::reason::simulated;
 use crate::scene::Scene;
 
 /// An object or a collision of a scene that fits a word, or does not.
@@ -134,7 +135,7 @@ fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>,
             let wanted = if a < b { vec![a, b] } else { vec![b, a] };
             let Some(fit) = example.fit else { return Err(missing(a)) };
             let frames = example.scene.times.len() + FUTURE_FRAMES;
-            let (scenario, _) = simulated(example.scene, fit, &[], frames, &never)?;
+            let (scenario, _) = simulated(example.scene, fit, &best_rollout(&[], frames), &never)?;
             let impacts = scenario.rollouts.first().map_or(&[][..], |r| &r.impacts);
             let own = impacts.iter().filter(|i| i.objects == wanted);
             let nearest = own.min_by_key(|i| i.frame.abs_diff(frame));

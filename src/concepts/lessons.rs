@@ -7,7 +7,7 @@ use crate::fit::Fit;
 use crate::num::Stop;
 use crate::reason::{
     Op, Prediction, PredictionRequest, ProgramValue, Question, QuestionProgram, ReasonError, Scenario,
-    SpanKind, WordFamily, choice_program, predict, question_program, scenario,
+    SpanKind, WordFamily, active_effects, choice_program, question_program, simulated,
 };
 use crate::scene::Scene;
 use crate::world::{Intervention, Model};
@@ -51,7 +51,7 @@ pub(super) struct LessonItem {
 pub(super) struct PreparedVideo<'a> {
     pub scene: &'a Scene,
     pub fit: Option<(&'a Fit, usize)>,
-    /// Raw features, `[object][feature]`.
+    /// `[object][feature]`: raw when prepared, standardised for training.
     pub features: Vec<Vec<f64>>,
     pub items: Vec<LessonItem>,
     pub scenarios: Vec<Scenario>,
@@ -65,8 +65,8 @@ pub(super) struct PreparedVideo<'a> {
 /// The words of each family that the lessons name or answer, sorted, with how often.
 pub(super) type FamilyWords = Vec<(WordFamily, Vec<(String, usize)>)>;
 
-/// LessonTokens of a question, of each choice, and the answer.
-struct LessonTokens {
+/// Tokens of a question and of each choice.
+pub(super) struct LessonTokens {
     question: Vec<String>,
     choices: Vec<Vec<String>>,
 }
@@ -102,13 +102,21 @@ fn words_of(program: &[String], found: &mut Vec<(WordFamily, String)>) -> Option
     }
 }
 
+/// The tokens of all lessons, by video.
+pub(super) fn read(videos: &[LessonVideo]) -> Result<Vec<Vec<LessonTokens>>, ConceptError> {
+    let one = |video: usize, (question, lesson): (usize, &Lesson)| {
+        tokens(&lesson.question).map_err(|source| ConceptError::Question { video, question, source })
+    };
+    let of =
+        |(v, video): (usize, &LessonVideo)| video.lessons.iter().enumerate().map(|l| one(v, l)).collect();
+    videos.iter().enumerate().map(of).collect()
+}
+
 /// All words of the lessons, by family.
-pub(super) fn family_words(videos: &[LessonVideo]) -> Result<FamilyWords, ConceptError> {
+pub(super) fn family_words(videos: &[LessonVideo], tokens: &[Vec<LessonTokens>]) -> FamilyWords {
     let mut all: FamilyWords = WordFamily::ALL.map(|f| (f, vec![])).to_vec();
-    for (v, video) in videos.iter().enumerate() {
-        for (q, lesson) in video.lessons.iter().enumerate() {
-            let read = tokens(&lesson.question);
-            let read = read.map_err(|source| ConceptError::Question { video: v, question: q, source })?;
+    for (video, tokens) in videos.iter().zip(tokens) {
+        for (lesson, read) in video.lessons.iter().zip(tokens) {
             let mut found = vec![];
             let asked = words_of(&read.question, &mut found);
             read.choices.iter().for_each(|c| {
@@ -128,7 +136,7 @@ pub(super) fn family_words(videos: &[LessonVideo]) -> Result<FamilyWords, Concep
     }
     all.iter_mut().for_each(|(_, words)| words.sort());
     all.retain(|(_, words)| !words.is_empty());
-    Ok(all)
+    all
 }
 
 /// The words that are not tokens of the vocabulary.
@@ -137,27 +145,22 @@ pub(super) fn vocabulary(words: &FamilyWords) -> Vec<String> {
     all.filter(|word| Op::of(word).is_none()).collect()
 }
 
-/// Reads the lessons of all videos.
+/// Prepares the lessons of all videos.
 pub(super) fn prepare<'a>(
     videos: &[LessonVideo<'a>],
+    tokens: &[Vec<LessonTokens>],
     words: &FamilyWords,
     stop: Stop,
 ) -> Result<(Vec<PreparedVideo<'a>>, FeatureLayout), ConceptError> {
     let known = vocabulary(words);
     let mut layout: Option<FeatureLayout> = None;
     let mut prepared = vec![];
-    for (v, video) in videos.iter().enumerate() {
-        let found = FeatureLayout::of(video.scene).ok_or(ConceptError::NoFeatures { video: v })?;
-        let expected = layout.get_or_insert_with(|| found.clone());
-        if *expected != found {
-            let text = |l: &FeatureLayout| format!("\"{}\" ({} numbers)", l.name, l.length);
-            let (found, expected) = (text(&found), text(expected));
-            return Err(ConceptError::Layout { video: v, found, expected });
-        }
+    for (v, (video, tokens)) in videos.iter().zip(tokens).enumerate() {
+        layout = Some(FeatureLayout::of_video(v, video.scene, layout.as_ref())?);
         let mut items = vec![];
-        for (q, lesson) in video.lessons.iter().enumerate() {
+        for (q, (lesson, tokens)) in video.lessons.iter().zip(tokens).enumerate() {
             let at = |source| ConceptError::Question { video: v, question: q, source };
-            items.extend(self::items(lesson, &known).map_err(|e| match e {
+            items.extend(self::items(&lesson.answer, tokens, &known).map_err(|e| match e {
                 ItemError::Reason(source) => at(source),
                 ItemError::Answer { answer, expected } => {
                     ConceptError::Answer { video: v, question: q, answer, expected }
@@ -181,8 +184,7 @@ pub(super) fn prepare<'a>(
             None => ready.scenarios.push(observed_scenario(video.scene)),
             Some((fit, index)) => {
                 ready.models.extend(fit.scenes.get(index).map(|s| s.model.clone()));
-                let active = ready.models.iter().flat_map(|m| &m.effects).filter(|e| e.on);
-                ready.effects = active.map(|e| e.name.clone()).collect();
+                ready.effects = ready.models.first().map_or(vec![], active_effects);
                 ready.simulate(&[], video.scene.times.len() + crate::reason::FUTURE_FRAMES, stop)?;
             }
         }
@@ -201,7 +203,7 @@ impl PreparedVideo<'_> {
         stop: Stop,
     ) -> Result<(), ReasonError> {
         let Some(fit) = self.fit else { return Ok(()) };
-        let (scenario, simulation) = simulated(self.scene, fit, interventions, frames, stop)?;
+        let (scenario, simulation) = simulated(self.scene, fit, &best_rollout(interventions, frames), stop)?;
         if let Some(shorter) = self.scenarios.iter().position(|s| s.interventions == interventions) {
             self.scenarios.remove(shorter);
             self.simulations.remove(shorter);
@@ -212,18 +214,9 @@ impl PreparedVideo<'_> {
     }
 }
 
-/// The best rollout under interventions, for this number of frames: its events and its states.
-pub(super) fn simulated(
-    scene: &Scene,
-    (fit, index): (&Fit, usize),
-    interventions: &[Intervention],
-    frames: usize,
-    stop: Stop,
-) -> Result<(Scenario, Prediction), ReasonError> {
-    let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 };
-    let simulation = predict(scene, fit, index, &request, stop)?;
-    let noise = fit.scenes.get(index).map_or(0.0, |s| s.noise_sigma);
-    Ok((scenario(scene, &simulation, noise), simulation))
+/// The best rollout under interventions, for this number of frames.
+pub(super) fn best_rollout(interventions: &[Intervention], frames: usize) -> PredictionRequest {
+    PredictionRequest { interventions: interventions.to_vec(), frames, rollouts: 0, seed: 0 }
 }
 
 /// Whether a program needs simulations: for what the tracks of the video do not show.
@@ -247,10 +240,13 @@ impl From<ReasonError> for ItemError {
     }
 }
 
-fn items(lesson: &Lesson, known: &[String]) -> Result<Vec<LessonItem>, ItemError> {
-    let LessonTokens { question, choices } = tokens(&lesson.question)?;
-    let program = QuestionProgram::parse_with(&question, known)?;
-    match &lesson.answer {
+fn items(
+    answer: &LessonAnswer,
+    LessonTokens { question, choices }: &LessonTokens,
+    known: &[String],
+) -> Result<Vec<LessonItem>, ItemError> {
+    let program = QuestionProgram::parse_with(question, known)?;
+    match answer {
         LessonAnswer::Choices(correct) if correct.len() == choices.len() && !choices.is_empty() => {
             let weight = 1.0 / choices.len() as f64;
             let item = |(choice, correct): (&Vec<String>, &bool)| {

@@ -144,7 +144,7 @@ impl Lexicon {
         families.chain(self.words.iter().map(|w| w.name.clone())).collect()
     }
 
-    /// Refuses a lexicon that another version of the program made.
+    /// Refuses a lexicon that another version of the program made, or whose numbers do not fit together.
     pub fn check(&self) -> Result<(), ConceptError> {
         let features = self.layout.as_ref().map_or(FEATURES_VERSION, |l| l.version);
         for (found, expected) in [(self.version, LEXICON_VERSION), (features, FEATURES_VERSION)] {
@@ -152,7 +152,13 @@ impl Lexicon {
                 return Err(ConceptError::Version { found, expected });
             }
         }
-        Ok(())
+        let features = self.mean.len();
+        let whole = features == self.scale.len() && self.families.iter().all(|f| f.is_whole(features));
+        let learned = |w: &LearnedWord| match &w.meaning {
+            Meaning::Logistic(model) => model.is_whole(),
+            Meaning::Change { .. } => true,
+        };
+        if whole && self.words.iter().all(learned) { Ok(()) } else { Err(ConceptError::Incomplete) }
     }
 
     /// Standardised features of appearance.
@@ -167,6 +173,15 @@ impl Lexicon {
 const FARTHEST_FEATURE: f64 = 8.0;
 
 impl LearnedFamily {
+    /// Whether it has all numbers for this number of features.
+    fn is_whole(&self, features: usize) -> bool {
+        let sized =
+            |numbers: &[f64], rows: usize, columns: usize| rows.checked_mul(columns) == Some(numbers.len());
+        sized(&self.map, self.dimension, features)
+            && self.offset.len() == self.dimension
+            && sized(&self.vectors, self.words.len(), self.dimension)
+    }
+
     /// z = W f + u.
     pub fn place(&self, features: &[f64]) -> Vec<f64> {
         let rows = self.map.chunks(features.len().max(1)).zip(&self.offset);
@@ -237,16 +252,8 @@ pub fn word_probabilities(
     fit: Option<(&Fit, usize)>,
 ) -> Result<WordProbabilities, ConceptError> {
     lexicon.check()?;
-    if let Some(expected) = &lexicon.layout {
-        match FeatureLayout::of(scene) {
-            None => return Err(ConceptError::NoFeatures { video: 0 }),
-            Some(found) if found != *expected => {
-                let text = |l: &FeatureLayout| format!("\"{}\" ({} numbers)", l.name, l.length);
-                let (found, expected) = (text(&found), text(expected));
-                return Err(ConceptError::Layout { video: 0, found, expected });
-            }
-            _ => {}
-        }
+    if lexicon.layout.is_some() {
+        FeatureLayout::of_video(0, scene, lexicon.layout.as_ref())?;
     }
     let looks = appearance(scene);
     let standard: Vec<Vec<f64>> = looks.iter().map(|f| lexicon.standardised(f)).collect();
@@ -259,7 +266,8 @@ pub fn word_probabilities(
         families: lexicon.families.iter().map(family).collect(),
         ..WordProbabilities::default()
     };
-    let moves = motion(scene, fit);
+    let has_motion = lexicon.words.iter().any(|w| w.kind == WordKind::Dynamic);
+    let moves = if has_motion { motion(scene, fit) } else { vec![] };
     for word in &lexicon.words {
         let holds = match (&word.meaning, word.kind) {
             (Meaning::Change { quantity, factor, .. }, _) => {

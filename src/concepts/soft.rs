@@ -22,8 +22,8 @@
 use super::soft_value::{SoftValue, add_choice, any, counts, none_of, normalised, only_one};
 use super::tape::{ONE, Tape, Variable, ZERO};
 use crate::reason::{
-    Gives, Halt, Op, Operation, ProgramValue, QuestionProgram, ReasonError, RolloutContext, SIDES,
-    SceneEvent, SceneEventKind, SpanKind, WordFamily, operand_count, ops, step,
+    Gives, Halt, Op, Operation, ProgramValue, QuestionProgram, ReasonError, RolloutContext, SceneEvent,
+    SceneEventKind, SpanKind, WordFamily, operand_count, ops, step,
 };
 
 /// The words of one family for the objects of a scene.
@@ -295,10 +295,7 @@ impl SoftRun<'_> {
             "filter_sides" => KindFilter::Sides,
             "filter_contact" => KindFilter::Contacts,
             "filter_side" => match &self.choices(op)?[..] {
-                [(ProgramValue::Word(word), _)] => {
-                    let side = SIDES.iter().find(|side| *side == word);
-                    KindFilter::Kind(side.map_or(SceneEventKind::Never, |side| SceneEventKind::Side(side)))
-                }
+                [(ProgramValue::Word(word), _)] => KindFilter::Kind(SceneEventKind::of_side(word)),
                 _ => return Err(self.mismatch(op)),
             },
             _ => KindFilter::Kind(SceneEventKind::Collision),

@@ -116,18 +116,7 @@ const PROGRAMS: [&str; 27] = [
 
 /// The only rollout of these scenarios.
 fn context<'a>(scene: &'a Scene, scenarios: &'a [Scenario]) -> RolloutContext<'a> {
-    RolloutContext {
-        scene,
-        bodies: &[],
-        effects: &[],
-        scenarios,
-        simulations: &[],
-        models: &[],
-        fit: None,
-        future: FUTURE_FRAMES,
-        rollout: 0,
-        words: None,
-    }
+    RolloutContext::of_scene(scene, scenarios)
 }
 
 /// The soft result of a program on certain words.
@@ -313,6 +302,25 @@ fn a_lexicon_of_another_version_is_refused() {
     let scene = scene("any", &LOOKS, &mut ChaCha8Rng::seed_from_u64(2));
     let refused = word_probabilities(&lexicon, &scene, None);
     assert_eq!(refused, Err(ConceptError::Version { found: LEXICON_VERSION + 1, expected: LEXICON_VERSION }));
+}
+
+/// What a client sends may have been cut.
+#[test]
+fn a_lexicon_that_lacks_numbers_is_refused() {
+    let scenes = random_scenes(4, 3);
+    let whole = learned(&scenes, 1);
+    let breaks: [fn(&mut Lexicon); 4] = [
+        |l| l.families[0].vectors.truncate(1),
+        |l| l.families[0].map.truncate(1),
+        |l| l.families[0].dimension = usize::MAX,
+        |l| l.scale.truncate(1),
+    ];
+    for break_one in breaks {
+        let mut lexicon = whole.clone();
+        break_one(&mut lexicon);
+        assert_eq!(word_probabilities(&lexicon, &scenes[0], None), Err(ConceptError::Incomplete));
+    }
+    assert_eq!(whole.check(), Ok(()));
 }
 
 /// A disc that strikes one at rest, and a third one `gap` beyond it, which is reached only if the push is strong enough; with its fit.

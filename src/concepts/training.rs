@@ -14,7 +14,7 @@
 
 use super::error::ConceptError;
 use super::features::standard;
-use super::lessons::{FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare};
+use super::lessons::{FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, read};
 use super::lexicon::{LearnedFamily, Lexicon, WordCalibration};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
@@ -76,21 +76,25 @@ pub fn learn(
     progress: &(dyn Fn(LearnProgress) + Sync),
     stop: Stop,
 ) -> Result<Lexicon, ConceptError> {
-    let words = family_words(videos)?;
+    let tokens = read(videos)?;
+    let words = family_words(videos, &tokens);
     if words.is_empty() {
         return Err(ConceptError::NoQuestions);
     }
-    let (mut prepared, layout) = prepare(videos, &words, stop)?;
+    let (mut prepared, layout) = prepare(videos, &tokens, &words, stop)?;
     let objects: Vec<Vec<f64>> = prepared.iter().flat_map(|v| v.features.iter().cloned()).collect();
     let (mean, scale) = standard(&objects);
     let questions = videos.iter().map(|v| v.lessons.len()).sum();
     let mut lexicon =
         Lexicon { layout: Some(layout), mean, scale, videos: videos.len(), questions, ..Lexicon::default() };
+    for features in prepared.iter_mut().flat_map(|v| &mut v.features) {
+        *features = lexicon.standardised(features);
+    }
     let report = |step, loss| progress(LearnProgress { step, steps: options.steps, loss });
     let all: Vec<usize> = (0..prepared.len()).collect();
     lexicon.families = start(&words, lexicon.mean.len(), options.seed);
     let blank = lexicon.families.clone();
-    let trainer = Trainer { lexicon: &lexicon, options };
+    let trainer = Trainer { options };
     let families = trainer.train(&mut prepared, &all, blank.clone(), &report, stop)?;
     let mut left_out = vec![];
     let folds = options.folds.min(prepared.len());
@@ -133,7 +137,6 @@ fn unit_vectors(words: usize, dimension: usize) -> Vec<f64> {
 }
 
 struct Trainer<'a> {
-    lexicon: &'a Lexicon,
     options: &'a LearnOptions,
 }
 
@@ -268,7 +271,7 @@ impl Trainer<'_> {
         for family in families {
             let (mut rows, mut probabilities) = (vec![], vec![]);
             for features in &video.features {
-                let logits = family.logits(&self.lexicon.standardised(features));
+                let logits = family.logits(features);
                 let row: Vec<Variable> = logits.iter().map(|l| tape.input(l / family.temperature)).collect();
                 probabilities.push(tape.softmax(&row));
                 rows.push(row);
@@ -306,9 +309,8 @@ impl Trainer<'_> {
         gradient: &mut [Vec<f64>],
     ) {
         for (k, (family, objects)) in families.iter().zip(&loss.logits).enumerate() {
-            for (features, g) in video.features.iter().zip(objects) {
-                let f = self.lexicon.standardised(features);
-                let z = family.place(&f);
+            for (f, g) in video.features.iter().zip(objects) {
+                let z = family.place(f);
                 let n = family.dimension;
                 let mut back = vec![0.0; n];
                 for (w, gw) in g.iter().enumerate() {
@@ -320,7 +322,7 @@ impl Trainer<'_> {
                 for c in 0..n {
                     gradient[3 * k + 1][c] += back[c];
                     let row = &mut gradient[3 * k][c * f.len()..(c + 1) * f.len()];
-                    row.iter_mut().zip(&f).for_each(|(slot, x)| *slot += back[c] * x);
+                    row.iter_mut().zip(f).for_each(|(slot, x)| *slot += back[c] * x);
                 }
             }
         }

@@ -11,11 +11,11 @@
 //!    least 0.5; an open question has the most frequent answer, a quantity its mean and deviation (`summary`).
 
 use super::ReasonError;
-use super::context::{Halt, RolloutContext};
-use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, scenario};
+use super::context::{Halt, RolloutContext, active_effects};
+use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, simulated};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
-use super::predict::{Prediction, PredictionRequest, predict};
+use super::predict::{Prediction, PredictionRequest};
 use super::reader::{Conversation, QuestionReading, read_choice, read_question};
 use super::run::{DerivationStep, run};
 use super::summary::{Sampling, estimated_probability, summary};
@@ -55,7 +55,7 @@ impl Default for AskOptions {
     }
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// Of an open question.
     pub answer: Option<String>,
@@ -172,14 +172,13 @@ pub fn ask_in(
         program = list_program(&program, &vocabulary)?;
     }
     check(&program, &choices)?;
-    check_words(words, std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)))?;
+    let all = || std::iter::once(&program).chain(choices.iter().map(|(_, c)| c));
+    check_words(words, all())?;
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
-    let active = fit.scenes.get(index).into_iter().flat_map(|s| &s.model.effects).filter(|e| e.on);
-    let effects = active.map(|e| e.name.clone()).collect();
     let fitted = fit.scenes.get(index).map(|s| s.model.clone());
+    let effects = fitted.as_ref().map_or(vec![], active_effects);
     let models = fitted.into_iter().chain(fit.draw(index, options.rollouts, options.seed)).collect();
     let (scenarios, simulations) = (vec![], vec![]);
-    let all = || std::iter::once(&program).chain(choices.iter().map(|(_, c)| c));
     let (future, is_ahead) = (future_frames(scene, all()), all().any(looks_ahead));
     let mut session = Session {
         scene,
@@ -226,18 +225,7 @@ pub fn dry_run(
         program = list_program(&program, &[])?;
     }
     check(&program, &choices)?;
-    let context = RolloutContext {
-        scene,
-        bodies: &[],
-        effects: &[],
-        scenarios: &[],
-        simulations: &[],
-        models: &[],
-        fit: None,
-        future: FUTURE_FRAMES,
-        rollout: 0,
-        words: None,
-    };
+    let context = RolloutContext::of_scene(scene, &[]);
     for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
         resolve_objects(program, context)?;
     }
@@ -508,28 +496,29 @@ impl Session<'_> {
         }
         let AskOptions { rollouts, seed } = self.options;
         let request = PredictionRequest { interventions: interventions.to_vec(), frames, rollouts, seed };
-        let prediction = predict(self.scene, self.fit, self.index, &request, self.stop)?;
-        let noise = self.fit.scenes.get(self.index).map_or(0.0, |s| s.noise_sigma);
-        self.scenarios.push(scenario(self.scene, &prediction, noise));
-        self.simulations.push(prediction);
+        let (scenario, simulation) = simulated(self.scene, (self.fit, self.index), &request, self.stop)?;
+        self.scenarios.push(scenario);
+        self.simulations.push(simulation);
         Ok(())
     }
 
-    /// The values over the ensemble (without one, that of the best rollout), and the derivation on the best rollout.
+    /// The values over the ensemble (without one, that of the best rollout), and the derivation on the best rollout. With a lexicon,
+    /// each rollout has [`WORD_DRAWS`] draws of words.
     fn over_rollouts(
         &mut self,
         programs: &[&QuestionProgram],
     ) -> Result<(Vec<ProgramValue>, Vec<DerivationStep>), ReasonError> {
-        if let Some(words) = self.words {
-            return self.over_draws(programs, words);
-        }
-        let best = self.evaluate(programs, 0, None);
+        let (words, objects, rollouts) = (self.words, self.scene.objects.len(), self.options.rollouts);
+        let likeliest = words.map(|words| WordDraw::best(words, objects));
+        let best = self.evaluate(programs, 0, likeliest.as_ref());
         let mut values = vec![];
-        for rollout in 1..=self.options.rollouts {
-            match self.evaluate(programs, rollout, None) {
+        let draws = if words.is_some() { WORD_DRAWS * rollouts.max(1) } else { rollouts };
+        for k in 0..draws {
+            let draw = words.map(|words| WordDraw::drawn(words, objects, self.options.seed, k));
+            let rollout = if rollouts == 0 { 0 } else { 1 + k % rollouts };
+            match self.evaluate(programs, rollout, draw.as_ref()) {
                 Ok((value, _)) => values.extend(value),
-                // Without the event in question, this rollout does not count.
-                Err(ReasonError::NoSingleEvent { .. }) => {}
+                Err(error) if self.presupposes_otherwise(&error) => {}
                 Err(error) => return Err(error),
             }
         }
@@ -540,43 +529,20 @@ impl Session<'_> {
                 }
                 Ok((values, derivation))
             }
-            Err(ReasonError::NoSingleEvent { .. }) if !values.is_empty() => Ok((values, vec![])),
+            Err(error) if !values.is_empty() && (words.is_some() || self.presupposes_otherwise(&error)) => {
+                Ok((values, vec![]))
+            }
             Err(error) => Err(error),
         }
     }
 
-    /// The same over draws of words: [`WORD_DRAWS`] for each rollout.
-    fn over_draws(
-        &mut self,
-        programs: &[&QuestionProgram],
-        words: &WordProbabilities,
-    ) -> Result<(Vec<ProgramValue>, Vec<DerivationStep>), ReasonError> {
-        let objects = self.scene.objects.len();
-        let best = self.evaluate(programs, 0, Some(&WordDraw::best(words, objects)));
-        let mut values = vec![];
-        let rollouts = self.options.rollouts;
-        for k in 0..WORD_DRAWS * rollouts.max(1) {
-            let draw = WordDraw::drawn(words, objects, self.options.seed, k);
-            match self.evaluate(programs, if rollouts == 0 { 0 } else { 1 + k % rollouts }, Some(&draw)) {
-                Ok((value, _)) => values.extend(value),
-                // A draw against what the question presupposes does not count.
-                Err(
-                    ReasonError::NoSingleEvent { .. }
-                    | ReasonError::NoSuchObject { .. }
-                    | ReasonError::AmbiguousObject { .. },
-                ) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        match best {
-            Ok((value, derivation)) => {
-                if values.is_empty() {
-                    values.extend(value);
-                }
-                Ok((values, derivation))
-            }
-            Err(_) if !values.is_empty() => Ok((values, vec![])),
-            Err(error) => Err(error),
+    /// Whether a rollout or a draw does not count, as it is against what the question presupposes: the event in question, or, where
+    /// words are drawn, the object.
+    fn presupposes_otherwise(&self, error: &ReasonError) -> bool {
+        match error {
+            ReasonError::NoSingleEvent { .. } => true,
+            ReasonError::NoSuchObject { .. } | ReasonError::AmbiguousObject { .. } => self.words.is_some(),
+            _ => false,
         }
     }
 
@@ -610,7 +576,6 @@ impl Session<'_> {
             .collect();
         let rollouts = self.options.rollouts.max(1);
         Ok(Answer {
-            answer: None,
             probability: answers.iter().map(certainty).fold(1.0, f64::min),
             explanation: match &right[..] {
                 [] => format!("No choice is correct by {rollouts} simulations."),
@@ -618,9 +583,7 @@ impl Session<'_> {
             },
             derivation: answers.first().map(|c| c.derivation.clone()).unwrap_or_default(),
             choices: answers,
-            program: vec![],
-            reading: String::new(),
-            simulations: vec![],
+            ..Answer::default()
         })
     }
 
@@ -630,12 +593,9 @@ impl Session<'_> {
         Ok(Answer {
             explanation: format!("Probability {:.0} % by {} rollouts.", 100.0 * probability, values.len()),
             answer: Some(answer),
-            choices: vec![],
             probability,
             derivation,
-            program: vec![],
-            reading: String::new(),
-            simulations: vec![],
+            ..Answer::default()
         })
     }
 
@@ -649,38 +609,29 @@ impl Session<'_> {
             _ => vec![token.clone()],
         };
         let tokens: Vec<String> = program.tokens.iter().flat_map(of).collect();
-        let happens = QuestionProgram::parse_with(&tokens, &self.vocabulary).and_then(|p| {
-            p.check(&mut vec![])?;
-            self.over_rollouts(&[&p])
-        });
-        match happens {
-            Ok((values, _)) if summary(self.scene, &values, self.sampling()).0 == "yes" => {
-                let seconds = self.future as f64 / self.scene.fps;
-                format!(
-                    " In the video it does not happen, but it does within {seconds:.1} s after it: the question does not \
-                     determine which is meant."
-                )
-            }
-            _ => String::new(),
+        if self.answer_to(&tokens).as_deref() != Some("yes") {
+            return String::new();
         }
+        let seconds = self.future as f64 / self.scene.fps;
+        format!(
+            " In the video it does not happen, but it does within {seconds:.1} s after it: the question does not determine which is \
+             meant."
+        )
     }
 
     /// What the change of a counterfactual makes of the events of the video, as a sentence.
     fn difference(&mut self, program: &QuestionProgram) -> String {
         let mut tokens = program.tokens.clone();
         tokens.push("difference_made".to_string());
-        let differs = QuestionProgram::parse_with(&tokens, &self.vocabulary).and_then(|p| {
-            p.check(&mut vec![])?;
-            self.over_rollouts(&[&p])
-        });
-        match differs {
-            Ok((values, _)) => {
-                format!(
-                    " The change makes this difference: {}.",
-                    summary(self.scene, &values, self.sampling()).0
-                )
-            }
-            Err(_) => String::new(),
-        }
+        let made = self.answer_to(&tokens);
+        made.map_or(String::new(), |made| format!(" The change makes this difference: {made}."))
+    }
+
+    /// The answer to another program; `None` where it has none.
+    fn answer_to(&mut self, tokens: &[String]) -> Option<String> {
+        let program = QuestionProgram::parse_with(tokens, &self.vocabulary).ok()?;
+        program.check(&mut vec![]).ok()?;
+        let (values, _) = self.over_rollouts(&[&program]).ok()?;
+        Some(summary(self.scene, &values, self.sampling()).0)
     }
 }

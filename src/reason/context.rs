@@ -1,7 +1,7 @@
 //! What a program is run against: a scene, its fitted model, and one rollout of each simulated scenario.
 
 use super::ReasonError;
-use super::events::{RolloutEvents, Scenario, SceneEvent};
+use super::events::{FUTURE_FRAMES, RolloutEvents, Scenario, SceneEvent};
 use super::predict::Prediction;
 use super::value::SpanKind;
 use super::words::{DrawnWords, WordFamily};
@@ -47,7 +47,28 @@ pub struct RolloutContext<'a> {
     pub words: Option<DrawnWords<'a>>,
 }
 
+/// The names of the effects that are on.
+pub fn active_effects(model: &Model) -> Vec<String> {
+    model.effects.iter().filter(|e| e.on).map(|e| e.name.clone()).collect()
+}
+
 impl<'a> RolloutContext<'a> {
+    /// Scenarios of a scene without a fitted model.
+    pub fn of_scene(scene: &'a Scene, scenarios: &'a [Scenario]) -> RolloutContext<'a> {
+        RolloutContext {
+            scene,
+            bodies: &[],
+            effects: &[],
+            scenarios,
+            simulations: &[],
+            models: &[],
+            fit: None,
+            future: FUTURE_FRAMES,
+            rollout: 0,
+            words: None,
+        }
+    }
+
     /// The object's word of the attribute that an operation filters by or asks for.
     pub(super) fn attribute(&self, token: &str, object: usize) -> Option<&'a str> {
         let known = self.scene.objects.get(object)?;

@@ -3,8 +3,11 @@
 //! The frame of an event is the last frame that does not begin after it. Collisions and stops have an exact time; entrances and
 //! exits are known to the frame.
 
-use super::Prediction;
+use super::ReasonError;
+use super::predict::{Prediction, PredictionRequest, predict};
 use super::words::impact_features;
+use crate::fit::Fit;
+use crate::num::Stop;
 use crate::scene::{Scene, WorldKind};
 use crate::world::{EventKind, Intervention, Trace};
 use std::collections::BTreeSet;
@@ -38,6 +41,16 @@ pub enum SceneEventKind {
     Stop,
     /// Stands for an event in question that did not happen.
     Never,
+}
+
+impl SceneEventKind {
+    /// A hit of the side of this name; of a table that has none, what never happens.
+    pub fn of_side(name: &str) -> SceneEventKind {
+        SIDES
+            .iter()
+            .find(|side| **side == name)
+            .map_or(SceneEventKind::Never, |side| SceneEventKind::Side(side))
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -95,6 +108,18 @@ pub struct Impact {
     /// Indices of the scene's objects, sorted.
     pub objects: Vec<usize>,
     pub features: [f64; 4],
+}
+
+/// A simulation of scene `index` of a fit, and its events.
+pub fn simulated(
+    scene: &Scene,
+    (fit, index): (&Fit, usize),
+    request: &PredictionRequest,
+    stop: Stop,
+) -> Result<(Scenario, Prediction), ReasonError> {
+    let simulation = predict(scene, fit, index, request, stop)?;
+    let noise = fit.scenes.get(index).map_or(0.0, |s| s.noise_sigma);
+    Ok((scenario(scene, &simulation, noise), simulation))
 }
 
 /// The events of every rollout of a prediction.

@@ -23,10 +23,10 @@ mod words;
 pub use ask::{
     Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_in, ask_with_words, dry_run,
 };
-pub use context::{Halt, RolloutContext};
+pub use context::{Halt, RolloutContext, active_effects};
 pub use events::{
-    FUTURE_FRAMES, Impact, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, SIDES, Scenario, SceneEvent,
-    SceneEventKind, scenario,
+    FUTURE_FRAMES, Impact, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent,
+    SceneEventKind, scenario, simulated,
 };
 pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, operand_count, read_back};
 pub use operations::{OPERATIONS, Operation, OperationInfo, ops};

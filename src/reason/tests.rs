@@ -291,18 +291,7 @@ fn true_events_give_the_true_answers() {
                 rollouts: vec![true_events(&scene, &truth, &c["collisions"], false)],
             });
         }
-        let context = RolloutContext {
-            scene: &scene,
-            bodies: &[],
-            effects: &[],
-            scenarios: &scenarios,
-            simulations: &[],
-            models: &[],
-            fit: None,
-            future: FUTURE_FRAMES,
-            rollout: 0,
-            words: None,
-        };
+        let context = RolloutContext::of_scene(&scene, &scenarios);
         for q in list(&json(&folder.join("questions.json"))["questions"]) {
             let program = QuestionProgram::parse(&tokens(&q["program"])).unwrap();
             let choices = list(&q["choices"]);

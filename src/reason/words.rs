@@ -145,6 +145,15 @@ pub struct LogisticWord {
 }
 
 impl LogisticWord {
+    /// Whether it has all numbers for its features.
+    pub fn is_whole(&self) -> bool {
+        let n = self.columns.len() + 1;
+        self.mean.len() + 1 == n
+            && self.scale.len() + 1 == n
+            && self.weights.len() == n
+            && n.checked_mul(n) == Some(self.covariance.len())
+    }
+
     /// The standardised features and a one; a missing feature counts as the mean.
     pub fn inputs(&self, features: &[f64]) -> Vec<f64> {
         let at = |(k, column): (usize, &usize)| {

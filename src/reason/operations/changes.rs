@@ -6,7 +6,7 @@ use crate::reason::ReasonError;
 use crate::reason::context::Halt;
 use crate::reason::value::ProgramValue::*;
 use crate::reason::value::SpanKind;
-use crate::reason::words::ChangedQuantity;
+use crate::reason::words::{ChangeWord, ChangedQuantity};
 use crate::world::Intervention;
 
 /// Multiplies a mass, a velocity or a restitution; on a change: of the object changed last, beside it.
@@ -19,11 +19,21 @@ pub fn scale(m: &mut Machine) -> Outcome {
         "reverse" => -1.0,
         _ => m.factor()?,
     };
+    let quantity = match token {
+        "apply_heavier" | "apply_lighter" | "scale_mass" => ChangedQuantity::Mass,
+        "scale_restitution" => ChangedQuantity::Restitution,
+        _ => ChangedQuantity::Velocity,
+    };
+    multiplied(m, quantity, factor)
+}
+
+/// What the target of a change has, so many times.
+fn multiplied(m: &mut Machine, quantity: ChangedQuantity, factor: f64) -> Outcome {
     let (mut changes, id) = target(m)?;
-    changes.push(match token {
-        "apply_heavier" | "apply_lighter" | "scale_mass" => Intervention::ScaleMass { id, factor },
-        "scale_restitution" => Intervention::ScaleRestitution { id, factor },
-        _ => Intervention::ScaleVelocity { id, factor },
+    changes.push(match quantity {
+        ChangedQuantity::Mass => Intervention::ScaleMass { id, factor },
+        ChangedQuantity::Velocity => Intervention::ScaleVelocity { id, factor },
+        ChangedQuantity::Restitution => Intervention::ScaleRestitution { id, factor },
     });
     Ok(Change(ops::joined_changes(changes)))
 }
@@ -48,14 +58,8 @@ pub fn apply_word(m: &mut Machine) -> Outcome {
         let known = words.iter().map(|c| c.name.clone()).collect();
         return Err(ReasonError::UnknownWord { word: name, known }.into());
     };
-    let (mut changes, id) = target(m)?;
-    let factor = change.factor;
-    changes.push(match change.quantity {
-        ChangedQuantity::Mass => Intervention::ScaleMass { id, factor },
-        ChangedQuantity::Velocity => Intervention::ScaleVelocity { id, factor },
-        ChangedQuantity::Restitution => Intervention::ScaleRestitution { id, factor },
-    });
-    Ok(Change(ops::joined_changes(changes)))
+    let ChangeWord { quantity, factor, .. } = *change;
+    multiplied(m, quantity, factor)
 }
 
 pub fn remove(m: &mut Machine) -> Outcome {

@@ -6,7 +6,8 @@ use super::ops;
 use crate::fit::{Estimate, Fit};
 use crate::num::elementary;
 use crate::reason::context::Halt;
-use crate::reason::events::{MOVING_SPEED, SceneEventKind};
+use crate::reason::describe::event_words;
+use crate::reason::events::{MOVING_SPEED, SceneEvent, SceneEventKind};
 use crate::reason::value::ProgramValue::{self, *};
 use crate::reason::value::SpanKind;
 use crate::world::{BodySpec, Model};
@@ -16,7 +17,22 @@ use crate::world::{BodySpec, Model};
 const DETERMINED: f64 = 0.75;
 
 fn fit<'a>(m: &Machine<'a>) -> Result<(&'a Fit, usize), Halt> {
-    m.context.fit.ok_or_else(|| Halt::Undetermined("there is no fitted model".into()))
+    m.context.fit.ok_or_else(no_model)
+}
+
+fn no_model() -> Halt {
+    Halt::Undetermined("there is no fitted model".into())
+}
+
+/// Whether the scene gives the mass of an object.
+fn is_given(m: &Machine, object: usize) -> bool {
+    m.context.scene.objects.get(object).is_some_and(|o| o.mass.is_some())
+}
+
+/// Ids of the objects whose masses the video determines.
+fn identified_masses(m: &Machine) -> Result<Vec<u32>, Halt> {
+    let (fit, index) = fit(m)?;
+    Ok(fit.objects(index).iter().filter(|o| o.mass.identified).map(|o| o.id).collect())
 }
 
 fn body<'a>(m: &Machine<'a>, model: &'a Model, object: usize) -> Result<&'a BodySpec, Halt> {
@@ -27,8 +43,7 @@ fn body<'a>(m: &Machine<'a>, model: &'a Model, object: usize) -> Result<&'a Body
 
 /// The model of this rollout.
 fn model<'a>(m: &Machine<'a>) -> Result<&'a Model, Halt> {
-    let missing = || Halt::Undetermined("there is no fitted model".into());
-    m.context.models.get(m.context.rollout).ok_or_else(missing)
+    m.context.models.get(m.context.rollout).ok_or_else(no_model)
 }
 
 /// Why a property of contacts of an object is not determined.
@@ -42,10 +57,8 @@ fn met_nothing(m: &Machine, object: usize, what: &str) -> Halt {
 
 pub fn mass(m: &mut Machine) -> Outcome {
     let object = m.object()?;
-    let (fit, index) = fit(m)?;
-    let id = ops::id(m.context.scene, object)?;
-    let given = m.context.scene.objects.get(object).is_some_and(|o| o.mass.is_some());
-    let known = fit.objects(index).iter().any(|o| o.id == id && o.mass.identified);
+    let known = identified_masses(m)?.contains(&ops::id(m.context.scene, object)?);
+    let given = is_given(m, object);
     if !given && !known {
         // What the object meets decides which reason is given.
         m.context.rollout(&[], m.context.frames(SpanKind::Video))?;
@@ -59,7 +72,7 @@ pub fn mass(m: &mut Machine) -> Outcome {
 pub fn mass_ratio(m: &mut Machine) -> Outcome {
     let (second, first) = (m.object()?, m.object()?);
     let models = m.context.models;
-    let best = models.first().ok_or_else(|| Halt::Undetermined("there is no fitted model".into()))?;
+    let best = models.first().ok_or_else(no_model)?;
     let logs: Vec<f64> = models
         .iter()
         .skip(1)
@@ -67,9 +80,7 @@ pub fn mass_ratio(m: &mut Machine) -> Outcome {
         .collect::<Result<_, Halt>>()?;
     let mean = logs.iter().sum::<f64>() / logs.len().max(1) as f64;
     let square = logs.iter().map(|l| (l - mean) * (l - mean)).sum::<f64>() / logs.len().max(1) as f64;
-    let scene = m.context.scene;
-    let is_given = |o: usize| scene.objects.get(o).is_some_and(|o| o.mass.is_some());
-    let free = [first, second].iter().filter(|o| !is_given(**o)).count() as f64;
+    let free = [first, second].iter().filter(|o| !is_given(m, **o)).count() as f64;
     if free > 0.0 && square.sqrt() > DETERMINED * free.sqrt() * best.mass_sd {
         m.context.rollout(&[], m.context.frames(SpanKind::Video))?;
         let events = m.context.events(&[], SpanKind::Video)?;
@@ -94,13 +105,11 @@ pub fn is_heavier(m: &mut Machine) -> Outcome {
 pub fn by_mass(m: &mut Machine) -> Outcome {
     let sign = if m.token() == "heaviest" { 1.0 } else { -1.0 };
     let objects = m.objects()?;
-    let (fit, index) = fit(m)?;
-    let estimates = fit.objects(index);
+    let known = identified_masses(m)?;
     let model = model(m)?;
     let mut best: Option<(usize, f64)> = None;
     for object in objects {
-        let id = ops::id(m.context.scene, object)?;
-        if !estimates.iter().any(|o| o.id == id && o.mass.identified) {
+        if !known.contains(&ops::id(m.context.scene, object)?) {
             let events = m.context.events(&[], SpanKind::Video)?;
             if ops::filter_kind(&events, SceneEventKind::Collision, &[object]).is_empty() {
                 return Err(met_nothing(m, object, "the mass"));
@@ -147,7 +156,7 @@ pub fn coefficient(m: &mut Machine) -> Outcome {
     let (fit, index) = fit(m)?;
     let body = body(m, model(m)?, object)?;
     let is_ball = body.shape.is_ball();
-    let scene = fit.scenes.get(index).ok_or_else(|| Halt::Undetermined("there is no fitted model".into()))?;
+    let scene = fit.scenes.get(index).ok_or_else(no_model)?;
     let called =
         |name: &str| crate::effects::effect(name).is_some_and(|e| e.profile.common_name == Some(law));
     let of_law = fit.shared(index).into_iter().filter(|s| called(&s.effect));
@@ -176,16 +185,14 @@ pub fn kinetic_energy(m: &mut Machine) -> Outcome {
     let state = state(m, object, at)?;
     let body = body(m, model(m)?, object)?;
     let spin = body.shape.unit_inertia() * (state.spin * state.spin + state.roll.norm_squared());
-    let given = m.context.scene.objects.get(object).is_some_and(|o| o.mass.is_some());
-    let unit = if given { "J" } else { "J (relative: the scene gives no masses)" };
+    let unit = if is_given(m, object) { "J" } else { "J (relative: the scene gives no masses)" };
     Ok(Quantity(0.5 * body.mass * (state.velocity.norm_squared() + spin), unit))
 }
 
 pub fn momentum(m: &mut Machine) -> Outcome {
     let (at, object) = (time(m)?, m.object()?);
     let velocity = state(m, object, at)?.velocity;
-    let given = m.context.scene.objects.get(object).is_some_and(|o| o.mass.is_some());
-    let unit = if given { "kg m/s" } else { "kg m/s (relative: the scene gives no masses)" };
+    let unit = if is_given(m, object) { "kg m/s" } else { "kg m/s (relative: the scene gives no masses)" };
     Ok(Vector(velocity * body(m, model(m)?, object)?.mass, unit))
 }
 
@@ -235,9 +242,9 @@ pub fn difference_made(m: &mut Machine) -> Outcome {
     let events = m.events()?;
     let scene = m.context.scene;
     let actual = m.context.events(&[], SpanKind::Video)?;
-    let missing = |from: &[crate::reason::events::SceneEvent], of: &[crate::reason::events::SceneEvent]| {
-        let missing = of.iter().filter(|e| !ops::has_event(from, e));
-        missing.map(|e| crate::reason::describe::event_words(scene, e)).collect::<Vec<_>>().join("; ")
+    let missing = |from: &[SceneEvent], of: &[SceneEvent]| {
+        let missing = ops::lacking(from, of);
+        missing.iter().map(|e| event_words(scene, e)).collect::<Vec<_>>().join("; ")
     };
     let (lost, new) = (missing(&events, &actual), missing(&actual, &events));
     Ok(Text(match (lost.is_empty(), new.is_empty()) {

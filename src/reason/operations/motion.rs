@@ -131,7 +131,7 @@ pub fn is_moving(m: &mut Machine) -> Outcome {
             return Ok(Bool(moves));
         }
     }
-    Ok(Bool(state(m, object, at)?.velocity.norm() > MOVING_SPEED))
+    Ok(Bool(in_motion(&state(m, object, at)?)))
 }
 
 /// Whether it moves at any time of a span.
@@ -141,11 +141,16 @@ pub fn moves(m: &mut Machine) -> Outcome {
         let rollout = m.context.rollout(&[], m.context.frames(SpanKind::Video))?;
         return Ok(Bool(!ops::filter_motion(rollout, &[object], None, true).is_empty()));
     }
-    Ok(Bool(path(m, object, span)?.iter().any(|(_, s)| s.velocity.norm() > MOVING_SPEED)))
+    Ok(Bool(path(m, object, span)?.iter().any(|(_, s)| in_motion(s))))
 }
 
 pub fn distance(m: &mut Machine) -> Outcome {
     let (at, b, a) = (time(m)?, m.object()?, m.object()?);
+    apart(m, [a, b], at)
+}
+
+/// The distance of two objects at a time (centres).
+fn apart(m: &Machine, [a, b]: [usize; 2], at: f64) -> Outcome {
     Ok(Quantity((state(m, a, at)?.position - state(m, b, at)?.position).norm(), "m"))
 }
 
@@ -153,9 +158,18 @@ pub fn distance(m: &mut Machine) -> Outcome {
 pub fn separation(m: &mut Machine) -> Outcome {
     let (at, objects) = (time(m)?, m.objects()?);
     match objects[..] {
-        [a, b] => Ok(Quantity((state(m, a, at)?.position - state(m, b, at)?.position).norm(), "m")),
+        [a, b] => apart(m, [a, b], at),
         _ => Err(m.mismatch()),
     }
+}
+
+fn in_motion(state: &State) -> bool {
+    state.velocity.norm() > MOVING_SPEED
+}
+
+/// The first frame of a path from which on the object rests, after it moved; `None` where it never moves, or moves to the end.
+fn rests_from(path: &[(f64, State)]) -> Option<f64> {
+    path.get(path.iter().rposition(|(_, s)| in_motion(s))? + 1).map(|(t, _)| *t)
 }
 
 /// Times and states of an object at the frames of a span; in the video only where it is observed.
@@ -248,28 +262,22 @@ pub fn motion_time(m: &mut Machine) -> Outcome {
     let (span, object) = (m.span()?, m.object()?);
     let path = path(m, object, span)?;
     let who = ops::name(m.context.scene, object);
-    let moving = |s: &State| s.velocity.norm() > MOVING_SPEED;
+    let Some((begins, _)) = path.iter().find(|(_, s)| in_motion(s)) else {
+        return Err(Halt::Undetermined(format!("{who} never moves")));
+    };
     if starts {
-        let first = path.iter().find(|(_, s)| moving(s));
-        return first.map(|(t, _)| Time(*t)).ok_or_else(|| Halt::Undetermined(format!("{who} never moves")));
+        return Ok(Time(*begins));
     }
-    match path.iter().rposition(|(_, s)| moving(s)) {
-        None => Err(Halt::Undetermined(format!("{who} never moves"))),
-        Some(last) => path.get(last + 1).map(|(t, _)| Time(*t)).ok_or_else(|| {
-            let end = path.last().map_or(0.0, |(t, _)| *t);
-            Halt::Undetermined(format!(
-                "{who} still moves at {end:.2} s, where the simulation or its view ends"
-            ))
-        }),
-    }
+    rests_from(&path).map(Time).ok_or_else(|| {
+        let end = path.last().map_or(0.0, |(t, _)| *t);
+        Halt::Undetermined(format!("{who} still moves at {end:.2} s, where the simulation or its view ends"))
+    })
 }
 
 /// Whether it has moved and rests from some frame on.
 pub fn stops(m: &mut Machine) -> Outcome {
     let (span, object) = (m.span()?, m.object()?);
-    let path = path(m, object, span)?;
-    let last = path.iter().rposition(|(_, s)| s.velocity.norm() > MOVING_SPEED);
-    Ok(Bool(last.is_some_and(|k| k + 1 < path.len())))
+    Ok(Bool(rests_from(&path(m, object, span)?).is_some()))
 }
 
 /// Time that it moves, or rests.
@@ -277,7 +285,7 @@ pub fn motion_duration(m: &mut Machine) -> Outcome {
     let moving = m.token() == "moving_duration";
     let (span, object) = (m.span()?, m.object()?);
     let path = path(m, object, span)?;
-    let steps = path.windows(2).filter(|w| (w[0].1.velocity.norm() > MOVING_SPEED) == moving);
+    let steps = path.windows(2).filter(|w| in_motion(&w[0].1) == moving);
     Ok(Quantity(steps.map(|w| w[1].0 - w[0].0).sum(), "s"))
 }
 
@@ -341,11 +349,7 @@ pub fn extreme(m: &mut Machine) -> Outcome {
             "farthest" => length(&path),
             "least_far" => -length(&path),
             // Only one that moved and then rests has stopped.
-            _ => path
-                .iter()
-                .rposition(|(_, s)| s.velocity.norm() > MOVING_SPEED)
-                .and_then(|k| path.get(k + 1))
-                .map_or(f64::NEG_INFINITY, |(t, _)| -t),
+            _ => rests_from(&path).map_or(f64::NEG_INFINITY, |t| -t),
         })
     };
     let mut best: Option<(usize, f64)> = None;

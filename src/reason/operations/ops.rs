@@ -138,6 +138,11 @@ pub fn has_event(events: &[SceneEvent], event: &SceneEvent) -> bool {
     events.iter().any(|e| e.is_like(event))
 }
 
+/// The events that others lack.
+pub fn lacking(others: &[SceneEvent], events: &[SceneEvent]) -> Vec<SceneEvent> {
+    events.iter().filter(|e| !has_event(others, e)).cloned().collect()
+}
+
 /// The only object; for none or several, an error that names the candidates.
 pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Result<usize, ReasonError> {
     let names = |of: &[usize]| of.iter().map(|i| name(scene, *i)).collect();

@@ -54,15 +54,14 @@ pub fn all_events(m: &mut Machine) -> Outcome {
 }
 
 pub fn edge(m: &mut Machine) -> Outcome {
-    let is_start = m.token() == "start";
+    let is_start = ["start", "filter_start"].contains(&m.token());
     Ok(Event(ops::edge(m.context.scene, if is_start { SceneEventKind::Start } else { SceneEventKind::End })))
 }
 
 /// CLEVRER's form of [`edge`], which pops events.
 pub fn filter_edge(m: &mut Machine) -> Outcome {
     m.events()?;
-    let is_start = m.token() == "filter_start";
-    Ok(Event(ops::edge(m.context.scene, if is_start { SceneEventKind::Start } else { SceneEventKind::End })))
+    edge(m)
 }
 
 pub fn null(_: &mut Machine) -> Outcome {
@@ -190,13 +189,7 @@ pub fn filter_kind(m: &mut Machine) -> Outcome {
         "filter_in" => SceneEventKind::In,
         "filter_out" => SceneEventKind::Out,
         "filter_stop" => SceneEventKind::Stop,
-        "filter_side" => {
-            let word = m.word()?;
-            crate::reason::events::SIDES
-                .iter()
-                .find(|side| **side == word)
-                .map_or(SceneEventKind::Never, |side| SceneEventKind::Side(side))
-        }
+        "filter_side" => SceneEventKind::of_side(&m.word()?),
         _ => SceneEventKind::Collision,
     };
     let objects = m.any_objects()?;
@@ -256,12 +249,12 @@ pub fn filter_ancestor(m: &mut Machine) -> Outcome {
 pub fn lost_events(m: &mut Machine) -> Outcome {
     let kept = m.events()?;
     let actual = m.context.events(&[], SpanKind::Video)?;
-    Ok(Events(actual.into_iter().filter(|e| !ops::has_event(&kept, e)).collect()))
+    Ok(Events(ops::lacking(&kept, &actual)))
 }
 
 /// The events that the video lacks.
 pub fn new_events(m: &mut Machine) -> Outcome {
     let events = m.events()?;
     let actual = m.context.events(&[], SpanKind::Video)?;
-    Ok(Events(events.into_iter().filter(|e| !ops::has_event(&actual, e)).collect()))
+    Ok(Events(ops::lacking(&actual, &events)))
 }
