@@ -403,12 +403,16 @@ impl Store {
 
     /// Deletes a lexicon; `false` if it does not exist.
     pub async fn delete_lexicon(&self, id: &str) -> Result<bool, StoreError> {
-        let key = self.key(id);
+        self.remove(TableKind::Lexica, self.key(id)).await
+    }
+
+    /// Removes a row; `false` if it does not exist.
+    async fn remove(&self, kind: TableKind, key: String) -> Result<bool, StoreError> {
         self.blocking(move |db| {
             let write = begin(db)?;
             let found = {
-                let mut lexica = write.open_table(TableKind::Lexica.table()).map_err(failed)?;
-                lexica.remove(&*key).map_err(failed)?.is_some()
+                let mut table = write.open_table(kind.table()).map_err(failed)?;
+                table.remove(key.as_str()).map_err(failed)?.is_some()
             };
             write.commit().map_err(failed)?;
             Ok(found)
@@ -545,13 +549,7 @@ impl Store {
     /// Deletes a trace: first its record, so that it is no longer listed, then its blob.
     pub async fn delete_trace(&self, id: &str) -> Result<(), StoreError> {
         let key = self.key(id);
-        let row = key.clone();
-        self.blocking(move |db| {
-            let write = begin(db)?;
-            write.open_table(TableKind::Traces.table()).map_err(failed)?.remove(&*row).map_err(failed)?;
-            write.commit().map_err(failed)
-        })
-        .await?;
+        self.remove(TableKind::Traces, key.clone()).await?;
         self.delete_blob(&key).await
     }
 

@@ -99,6 +99,7 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         ConceptError::Version { .. } => return plain(Code::FailedPrecondition, message, "OTHER_VERSION"),
         ConceptError::UnknownWord { .. } => return plain(Code::NotFound, message, "UNKNOWN_WORD"),
         ConceptError::Undetermined { .. } => return plain(Code::FailedPrecondition, message, "UNDETERMINED"),
+        ConceptError::Incomplete => ("content", "INCOMPLETE"),
         ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
         ConceptError::Contradiction { .. } => ("examples", "CONTRADICTION"),

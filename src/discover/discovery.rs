@@ -270,8 +270,7 @@ fn unseen(
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
-    let told = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
-    if options.max_effects == 0 || told || !loses(&found) {
+    if options.max_effects == 0 || found.names_unseen_bodies() || !loses(&found) {
         return Ok(found);
     }
     let of_bodies = |models: &[Model]| -> Vec<_> {

@@ -7,7 +7,7 @@ use super::revise::Revision;
 use crate::fit::{FitError, FitOptions, SceneFit, StartPoint, estimate_noise, estimate_one, initial_model};
 use crate::num::Stop;
 use crate::scene::{Sample, Scene, Track};
-use crate::world::{Event, EventKind, Model, SimulationLimits, simulate_observed, trace};
+use crate::world::{EventKind, Model, SimulationLimits, simulate_observed, trace};
 
 /// Mean distance of two neighbouring samples from a fit beyond which it does not follow them (deviations).
 const DRIFT: f64 = 4.0;
@@ -116,11 +116,12 @@ fn departure(scene: &Scene, model: &Model, sigma: f64, from: usize) -> Option<us
 /// The last contact of an object in a simulation before the end of what is followed, or what its track is near about then.
 fn last_contact(scene: &Scene, model: &Model, object: usize, end: usize) -> Option<LastContact> {
     let id = scene.objects[object].id;
-    let frame_of = |e: &Event| scene.times.partition_point(|t| *t <= e.time).saturating_sub(1);
     let run = trace(model, &scene.times);
     let touched = run.events.iter().filter(|e| e.kind == EventKind::Collision && e.objects.contains(&id));
-    let mut simulated = touched
-        .map(|e| LastContact { frame: frame_of(e), other: e.objects.iter().find(|o| **o != id).copied() });
+    let mut simulated = touched.map(|e| LastContact {
+        frame: scene.frame_at(e.time),
+        other: e.objects.iter().find(|o| **o != id).copied(),
+    });
     let simulated = simulated.rfind(|c| c.frame < end + BESIDE);
     let radius = |k: usize| scene.objects[k].shape.bounding_radius();
     let near = |other: usize, frame: usize| {

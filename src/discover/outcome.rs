@@ -1,7 +1,7 @@
 //! What a discovery says: verdict, effects with intervals, ranking, revisions; plain data.
 
 use super::revise::Revision;
-use crate::effects::{EffectEntry, Hook, Quantity};
+use crate::effects::{EffectEntry, Hook, Quantity, effect};
 use crate::fit::Fit;
 pub use crate::num::NINETY_FIVE;
 use crate::num::{Vec2, elementary};
@@ -44,6 +44,13 @@ pub struct Discovery {
     pub revisions: Vec<Revision>,
     /// One sentence for people: why this verdict, and what to film next where something is open.
     pub reason: String,
+}
+
+impl Discovery {
+    /// Whether it names a thing that nobody saw.
+    pub(super) fn names_unseen_bodies(&self) -> bool {
+        self.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)))
+    }
 }
 
 /// Whether the 95 % interval of a number holds none.

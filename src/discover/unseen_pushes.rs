@@ -17,7 +17,6 @@ use super::outcome::Discovery;
 use super::proof;
 use super::resample::speed;
 use super::smooth_track::{ChangePoint, change_near, paths, positions, sigmas_between};
-use crate::effects::{Hook, effect};
 use crate::fit::{Fit, FitError, FitOptions, Noise, SceneFit, StartPoint, estimate_noise, estimate_one};
 use crate::num::{Stop, Vec2, elementary};
 use crate::scene::{Sample, Scene, Track};
@@ -106,7 +105,7 @@ pub fn with_unseen_pushes(
 ) -> Result<Option<Vec<Model>>, FitError> {
     let Some(last) = found.revisions.last() else { return Ok(None) };
     // A thing that nobody saw takes the impulse of a push for a contact with it: then the push is sought without it.
-    let unseen = found.effects.iter().any(|e| effect(&e.effect).is_some_and(|e| e.uses(Hook::Bodies)));
+    let unseen = found.names_unseen_bodies();
     let one = |(k, (scene, model)): (usize, (&Scene, &Model))| -> Result<(Model, bool), FitError> {
         let own = last.fit.of_scene(k);
         let Some(fitted) = own.scenes.first().filter(|s| s.reduced_chi_square > FOLLOWED).cloned() else {
@@ -143,7 +142,7 @@ pub fn explains_pushed(scenes: &[Scene], without: &Discovery, with: &Discovery) 
 pub fn name_pushes(scenes: &[Scene], found: &mut Discovery) {
     for revision in &mut found.revisions {
         for (scene, fitted) in scenes.iter().zip(&mut revision.fit.scenes) {
-            fitted.model.impulses.iter_mut().for_each(|i| i.frame = frame_before(scene, i.acts_at()));
+            fitted.model.impulses.iter_mut().for_each(|i| i.frame = scene.frame_at(i.acts_at()));
         }
     }
     let Some(last) = found.revisions.last() else { return };
@@ -346,7 +345,7 @@ fn kept(scene: &Scene, fit: &Fit) -> Vec<UnknownImpulse> {
         spans || elementary::hypot(i.velocity.x / sd(*k, "vx"), i.velocity.y / sd(*k, "vy")) > CERTAIN
     };
     let at_its_frame = |(_, i): (usize, UnknownImpulse)| {
-        let frame = frame_before(scene, i.acts_at());
+        let frame = scene.frame_at(i.acts_at());
         match impulse_time(scene, frame) {
             Some(time) if i.delay_sd > 0.0 && frame != i.frame => {
                 UnknownImpulse { frame, delay: i.acts_at() - time, time, ..i }
@@ -355,11 +354,6 @@ fn kept(scene: &Scene, fit: &Fit) -> Vec<UnknownImpulse> {
         }
     };
     pushes_of(fit, 0).into_iter().enumerate().filter(certain).map(at_its_frame).collect()
-}
-
-/// The last frame up to a time (s).
-fn frame_before(scene: &Scene, time: f64) -> usize {
-    scene.times.partition_point(|t| *t <= time).saturating_sub(1)
 }
 
 /// Midway between a frame and the next (s).

@@ -88,19 +88,16 @@ impl Engine {
         lexicon: Option<&str>,
     ) -> Result<Arc<PublishedAnswer>, EngineError> {
         let key = self.key("");
-        let lexicon = match lexicon {
-            Some(id) => Some(self.lexicon(id).await?),
-            None => None,
-        };
         let scene = self.video(video).await?;
         limits::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.drawn(video, &scene, source).await?;
-        let digest = match &lexicon {
-            None => result_digest("question", &(video, &fitted.id, &question, &options)),
-            Some(l) => result_digest("question", &(video, &fitted.id, &question, &options, l.digest())),
-        };
-        let engine = self.clone();
+        let digest = result_digest("question", &(video, &fitted.id, &question, &options, lexicon));
+        let (engine, lexicon) = (self.clone(), lexicon.map(str::to_string));
         let work = move |context| async move {
+            let lexicon = match lexicon {
+                Some(id) => Some(engine.lexicon(&id).await?),
+                None => None,
+            };
             metric_names::count_result("answer", "made");
             let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
             let job = move |stop: Stop| {

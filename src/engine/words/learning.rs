@@ -78,11 +78,11 @@ impl Engine {
         seed: u64,
     ) -> Result<JobHandle<Lexicon>, EngineError> {
         let key = self.key("");
+        let digest = result_digest("lexicon", &(base, digest_of(&request), seed));
         let base = match base {
             Some(id) => self.lexicon(id).await?,
             None => Lexicon::default(),
         };
-        let digest = result_digest("lexicon", &(base.digest(), digest_of(&request), seed));
         let first = first_video(&request);
         let engine = self.clone();
         let work = move |context| async move { engine.run_learning(base, request, seed, context).await };

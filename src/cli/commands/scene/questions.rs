@@ -1,5 +1,6 @@
 //! Questions in CLEVRER's form: those of one scene beside it, or a file for many scenes such as `validation.json`.
 
+use crate::api::v1::{Choice, Program, ask_request, choice};
 use crate::cli::error::Failure;
 use crate::cli::input;
 use serde_json::Value;
@@ -39,6 +40,33 @@ pub fn word(value: &Value) -> String {
 
 pub fn list(value: &Value) -> &[Value] {
     value.as_array().map(Vec::as_slice).unwrap_or_default()
+}
+
+/// A question of a CLEVRER file and its choices, without the answers; `programs`: as programs instead of English text.
+pub fn asked(question: &Value, programs: bool) -> Result<(ask_request::Question, Vec<Choice>), &'static str> {
+    let program = |of: &Value| -> Result<Program, &'static str> {
+        let tokens: Option<Vec<String>> =
+            list(&of["program"]).iter().map(|t| t.as_str().map(Into::into)).collect();
+        Ok(Program { tokens: tokens.ok_or("a token of \"program\" is not a string")? })
+    };
+    let choice = |of: &Value| -> Result<Choice, &'static str> {
+        let choice = match programs {
+            true => choice::Choice::Program(program(of)?),
+            false => {
+                let text = of["choice"].as_str().ok_or("a choice lacks its text \"choice\"")?;
+                choice::Choice::Text(text.into())
+            }
+        };
+        Ok(Choice { choice: Some(choice) })
+    };
+    let asked = match programs {
+        true => ask_request::Question::Program(program(question)?),
+        false => {
+            let text = question["question"].as_str().ok_or("the text \"question\" is missing")?;
+            ask_request::Question::Text(text.into())
+        }
+    };
+    Ok((asked, list(&question["choices"]).iter().map(choice).collect::<Result<_, _>>()?))
 }
 
 /// The scenes at these paths or below with their questions; a scene whose questions cannot be read is a failure of its own.

@@ -1,12 +1,9 @@
 //! `score`: answers the questions of each scene, then compares with the right answers.
 
 use super::accuracy::{Scores, same};
-use super::ask::{derivation, request};
-use super::questions::{ClevrerQuestion, QuestionedScene, list, questioned, word};
-use crate::api::v1::{
-    AskRequest, AskResponse, Choice, FitMethod, ModelChoice, Program, ask_many_response, ask_request, choice,
-    model_choice,
-};
+use super::ask::derivation;
+use super::questions::{ClevrerQuestion, QuestionedScene, asked, list, questioned, word};
+use crate::api::v1::{AskRequest, AskResponse, FitMethod, ModelChoice, ask_many_response, model_choice};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
 use crate::cli::output::progress::TaskProgress;
@@ -256,24 +253,8 @@ fn choice_probabilities(reply: &AskResponse) -> Vec<f64> {
 
 /// A request for the question; it never holds the right answer.
 fn request_for(video: String, question: &Value, programs: bool) -> Result<AskRequest, &'static str> {
-    let choices = list(&question["choices"]);
-    if !programs {
-        let text = question["question"].as_str().ok_or("the text \"question\" is missing")?;
-        let choices: Option<Vec<&str>> = choices.iter().map(|c| c["choice"].as_str()).collect();
-        return Ok(request(video, text, &choices.ok_or("a choice lacks its text \"choice\"")?));
-    }
-    let program = |of: &Value| -> Result<Program, &'static str> {
-        let tokens: Option<Vec<String>> =
-            list(&of["program"]).iter().map(|t| t.as_str().map(Into::into)).collect();
-        Ok(Program { tokens: tokens.ok_or("a token of \"program\" is not a string")? })
-    };
-    let choices = choices.iter().map(|c| Ok(Choice { choice: Some(choice::Choice::Program(program(c)?)) }));
-    Ok(AskRequest {
-        video,
-        question: Some(ask_request::Question::Program(program(question)?)),
-        choices: choices.collect::<Result<_, &str>>()?,
-        ..Default::default()
-    })
+    let (question, choices) = asked(question, programs)?;
+    Ok(AskRequest { video, question: Some(question), choices, ..Default::default() })
 }
 
 /// The reply in the format of CLEVRER's files.

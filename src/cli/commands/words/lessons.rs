@@ -1,39 +1,26 @@
 //! Lessons: CLEVRER's questions with their answers as messages.
 
-use crate::api::v1::{Choice, Lesson, Program, choice, lesson};
-use crate::cli::commands::scene::questions::{ClevrerQuestion, list, word};
+use crate::api::v1::{Lesson, ask_request, lesson};
+use crate::cli::commands::scene::questions::{ClevrerQuestion, asked, list, word};
 use crate::cli::error::Failure;
+use serde_json::Value;
 
 /// A question with its answer; `programs`: its program instead of its English text.
 pub fn lesson(question: &ClevrerQuestion, programs: bool) -> Result<Lesson, Failure> {
     let of = &question.0;
     let wrong = |what: &str| Failure::input(format!("question {}: {what}", question.id()));
-    let tokens = |of: &serde_json::Value| -> Result<Program, Failure> {
-        let tokens: Option<Vec<String>> =
-            list(&of["program"]).iter().map(|t| t.as_str().map(Into::into)).collect();
-        Ok(Program { tokens: tokens.ok_or_else(|| wrong("a token of \"program\" is not a string"))? })
+    let (asked, choices) = asked(of, programs).map_err(wrong)?;
+    let verdict = |choice: &Value| match choice["answer"].as_str() {
+        Some("correct") => Ok(true),
+        Some("wrong") => Ok(false),
+        _ => Err(wrong("the answer of a choice is neither \"correct\" nor \"wrong\"")),
     };
-    let text = |of: &serde_json::Value, key: &str| {
-        of[key].as_str().map(str::to_string).ok_or_else(|| wrong(&format!("the text \"{key}\" is missing")))
-    };
-    let asked = match programs {
-        true => lesson::Question::Program(tokens(of)?),
-        false => lesson::Question::Text(text(of, "question")?),
-    };
-    let (mut choices, mut correct) = (vec![], vec![]);
-    for one in list(&of["choices"]) {
-        let choice = match programs {
-            true => choice::Choice::Program(tokens(one)?),
-            false => choice::Choice::Text(text(one, "choice")?),
-        };
-        choices.push(Choice { choice: Some(choice) });
-        correct.push(match one["answer"].as_str() {
-            Some("correct") => true,
-            Some("wrong") => false,
-            _ => return Err(wrong("the answer of a choice is neither \"correct\" nor \"wrong\"")),
-        });
-    }
+    let correct = list(&of["choices"]).iter().map(verdict).collect::<Result<_, _>>()?;
     let answer = if choices.is_empty() { word(&of["answer"]) } else { String::new() };
+    let asked = match asked {
+        ask_request::Question::Text(text) => lesson::Question::Text(text),
+        ask_request::Question::Program(program) => lesson::Question::Program(program),
+    };
     Ok(Lesson { question: Some(asked), choices, answer, correct })
 }
 
