@@ -4,7 +4,7 @@
 mod certificate;
 
 use crate::api::{Security, ServerLimits, Tokens};
-use crate::engine::{Capacity, Retention};
+use crate::engine::{Capacity, ChatSettings, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized};
 use serde::de::DeserializeOwned;
@@ -23,6 +23,8 @@ const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
 const HANDSHAKE: Duration = Duration::from_secs(10);
 /// The longest limit of a job (s): a year, as good as none.
 const LONGEST_TIMEOUT_S: u64 = 365 * 86_400;
+/// Longest wait for a language model's program (s).
+const PARSER_TIMEOUT_S: u64 = 30;
 /// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
@@ -60,6 +62,22 @@ pub struct Config {
     pub log_json: bool,
     /// URL of a collector of spans (OTLP over gRPC); empty: none. Only in a build with the feature `otlp`.
     pub otlp: String,
+    /// A language model for questions that our reader does not understand; in the environment `VRDP_PARSER__URL` and so on.
+    pub parser: ParserConfig,
+}
+
+/// A language model behind OpenAI's chat interface, which then sees such questions and the names of the video's objects.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ParserConfig {
+    /// Of the interface, such as `http://127.0.0.1:8000/v1`; empty: none.
+    pub url: String,
+    /// Name of the language model.
+    pub model: String,
+    /// File with the key that the endpoint wants.
+    pub key_file: Option<PathBuf>,
+    /// Longest wait for one program (s); absent: 30.
+    pub timeout_s: Option<u64>,
 }
 
 impl Default for Config {
@@ -81,6 +99,7 @@ impl Default for Config {
             log: "info".into(),
             log_json: false,
             otlp: String::new(),
+            parser: ParserConfig::default(),
         }
     }
 }
@@ -174,7 +193,7 @@ fn described(errors: &figment::Error) -> String {
 
 /// Variables of settings. Three others with the same prefix name the service for the commands that call one.
 fn environment() -> Env {
-    Env::prefixed("VRDP_").ignore(&["server", "ca", "token"])
+    Env::prefixed("VRDP_").ignore(&["server", "ca", "token"]).split("__")
 }
 
 /// The URL of a service on this machine with the settings of this environment (`VRDP_LISTEN`, `VRDP_TLS_CERT`).
@@ -255,6 +274,34 @@ impl Config {
         let on = |limit: u64| (limit > 0).then_some(limit);
         let max_age = on(self.trace_max_age_s).map(Duration::from_secs);
         Retention { max_age, max_bytes: on(self.trace_max_bytes) }
+    }
+
+    /// The language model for questions that our reader does not understand, if there is one.
+    pub fn parser(&self) -> Result<Option<ChatSettings>, ConfigError> {
+        let ParserConfig { url, model, key_file, timeout_s } = &self.parser;
+        match (url.is_empty(), model.is_empty()) {
+            (true, true) => return Ok(None),
+            (true, false) => {
+                return Err(ConfigError::Incomplete { key: "parser.model", needs: "parser.url" });
+            }
+            (false, true) => {
+                return Err(ConfigError::Incomplete { key: "parser.url", needs: "parser.model" });
+            }
+            (false, false) => {}
+        }
+        let key = match key_file {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).map_err(|e| ConfigError::File {
+                    key: "parser.key_file",
+                    path: path.clone(),
+                    problem: e.to_string(),
+                })?;
+                Some(text.trim().to_string())
+            }
+            None => None,
+        };
+        let timeout = Duration::from_secs(timeout_s.unwrap_or(PARSER_TIMEOUT_S));
+        Ok(Some(ChatSettings { url: url.clone(), model: model.clone(), key, timeout }))
     }
 
     /// Reads the files of certificates and tokens.

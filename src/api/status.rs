@@ -74,6 +74,9 @@ pub fn status(error: EngineError) -> Status {
             refused("UNDEFINED", vec![Violation { path: "formula".into(), message }])
         }
         EngineError::Fit(_) => plain(Code::Internal, message, "FIT"),
+        EngineError::NotParsed { .. } => {
+            refused("NOT_UNDERSTOOD", vec![Violation { path: "question".into(), message }])
+        }
         EngineError::Reason(reason) => {
             let path = match &reason {
                 ReasonError::Frames { .. } => "frames".to_string(),

@@ -10,7 +10,7 @@ mod version;
 use clap::{Parser, Subcommand};
 use commands::demo;
 use commands::files::{calibrate, convert, import, replay, trace};
-use commands::scene::{ask, fit, score, simulate};
+use commands::scene::{ask, fit, parse, score, simulate};
 use commands::service::{effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
 use commands::words::{learn, show as words};
@@ -82,6 +82,8 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     /// Answers a question about a scene.
     Ask(ask::AskArgs),
+    /// Shows how a question is understood: its program, and that in English; lists the operations of programs.
+    Parse(parse::ParseArgs),
     /// Compares each scene with its model: residuals, and where the model fails.
     Compare(compare::CompareArgs),
     /// Ranks the effects that the model of a set-up may lack.
@@ -175,6 +177,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Fit(args) => fit::run(target, args).await,
         Command::Simulate(args) => simulate::run(target, args).await,
         Command::Ask(args) => ask::run(target, args).await,
+        Command::Parse(args) => parse::run(target, args).await,
         Command::Compare(args) => compare::run(target, args).await,
         Command::Diagnose(args) => diagnose::run(target, args).await,
         Command::Discover(args) => discover::run(target, args).await,

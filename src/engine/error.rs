@@ -30,6 +30,10 @@ pub enum EngineError {
     #[error(transparent)]
     Concept(ConceptError),
     #[error(
+        "not understood, and the language model {model} did not help: {problem}; ask in other words, or give a program"
+    )]
+    NotParsed { model: String, problem: String },
+    #[error(
         "object {object} has no finite state at frame {frame}: the numbers overflow; ask for fewer frames, smaller \
          changes or another model"
     )]

@@ -4,6 +4,7 @@
 //! * `cache`: equal requests share one job; its result stays in memory.
 //! * `pool`: jobs run on a fixed number of threads behind a bounded queue.
 //! * `store` (the room below): results are durable before they are returned.
+//! * `questions`: English becomes a program, by our reader or a language model, and the program an answer.
 //! * `operations`: long work that goes on when its caller leaves.
 //! * `traces`: each simulation, fit and discovery leaves one file that can be replayed.
 //!
@@ -22,6 +23,7 @@ mod operations;
 mod pool;
 mod predictions;
 mod progress;
+mod questions;
 mod report_page;
 mod results;
 mod sides;
@@ -47,6 +49,7 @@ pub use operations::{
 pub use pool::{Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
 pub use progress::{JobProgress, Phase};
+pub use questions::{AskedQuestion, ChatParser, ChatSettings, Parsed};
 pub use report_page::{ReportPage, ReportQuestion};
 pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,

@@ -1,18 +1,14 @@
-//! Predictions, counterfactuals and answers. Their traces are durable before the result is returned.
+//! Predictions and counterfactuals. Their traces are durable before the result is returned.
 
 use super::error::EngineError;
 use super::limits;
 use super::metric_names;
 use super::model_source::ModelSource;
-use super::results::{PublishedAnswer, PublishedSimulation, result_digest};
+use super::results::{PublishedSimulation, result_digest};
 use super::state::Engine;
 use super::traces::file;
-use crate::concepts::word_probabilities;
 use crate::num::Stop;
-use crate::reason::{
-    AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, WordedScene, ask, ask_with_words,
-    predict,
-};
+use crate::reason::{Prediction, PredictionRequest, predict};
 use crate::world::Intervention;
 use serde::Serialize;
 use std::sync::Arc;
@@ -76,53 +72,5 @@ impl Engine {
             Ok(PublishedSimulation { model: fitted.id.clone(), fps: scene.fps, prediction, trace })
         };
         self.simulations.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
-    }
-
-    /// Answers a question.
-    pub async fn ask(
-        self: &Arc<Self>,
-        video: &str,
-        source: &ModelSource,
-        question: Question,
-        options: AskOptions,
-        lexicon: Option<&str>,
-    ) -> Result<Arc<PublishedAnswer>, EngineError> {
-        let key = self.key("");
-        let scene = self.video(video).await?;
-        limits::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
-        let fitted = self.drawn(video, &scene, source).await?;
-        let digest = result_digest("question", &(video, &fitted.id, &question, &options, lexicon));
-        let (engine, lexicon) = (self.clone(), lexicon.map(str::to_string));
-        let work = move |context| async move {
-            let lexicon = match lexicon {
-                Some(id) => Some(engine.lexicon(&id).await?),
-                None => None,
-            };
-            metric_names::count_result("answer", "made");
-            let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
-            let job = move |stop: Stop| {
-                let mut answer = match &lexicon {
-                    None => ask(&scene, &fitted.fit, 0, &question, &options, stop)?,
-                    Some(lexicon) => {
-                        let words = word_probabilities(lexicon, &scene, Some((&fitted.fit, 0)))?;
-                        let worded = WordedScene { scene: &scene, words: &words };
-                        ask_with_words(worded, &fitted.fit, 0, &question, &options, stop)?
-                    }
-                };
-                let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
-                let mut files = Vec::new();
-                for prediction in &mut answer.simulations {
-                    limits::places(&prediction.model, &prediction.interventions)?;
-                    limits::finite(prediction)?;
-                    files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
-                    prediction.ensemble = vec![];
-                }
-                Ok((answer, backlog.admit(files, stop)?))
-            };
-            let ((answer, batch), _slot) = engine.pool.run(context, job).await?;
-            let traces = engine.publish(batch).await?;
-            Ok(PublishedAnswer { model, answer, traces })
-        };
-        self.answers.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }
 }

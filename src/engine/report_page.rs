@@ -2,6 +2,7 @@
 
 use super::error::EngineError;
 use super::model_source::{ModelSource, ModelSourceKind};
+use super::questions::AskedQuestion;
 use super::results::{Findings, StoredFit, Study};
 use super::state::Engine;
 use super::traces::file::TraceKind;
@@ -18,7 +19,7 @@ pub struct ReportQuestion {
     pub video: String,
     /// The default means the last model of the study, if the study has the video.
     pub source: ModelSource,
-    pub question: Question,
+    pub asked: AskedQuestion,
     pub options: AskOptions,
 }
 
@@ -177,11 +178,11 @@ impl Engine {
                 }
                 _ => query.source,
             };
-            let text = match &query.question {
+            let text = match &query.asked.question {
                 Question::English { question, .. } => question.clone(),
                 Question::Program { program, .. } => program.join(" "),
             };
-            let done = self.ask(&video, &source, query.question, query.options, None).await?;
+            let done = self.ask(&video, &source, query.asked, query.options).await?;
             let model = self.model(&video, &done.model).await?;
             links.extend(done.traces.iter().map(|id| (id.clone(), format!("“{text}”"))));
             answers.push((text, self.video(&video).await?, model, done));

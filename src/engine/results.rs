@@ -113,4 +113,6 @@ pub struct PublishedAnswer {
     /// Its simulations without their ensembles.
     pub answer: Answer,
     pub traces: Vec<String>,
+    /// The language model that wrote the program; `None`: our reader, or the caller.
+    pub parser: Option<String>,
 }

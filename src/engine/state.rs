@@ -6,6 +6,7 @@ use super::limits::MAX_REPLAYS;
 use super::metric_names;
 use super::operations::RunningOperations;
 use super::pool::{JobContext, Load, Pool};
+use super::questions::ChatParser;
 use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
 use super::traces::backlog::Backlog;
 use super::traces::retention::TraceRetention;
@@ -52,6 +53,8 @@ pub struct Engine {
     pub(super) simulations: SingleFlightCache<PublishedSimulation>,
     pub(super) answers: SingleFlightCache<PublishedAnswer>,
     pub(super) lexica: SingleFlightCache<Lexicon>,
+    /// For questions that our reader does not understand.
+    pub(super) parser: Option<Arc<ChatParser>>,
     pub(super) backlog: Arc<Backlog>,
     pub(super) retention: Arc<TraceRetention>,
     pub(super) replays: Arc<Semaphore>,
@@ -86,6 +89,7 @@ impl Engine {
                 SMALL_RESULT + STATE_BYTES * states.sum::<usize>()
             }),
             lexica: SingleFlightCache::new("lexicon", CACHED_BYTES, lexicon_bytes),
+            parser: None,
             backlog: Arc::default(),
             retention: Arc::default(),
             replays: Arc::new(Semaphore::new(MAX_REPLAYS)),
@@ -101,6 +105,11 @@ impl Engine {
             true => self.clone(),
             false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
         }
+    }
+
+    /// The same engine with a language model for questions that our reader does not understand.
+    pub fn with_parser(self, parser: ChatParser) -> Engine {
+        Engine { parser: Some(Arc::new(parser)), ..self }
     }
 
     /// The same engine, whose jobs have another limit of time.

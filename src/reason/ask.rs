@@ -16,7 +16,7 @@ use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, simulated};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest};
-use super::reader::{Conversation, QuestionReading, read_choice, read_question};
+use super::reader::{Conversation, read_choice, read_question};
 use super::run::{DerivationStep, run};
 use super::summary::{Sampling, estimated_probability, summary};
 use super::types::Type;
@@ -137,7 +137,7 @@ pub fn ask_with_words(
 }
 
 /// The scene with the most probable words of its objects.
-fn with_best_words(scene: &Scene, words: &WordProbabilities) -> Scene {
+pub fn with_best_words(scene: &Scene, words: &WordProbabilities) -> Scene {
     let mut scene = scene.clone();
     let draw = WordDraw::best(words, scene.objects.len());
     let drawn = DrawnWords { words, draw: &draw };
@@ -165,7 +165,7 @@ pub fn ask_in(
     let scene = worded.as_ref().unwrap_or(scene);
     let vocabulary = words.map_or(vec![], WordProbabilities::vocabulary);
     let Understood { mut program, choices, reading } =
-        understand(scene, question, conversation, &vocabulary)?;
+        understand(Some(scene), question, conversation, &vocabulary)?;
     let open_list = choices.is_empty() && program.calls(&["belong_to"]);
     let changed = open_list && program.calls(&["filter_counterfact"]);
     if open_list {
@@ -214,22 +214,34 @@ pub fn ask_in(
     Ok(answer)
 }
 
-/// Resolves types and objects of a question without simulating anything: its program, and how it was understood.
+/// How a question is understood: its program, those of its choices, and the first in English.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ParsedQuestion {
+    pub program: Vec<String>,
+    pub choices: Vec<Vec<String>>,
+    pub reading: String,
+}
+
+/// Reads a question and checks its types, and its objects where there is a scene. Nothing is simulated. `vocabulary`: words of a lexicon.
 pub fn dry_run(
-    scene: &Scene,
+    scene: Option<&Scene>,
     question: &Question,
     conversation: &Conversation,
-) -> Result<QuestionReading, ReasonError> {
-    let Understood { mut program, choices, reading } = understand(scene, question, conversation, &[])?;
+    vocabulary: &[String],
+) -> Result<ParsedQuestion, ReasonError> {
+    let Understood { mut program, choices, reading } = understand(scene, question, conversation, vocabulary)?;
     if choices.is_empty() && program.calls(&["belong_to"]) {
-        program = list_program(&program, &[])?;
+        program = list_program(&program, vocabulary)?;
     }
     check(&program, &choices)?;
-    let context = RolloutContext::of_scene(scene, &[]);
-    for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
-        resolve_objects(program, context)?;
+    if let Some(scene) = scene {
+        let context = RolloutContext::of_scene(scene, &[]);
+        for program in std::iter::once(&program).chain(choices.iter().map(|(_, c)| c)) {
+            resolve_objects(program, context)?;
+        }
     }
-    Ok(QuestionReading { program: program.tokens, reading })
+    let choices = choices.into_iter().map(|(_, program)| program.tokens).collect();
+    Ok(ParsedQuestion { program: program.tokens, choices, reading })
 }
 
 /// Runs each part of a program that describes an object.
@@ -334,7 +346,7 @@ struct Understood {
 }
 
 fn understand(
-    scene: &Scene,
+    scene: Option<&Scene>,
     question: &Question,
     conversation: &Conversation,
     vocabulary: &[String],
@@ -342,10 +354,10 @@ fn understand(
     let parse = |tokens: &[String]| QuestionProgram::parse_with(tokens, vocabulary);
     match question {
         Question::English { question, choices } => {
-            let read = read_question(question, Some(scene), conversation)?;
+            let read = read_question(question, scene, conversation)?;
             let observed = read.is_explanatory();
             let choices = choices.iter().map(|c| {
-                let read = read_choice(c, observed, Some(scene), conversation)?;
+                let read = read_choice(c, observed, scene, conversation)?;
                 Ok((c.clone(), parse(&read.program)?))
             });
             let choices = choices.collect::<Result<_, ReasonError>>()?;

@@ -21,7 +21,8 @@ mod value;
 mod words;
 
 pub use ask::{
-    Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_in, ask_with_words, dry_run,
+    Answer, AskOptions, ChoiceAnswer, ParsedQuestion, Question, WordedScene, ask, ask_in, ask_with_words,
+    dry_run, with_best_words,
 };
 pub use context::{Halt, RolloutContext, active_effects};
 pub use events::{

@@ -44,9 +44,19 @@ pub async fn start_secured(
     let engine = loop {
         match Engine::open(folder, capacity) {
             Err(EngineError::Store(StoreError::Locked { .. })) => tokio::task::yield_now().await,
-            opened => break Arc::new(opened.unwrap()),
+            opened => break opened.unwrap(),
         }
     };
+    start_engine(engine, security, client).await
+}
+
+/// Starts a service with this engine.
+pub async fn start_engine(
+    engine: Engine,
+    security: Security,
+    client: impl FnOnce(String) -> Endpoint,
+) -> Running {
+    let engine = Arc::new(engine);
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
     let stop = CancellationToken::new();

@@ -69,6 +69,20 @@ def test_questions_are_answered_and_models_can_be_named(client):
     assert client.ask(video, "How many objects are there?").text == "2"
 
 
+def test_questions_are_parsed_and_follow_each_other(client):
+    video = client.post(tracks())
+    read = client.parse("How many red objects are there?", video=video)
+    assert read.program == ["objects", "red", "filter_color", "count"] and read.text
+    assert client.ask(video, read.program).text == "1"
+    first, words = "When does the red object hit the target?", {"target": "the blue object"}
+    with pytest.raises(VrdpError, match="target"):
+        client.parse(first, video=video)
+    assert "blue" in client.parse(first, video=video, words=words).program
+    assert "red" in client.parse("Is it moving?", video=video, previous=["How fast is the red object?"]).program
+    listed = client.operations()
+    assert any(o.name == "count" for o in listed.operations) and "root ::=" in listed.gbnf_grammar
+
+
 def test_long_work_is_started_waited_for_and_cancelled(client):
     video = client.post(tracks())
     name = client.start("fit", video, preset="table", request_id=f"fit of {video}")

@@ -148,6 +148,16 @@ impl Violations {
         }
     }
 
+    /// A word or two of a caller's own.
+    pub fn word(&mut self, path: &str, word: String) -> String {
+        if word.trim().is_empty() {
+            self.add(path, "is empty");
+        } else if word.len() > MAX_TOKEN {
+            self.add(path, format!("has {} bytes; at most {MAX_TOKEN} are allowed", word.len()));
+        }
+        word
+    }
+
     pub fn text(&mut self, path: &str, text: String) -> String {
         if text.trim().is_empty() {
             self.add(path, "is empty");

@@ -3,7 +3,7 @@
 use crate::api;
 use crate::cli::error::Failure;
 use crate::config::{Config, DEFAULT_HTTP};
-use crate::engine::{Engine, EngineError};
+use crate::engine::{ChatParser, Engine, EngineError};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use tokio::net::TcpListener;
@@ -37,6 +37,14 @@ pub fn open_store(config: &Config) -> Result<Engine, EngineError> {
     Engine::open(&config.data_dir, config.capacity())
 }
 
+/// The engine with the language model of the settings, if they name one.
+fn with_parser(config: &Config, engine: Engine) -> Result<Engine, Failure> {
+    match config.parser().map_err(|e| Failure::input(e.to_string()))? {
+        Some(settings) => Ok(engine.with_parser(ChatParser::new(settings).map_err(Failure::other)?)),
+        None => Ok(engine),
+    }
+}
+
 pub fn store_failure(error: EngineError) -> Failure {
     match error {
         EngineError::Store(error) => Failure::input(error.to_string()),
@@ -56,7 +64,7 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
         Some(address) => http_listener(address).await?,
         None => None,
     };
-    let engine = Arc::new(engine.with_retention(config.retention()));
+    let engine = Arc::new(with_parser(config, engine.with_retention(config.retention()))?);
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
     let housekeeping =

@@ -1,4 +1,4 @@
 """A client of the vrdp service; SI units throughout."""
-from .client import Answer, Client, Simulation, VrdpError
+from .client import Answer, Client, Reading, Simulation, VrdpError
 
-__all__ = ["Answer", "Client", "Simulation", "VrdpError"]
+__all__ = ["Answer", "Client", "Reading", "Simulation", "VrdpError"]

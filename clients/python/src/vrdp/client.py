@@ -60,6 +60,15 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class Reading:
+    #: The tokens, in postfix order.
+    program: list[str]
+    choices: list[list[str]]
+    #: The program in English.
+    text: str
+
+
+@dataclass(frozen=True)
 class Simulation:
     #: The whole reply of the service.
     reply: reasoning_pb2.SimulateResponse
@@ -257,15 +266,15 @@ class Client:
         *,
         model: str | None = None,
         lexicon: str = "",
+        previous: Sequence[str] = (),
+        words: Mapping[str, str] | None = None,
     ) -> Answer:
         """Answers a question in English, or a program given as a list of tokens; with choices, judges each.
 
-        With a lexicon (:meth:`learn_word`), its words describe the objects.
+        With a lexicon (:meth:`learn_word`), its words describe the objects. ``previous`` are the questions before, so that "it" and
+        "and when?" are understood; ``words`` are your own, such as ``{"cue ball": "white ball"}``.
         """
-        if isinstance(question, str):
-            asked = {"text": question, "choices": [{"text": c} for c in choices]}
-        else:
-            asked = {"program": {"tokens": question}, "choices": [{"program": {"tokens": c}} for c in choices]}
+        asked = _asked(question, choices, previous, words)
         request = reasoning_pb2.AskRequest(video=video, model=_choice(model), lexicon=lexicon, **asked)
         reply = self._one(self._reasoning.Ask, request)
         return Answer(
@@ -275,6 +284,24 @@ class Client:
             explanation=reply.explanation,
             traces=list(reply.traces),
         )
+
+    def parse(
+        self,
+        question: str | Sequence[str],
+        choices: Sequence[str] = (),
+        *,
+        video: str = "",
+        previous: Sequence[str] = (),
+        words: Mapping[str, str] | None = None,
+    ) -> Reading:
+        """How a question is understood, without a fit or a simulation; with a video its objects are resolved."""
+        asked = _asked(question, choices, previous, words)
+        reply = self._one(self._reasoning.ParseQuestion, reasoning_pb2.ParseQuestionRequest(video=video, **asked))
+        return Reading(list(reply.program.tokens), [list(c.tokens) for c in reply.choices], reply.reading)
+
+    def operations(self) -> reasoning_pb2.ReasoningListOperationsResponse:
+        """The operations of programs, and a JSON schema and a GBNF grammar for a parser of your own."""
+        return self._one(self._reasoning.ListOperations, reasoning_pb2.ReasoningListOperationsRequest())
 
     def learn_word(
         self,
@@ -387,6 +414,21 @@ def _file(tracks: Tracks, notes: Mapping[str, Any]) -> bytes:
         raise ValueError(f"{', '.join(notes)} cannot be given beside this kind of file; state it in the file, or give CSV")
     mark = b"\xef\xbb\xbf"
     return "".join(f"# {key}: {value}\n" for key, value in notes.items()).encode() + content.removeprefix(mark)
+
+
+def _asked(
+    question: str | Sequence[str],
+    choices: Sequence[str] | Sequence[Sequence[str]],
+    previous: Sequence[str],
+    words: Mapping[str, str] | None,
+) -> dict[str, Any]:
+    """The fields of a question, in English or as a program."""
+    if isinstance(question, str):
+        asked: dict[str, Any] = {"text": question, "choices": [{"text": c} for c in choices]}
+    else:
+        asked = {"program": {"tokens": question}, "choices": [{"program": {"tokens": c}} for c in choices]}
+    own = [{"word": word, "means": means} for word, means in (words or {}).items()]
+    return asked | {"previous": list(previous), "words": own}
 
 
 def _choice(model: str | None) -> common_pb2.ModelChoice | None:

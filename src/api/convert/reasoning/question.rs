@@ -3,27 +3,64 @@
 use crate::api::convert::names::{model_name, trace_name};
 use crate::api::convert::violations::{MAX_LIST, Violations};
 use crate::api::v1;
-use crate::engine::{EngineError, ModelSource, PublishedAnswer};
-use crate::reason::{AskOptions, ChoiceAnswer, DerivationStep, Question};
-
-/// Id of the lexicon whose words answer, if one is named.
-pub fn lexicon(request: &v1::AskRequest) -> Result<Option<String>, EngineError> {
-    let mut r = Violations::default();
-    let named = Some(&request.lexicon).filter(|name| !name.is_empty());
-    let id = named.map(|name| r.id("lexicon", name, "lexica"));
-    r.finish(id)
-}
+use crate::engine::{AskedQuestion, EngineError, ModelSource, Parsed, PublishedAnswer};
+use crate::reason::{
+    AskOptions, ChoiceAnswer, Conversation, DerivationStep, OperationInfo, OwnWord, Question, gbnf_grammar,
+    json_schema, list_operations,
+};
 
 /// Video, model, question and options.
 pub fn ask_request(
     request: v1::AskRequest,
-) -> Result<(String, ModelSource, Question, AskOptions), EngineError> {
+) -> Result<(String, ModelSource, AskedQuestion, AskOptions), EngineError> {
     let mut r = Violations::default();
     let video = r.id("video", &request.video, "videos");
     let source = r.source("model", request.model, &video);
     let options = AskOptions { rollouts: r.rollouts(request.rollouts), seed: request.seed };
     let question = question(&mut r, "", request.question, request.choices);
-    r.finish((video, source, question, options))
+    let conversation = conversation(&mut r, request.previous, request.words);
+    let lexicon = named(&mut r, "lexicon", &request.lexicon, "lexica");
+    r.finish((video, source, AskedQuestion { question, conversation, lexicon }, options))
+}
+
+/// Video, if one is named, and question.
+pub fn parse_request(
+    request: v1::ParseQuestionRequest,
+) -> Result<(Option<String>, AskedQuestion), EngineError> {
+    use v1::ask_request::Question as Asked;
+    use v1::parse_question_request::Question as Given;
+    let mut r = Violations::default();
+    let video = named(&mut r, "video", &request.video, "videos");
+    let given = request.question.map(|given| match given {
+        Given::Text(text) => Asked::Text(text),
+        Given::Program(program) => Asked::Program(program),
+    });
+    let question = question(&mut r, "", given, request.choices);
+    let conversation = conversation(&mut r, request.previous, request.words);
+    let lexicon = named(&mut r, "lexicon", &request.lexicon, "lexica");
+    r.finish((video, AskedQuestion { question, conversation, lexicon }))
+}
+
+/// The id in a name; none where the name is empty.
+fn named(r: &mut Violations, path: &str, name: &str, collection: &str) -> Option<String> {
+    (!name.is_empty()).then(|| r.id(path, name, collection))
+}
+
+/// The questions before, and the caller's own words.
+fn conversation(r: &mut Violations, previous: Vec<String>, words: Vec<v1::OwnWord>) -> Conversation {
+    for (path, count) in [("previous", previous.len()), ("words", words.len())] {
+        if count > MAX_LIST {
+            r.add(path, format!("are {count}; at most {MAX_LIST}"));
+        }
+    }
+    let previous = previous.into_iter().take(MAX_LIST).enumerate();
+    let previous = previous.map(|(i, text)| r.text(&format!("previous[{i}]"), text)).collect();
+    let words = words.into_iter().take(MAX_LIST).enumerate().map(|(i, own)| OwnWord {
+        word: r.word(&format!("words[{i}].word"), own.word),
+        means: r.word(&format!("words[{i}].means"), own.means),
+    });
+    let words = words.collect();
+    Conversation { previous, words }
 }
 
 /// A question with its choices; `at` is the path of the message that holds them, with a dot at its end.
@@ -84,6 +121,33 @@ pub fn answer(video: &str, done: &PublishedAnswer) -> v1::AskResponse {
         traces: done.traces.iter().map(|id| trace_name(id)).collect(),
         model: model_name(video, &done.model),
         reading: answer.reading.clone(),
+        parser: done.parser.clone().unwrap_or_default(),
+    }
+}
+
+pub fn parsed(found: Parsed) -> v1::ParseQuestionResponse {
+    let program = |tokens: Vec<String>| v1::Program { tokens };
+    v1::ParseQuestionResponse {
+        program: Some(program(found.question.program)),
+        choices: found.question.choices.into_iter().map(program).collect(),
+        reading: found.question.reading,
+        parser: found.parser.unwrap_or_default(),
+    }
+}
+
+/// All operations of programs, and the grammars of programs.
+pub fn operations() -> v1::ReasoningListOperationsResponse {
+    let one = |o: OperationInfo| v1::ProgramOperation {
+        name: o.name.to_string(),
+        aliases: o.aliases.iter().map(|a| a.to_string()).collect(),
+        signature: o.signature,
+        doc: o.line,
+        example: o.example.unwrap_or_default(),
+    };
+    v1::ReasoningListOperationsResponse {
+        operations: list_operations().into_iter().map(one).collect(),
+        json_schema: json_schema().to_string(),
+        gbnf_grammar: gbnf_grammar(),
     }
 }
 

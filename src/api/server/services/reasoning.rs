@@ -6,7 +6,7 @@ use crate::api::status::{error, status};
 use crate::api::v1;
 use crate::engine::{Engine, EngineError};
 use futures_util::StreamExt;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use tonic::{Request, Response, Streaming};
 
 /// Questions of one stream that run at a time.
@@ -44,11 +44,28 @@ impl v1::reasoning_server::Reasoning for Services {
         });
         Ok(Response::new(answers.buffered(QUESTIONS_AT_ONCE).boxed()))
     }
+
+    async fn parse_question(
+        &self,
+        request: Request<v1::ParseQuestionRequest>,
+    ) -> RpcResult<v1::ParseQuestionResponse> {
+        let owner = self.owner(&request);
+        let (video, asked) = question::parse_request(request.into_inner()).map_err(status)?;
+        let found = owner.parse_question(video.as_deref(), &asked).await.map_err(status)?;
+        Ok(Response::new(question::parsed(found)))
+    }
+
+    async fn list_operations(
+        &self,
+        _: Request<v1::ReasoningListOperationsRequest>,
+    ) -> RpcResult<v1::ReasoningListOperationsResponse> {
+        static LISTED: LazyLock<v1::ReasoningListOperationsResponse> = LazyLock::new(question::operations);
+        Ok(Response::new(LISTED.clone()))
+    }
 }
 
 async fn answer(engine: &Arc<Engine>, given: v1::AskRequest) -> Result<v1::AskResponse, EngineError> {
-    let lexicon = question::lexicon(&given)?;
-    let (video, source, question, options) = question::ask_request(given)?;
-    let done = engine.ask(&video, &source, question, options, lexicon.as_deref()).await?;
+    let (video, source, asked, options) = question::ask_request(given)?;
+    let done = engine.ask(&video, &source, asked, options).await?;
     Ok(question::answer(&video, &done))
 }

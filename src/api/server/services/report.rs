@@ -78,8 +78,8 @@ fn questions(given: Vec<v1::AskRequest>, first: Option<&String>) -> Result<Vec<R
         if asked.video.is_empty() {
             asked.video = first.map_or(String::new(), |id| video_name(id));
         }
-        let (video, source, question, options) = question::ask_request(asked)?;
-        Ok(ReportQuestion { video, source, question, options })
+        let (video, source, asked, options) = question::ask_request(asked)?;
+        Ok(ReportQuestion { video, source, asked, options })
     };
     given.into_iter().map(one).collect()
 }

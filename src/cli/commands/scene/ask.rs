@@ -1,5 +1,6 @@
 //! `ask`: answers a question about a scene, with probability and explanation.
 
+use super::asked::AskedArgs;
 use crate::api::v1::{AskRequest, AskResponse, Choice, Step, ask_request, choice};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
@@ -10,17 +11,13 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
-#[command(after_help = question_forms())]
+#[command(after_help = question_forms(), group(clap::ArgGroup::new("asked").args(["question", "program"]).required(true)))]
 pub struct AskArgs {
     /// Scene file or scene folder.
     #[arg(value_name = "SCENE")]
     scene: PathBuf,
-    /// The question in English; the forms below are understood.
-    #[arg(long, value_name = "TEXT")]
-    question: String,
-    /// A choice to judge as correct or wrong; may be repeated. Without it the answer is open.
-    #[arg(long, value_name = "TEXT")]
-    choice: Vec<String>,
+    #[command(flatten)]
+    asked: AskedArgs,
     /// Number of rollouts, each with parameters drawn from the posterior, 1 to 32 [default: 32]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32))]
     rollouts: Option<u32>,
@@ -38,7 +35,7 @@ pub struct AskArgs {
     json: Option<String>,
 }
 
-fn question_forms() -> String {
+pub fn question_forms() -> String {
     format!("Examples of questions and choices:\n  {}", examples().join("\n  "))
 }
 
@@ -53,8 +50,19 @@ pub async fn run(target: &Target, args: AskArgs) -> Result<(), Failure> {
     let model = connection.choice(&video, model.as_ref()).await?;
     let (rollouts, seed) = (args.rollouts, args.seed);
     let lexicon = connection.lexicon(args.lexicon.as_deref()).await?;
-    let request =
-        AskRequest { model, rollouts, seed, lexicon, ..request(video, &args.question, &args.choice) };
+    let (question, choices) = args.asked.question();
+    let request = AskRequest {
+        video,
+        model,
+        question: Some(question),
+        choices,
+        rollouts,
+        seed,
+        lexicon,
+        previous: args.asked.previous.clone(),
+        words: args.asked.words()?,
+        ..Default::default()
+    };
     let mut reply = progress::during("answering", connection.reasoning().ask(request)).await?.into_inner();
     if !connection.keeps_traces() {
         reply.traces.clear();
@@ -127,6 +135,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         "trail": steps(&reply.derivation),
         "program": reply.program.as_ref().map(|p| &p.tokens),
         "reading": reply.reading,
+        "parser": reply.parser,
         "explanation": reply.explanation,
         "traces": reply.traces,
     })
