@@ -212,6 +212,15 @@ impl Tenant {
         fine.then(|| Tenant { prefix: format!("~{name}/").into() })
     }
 
+    /// The owner of a whole key, and the key without it.
+    pub fn of_key(key: &str) -> (Tenant, &str) {
+        let named = key.strip_prefix('~').and_then(|rest| rest.split_once('/'));
+        match named.and_then(|(name, rest)| Some((Tenant::new(name)?, rest))) {
+            Some(found) => found,
+            None => (Tenant::default(), key),
+        }
+    }
+
     pub fn is_unnamed(&self) -> bool {
         self.prefix.is_empty()
     }

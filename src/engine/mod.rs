@@ -43,8 +43,8 @@ pub use limits::{
 pub use listings::{CreatedRange, ModelFilter, RevisionFilter, SetupRow, VideoFilter};
 pub use model_source::{ModelSource, ModelSourceKind};
 pub use operations::{
-    NewOperation, OperationFilter, OperationKind, OperationOutcome, OperationRecord, OperationState,
-    OperationStatus, OperationUpdate,
+    CutOperation, NewOperation, OperationFilter, OperationKind, OperationOutcome, OperationRecord,
+    OperationState, OperationStatus, OperationUpdate,
 };
 pub use pool::{Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};

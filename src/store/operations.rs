@@ -1,4 +1,5 @@
-//! Rows of operations: a record, and beside it the bytes of the result, which lists do not read.
+//! Rows of operations: a record, and beside it the bytes of the request while it runs and of the result when it has ended, which lists
+//! do not read.
 
 use super::{
     OPERATION_RESULTS, Store, StoreError, TableKind, begin, damaged, encode, failed, sealed, unsealed,
@@ -7,9 +8,19 @@ use redb::{ReadableDatabase, ReadableTable};
 use serde::Serialize;
 
 impl Store {
-    /// Stores the record of a new operation; durable when it returns.
-    pub async fn put_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
-        self.put(TableKind::Operations, self.key(id), record, None).await
+    /// Stores the record of a new operation with its request; durable when it returns.
+    pub async fn put_operation<T: Serialize>(
+        &self,
+        id: &str,
+        record: &T,
+        request: Vec<u8>,
+    ) -> Result<(), StoreError> {
+        self.write_operation(id, record, Some(request), true).await
+    }
+
+    /// Stores the record anew, unless the operation was deleted meanwhile; durable when it returns.
+    pub async fn change_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
+        self.write_operation(id, record, None, false).await
     }
 
     /// Stores how an operation ended, unless it was deleted meanwhile; durable when it returns.
@@ -19,24 +30,36 @@ impl Store {
         record: &T,
         result: Vec<u8>,
     ) -> Result<(), StoreError> {
-        let (key, record, result) = (self.key(id), encode(record)?, sealed(result));
+        self.write_operation(id, record, Some(result), false).await
+    }
+
+    async fn write_operation<T: Serialize>(
+        &self,
+        id: &str,
+        record: &T,
+        bytes: Option<Vec<u8>>,
+        is_new: bool,
+    ) -> Result<(), StoreError> {
+        let (key, record, bytes) = (self.key(id), encode(record)?, bytes.map(sealed));
         self.blocking(move |db| {
             let write = begin(db)?;
             {
                 let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
-                if records.get(key.as_str()).map_err(failed)?.is_none() {
+                if !is_new && records.get(key.as_str()).map_err(failed)?.is_none() {
                     return Ok(());
                 }
                 records.insert(key.as_str(), record.as_slice()).map_err(failed)?;
-                let mut results = write.open_table(OPERATION_RESULTS).map_err(failed)?;
-                results.insert(key.as_str(), result.as_slice()).map_err(failed)?;
+                if let Some(bytes) = &bytes {
+                    let mut beside = write.open_table(OPERATION_RESULTS).map_err(failed)?;
+                    beside.insert(key.as_str(), bytes.as_slice()).map_err(failed)?;
+                }
             }
             write.commit().map_err(failed)
         })
         .await
     }
 
-    /// The bytes of an operation's result.
+    /// The bytes of an operation's request while it runs, and of its result when it has ended.
     pub async fn operation_result(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
         let key = self.key(id);
         self.blocking(move |db| {

@@ -119,7 +119,7 @@ async fn a_cancelled_operation_frees_its_thread_and_says_so() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn after_a_restart_results_are_there_and_what_ran_is_aborted() {
+async fn after_a_restart_results_are_there_and_what_ran_goes_on() {
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let a = service.create(video("a", 20)).await.unwrap();
@@ -130,18 +130,38 @@ async fn after_a_restart_results_are_there_and_what_ran_is_aborted() {
     let study = v1::StudyRequest { videos: vec![b.clone()], ..Default::default() };
     let search = v1::DiscoverEffectsRequest { study: Some(study), ..Default::default() };
     let cut = begin(&service, Work::DiscoverEffects(search)).await.unwrap();
+    let waits = v1::WaitOperationRequest { name: cut.name.clone() };
+    let mut waiting = service.operations().wait_operation(waits).await.unwrap().into_inner();
+    let broken = tokio::spawn(async move {
+        loop {
+            if let Err(status) = waiting.message().await {
+                break status;
+            }
+        }
+    });
     service.stop().await;
+    assert_eq!(broken.await.unwrap().code(), Code::Unavailable, "who waits may wait again");
 
     let service = start(folder.path(), CAPACITY).await;
     assert_eq!(get(&service, &finished.name).await.unwrap(), finished);
-    let aborted = get(&service, &cut.name).await.unwrap();
-    assert_eq!((aborted.state(), aborted.done, aborted.end_time), (OperationState::Aborted, true, None));
-    assert_eq!(error_code(&aborted), Some(Code::Aborted as i32));
-    assert_eq!(wait(&service, &cut.name).await, std::slice::from_ref(&aborted));
+    let resumed = get(&service, &cut.name).await.unwrap();
+    assert_eq!((resumed.state(), resumed.create_time), (OperationState::Running, cut.create_time));
     let only =
-        v1::ListOperationsRequest { states: vec![OperationState::Aborted.into()], ..Default::default() };
-    let found = listed(&service, only).await.operations;
-    assert_eq!(found, [v1::Operation { result: None, ..aborted }], "lists have no results");
+        v1::ListOperationsRequest { states: vec![OperationState::Running.into()], ..Default::default() };
+    assert_eq!(listed(&service, only).await.operations.len(), 1);
+    let gone = v1::CancelOperationRequest { name: cut.name.clone() };
+    let cancelled = service.operations().cancel_operation(gone).await.unwrap().into_inner();
+    assert_eq!(cancelled.state(), OperationState::Cancelled);
+    service.stop().await;
+
+    // A fit is cut short, goes on and succeeds.
+    let service = start(folder.path(), CAPACITY).await;
+    let worker = service.occupy().await;
+    let fit = begin(&service, fit_of(&b)).await.unwrap();
+    drop(worker);
+    service.stop().await;
+    let service = start(folder.path(), CAPACITY).await;
+    assert_eq!(done(&service, &fit.name).await.state(), OperationState::Succeeded);
     service.stop().await;
 }
 

@@ -49,10 +49,17 @@ pub fn start(given: v1::StartOperationRequest) -> Result<(NewOperation, Work), E
     };
     let request_id = given.request_id;
     let request = v1::StartOperationRequest { work: Some(work.clone()), request_id: String::new() };
-    let request_digest = blake3::hash(&request.encode_to_vec()).to_hex().to_string();
+    let request = request.encode_to_vec();
+    let request_digest = blake3::hash(&request).to_hex().to_string();
     let (kind, videos) = subject(&work);
     let videos = ids(videos);
-    violations.finish((NewOperation { kind, videos, request_id, request_digest }, work))
+    violations.finish((NewOperation { kind, videos, request_id, request_digest, request }, work))
+}
+
+/// The work of a request that [`start`] kept.
+pub fn kept_work(request: &[u8]) -> Result<Work, EngineError> {
+    let kept = v1::StartOperationRequest::decode(request).ok().and_then(|kept| kept.work);
+    kept.ok_or_else(|| EngineError::invalid("work", "is of another program; start the operation again"))
 }
 
 /// The kind of the work, and the names of its videos.

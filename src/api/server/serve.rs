@@ -3,7 +3,7 @@
 use super::accept::connections;
 use super::auth::{AuthLayer, Security};
 use super::request_layer::RequestLayer;
-use super::services::Services;
+use super::services::{Services, resume_operations};
 use crate::api::{DESCRIPTORS, v1};
 use crate::engine::Engine;
 use std::future::Future;
@@ -71,6 +71,9 @@ pub async fn serve(
     security: Security,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
+    if let Err(error) = resume_operations(&engine).await {
+        tracing::error!(%error, "operations of the last service do not go on");
+    }
     let services = Services(engine.clone());
     macro_rules! limited {
         ($server:ty) => {

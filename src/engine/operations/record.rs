@@ -30,7 +30,7 @@ pub enum OperationState {
     Succeeded,
     Failed,
     Cancelled,
-    /// The service ended before it; it is never stored.
+    /// The service ended before it, more than once without a drain, or before its request was kept.
     Aborted,
 }
 
@@ -52,6 +52,9 @@ pub struct OperationRecord {
     pub ended_ms: Option<u64>,
     /// Of its result.
     pub result_bytes: u64,
+    /// How often a service ended without a drain while it ran.
+    #[serde(default)]
+    pub crashes: u32,
 }
 
 impl OperationRecord {
@@ -112,6 +115,7 @@ mod tests {
             created_ms: 0,
             ended_ms,
             result_bytes: bytes,
+            crashes: 0,
         }
     }
 

@@ -5,13 +5,15 @@ use super::running::{Registration, RunningOperation};
 use crate::engine::error::EngineError;
 use crate::engine::progress::JobProgress;
 use crate::engine::state::Engine;
-use crate::store::{TableKind, now_ms};
+use crate::store::{TableKind, Tenant, now_ms};
 use futures_util::stream::{BoxStream, StreamExt};
 use std::sync::Arc;
 use std::time::Duration;
 
 /// Most running operations of one tenant: some discoveries of each of a dozen users.
 const MAX_RUNNING: usize = 64;
+/// Services that may end without a drain while an operation runs, before it is not started again: it may be what ends them.
+const MOST_CRASHES: u32 = 3;
 /// How much longer than another call an operation may take: nobody waits for its connection.
 const PATIENCE: u32 = 12;
 
@@ -22,6 +24,18 @@ pub struct NewOperation {
     /// The caller's name for it; empty: none.
     pub request_id: String,
     pub request_digest: String,
+    /// The bytes of its request, by which it is opened again after a restart.
+    pub request: Vec<u8>,
+}
+
+/// An operation that the end of a service cut short.
+pub struct CutOperation {
+    /// The engine of its tenant.
+    pub owner: Arc<Engine>,
+    /// The bytes of its request.
+    pub request: Vec<u8>,
+    record: OperationRecord,
+    registration: Registration,
 }
 
 /// What the work of an operation does next.
@@ -45,6 +59,23 @@ pub struct OperationStatus {
     pub record: OperationRecord,
     /// While it runs.
     pub progress: Option<JobProgress>,
+}
+
+impl CutOperation {
+    /// Goes on with the work that `open` opens from the request.
+    pub async fn resume(
+        mut self,
+        open: impl AsyncFnOnce(&Arc<Engine>, &[u8]) -> BoxStream<'static, OperationUpdate>,
+    ) {
+        // Should this service end without a drain, too, that is on record.
+        self.record.crashes += 1;
+        if let Err(error) = self.owner.store.change_operation(&self.record.id, &self.record).await {
+            tracing::warn!(%error, operation = self.record.id, "a crash would not be counted");
+        }
+        tracing::info!(operation = self.record.id, "goes on after a restart");
+        let work = open(&self.owner.patient(), &self.request).await;
+        self.owner.run_operation(self.record, self.registration, work).await;
+    }
 }
 
 impl OperationStatus {
@@ -74,7 +105,7 @@ impl Engine {
         new: NewOperation,
         open: impl AsyncFnOnce(&Arc<Engine>) -> Result<BoxStream<'static, OperationUpdate>, EngineError>,
     ) -> Result<OperationStatus, EngineError> {
-        let NewOperation { kind, videos, request_id, request_digest } = new;
+        let NewOperation { kind, videos, request_id, request_digest, request } = new;
         let mut turn = None;
         if !request_id.is_empty() {
             turn = Some(self.operations.starts.lock().await);
@@ -86,9 +117,7 @@ impl Engine {
             return Err(EngineError::Overloaded { capacity: MAX_RUNNING });
         }
         self.forget_old_operations().await?;
-        let mut capacity = self.capacity();
-        capacity.job_timeout = capacity.job_timeout.saturating_mul(PATIENCE);
-        let work = open(&self.with_capacity(capacity)).await?;
+        let work = open(&self.patient()).await?;
         let id = self.operations.new_id();
         let record = OperationRecord {
             id: id.clone(),
@@ -100,13 +129,30 @@ impl Engine {
             created_ms: now_ms(),
             ended_ms: None,
             result_bytes: 0,
+            crashes: 0,
         };
         let registration = self.operations.register(self.operation_key(&id));
-        self.store.put_operation(&id, &record).await?;
+        self.store.put_operation(&id, &record, request).await?;
         drop(turn);
         let status = OperationStatus::new(record.clone(), Some(&registration.running));
         tokio::spawn(self.clone().run_operation(record, registration, work));
         Ok(status)
+    }
+
+    /// The operations of all tenants that the end of the last service cut short. From now on they are seen as running.
+    pub async fn cut_operations(self: &Arc<Self>) -> Result<Vec<CutOperation>, EngineError> {
+        let running = |record: &OperationRecord| record.state == OperationState::Running;
+        let everyone = self.store.of_everyone();
+        let mut cut = vec![];
+        for (key, record) in everyone.list(TableKind::Operations, "", "", usize::MAX, running).await? {
+            let owner = self.of(&Tenant::of_key(&key).0);
+            let request = owner.store.operation_result(&record.id).await?;
+            // Older programs kept no request.
+            let Some(request) = request.filter(|_| record.crashes < MOST_CRASHES) else { continue };
+            let registration = owner.operations.register(owner.operation_key(&record.id));
+            cut.push(CutOperation { owner, request, record, registration });
+        }
+        Ok(cut)
     }
 
     async fn run_operation(
@@ -132,7 +178,7 @@ impl Engine {
         // Who cancels frees the CPU before the operation is seen to have ended.
         drop(work);
         if outcome.is_none() && self.operations.is_closed() {
-            return;
+            return self.keep_for_the_next_service(record).await;
         }
         let state = |outcome: &OperationOutcome| match outcome.succeeded {
             true => OperationState::Succeeded,
@@ -152,6 +198,26 @@ impl Engine {
         if let Err(error) = self.forget_old_operations().await {
             tracing::warn!(%error, "old operations were not removed");
         }
+    }
+
+    /// Drained, and so not to blame for the end of the service.
+    async fn keep_for_the_next_service(&self, record: OperationRecord) {
+        let record = OperationRecord { crashes: 0, ..record };
+        if let Err(error) = self.store.change_operation(&record.id, &record).await {
+            tracing::warn!(%error, operation = record.id, "it counts as running at a crash");
+        }
+    }
+
+    /// The same engine with more time for each job.
+    fn patient(&self) -> Arc<Engine> {
+        let mut capacity = self.capacity();
+        capacity.job_timeout = capacity.job_timeout.saturating_mul(PATIENCE);
+        self.with_capacity(capacity)
+    }
+
+    /// Whether the service ends: what runs now goes on in the next one.
+    pub fn ends(&self) -> bool {
+        self.operations.is_closed()
     }
 
     /// How an operation stands.

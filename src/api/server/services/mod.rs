@@ -13,6 +13,8 @@ mod traces;
 mod updates;
 mod videos;
 
+pub use operations::resume_operations;
+
 use crate::engine::{Engine, Tenant};
 use futures_util::stream::BoxStream;
 use std::sync::Arc;

@@ -60,6 +60,11 @@ impl v1::operations_server::Operations for Services {
             let (owner, id) = (owner.clone(), id.clone());
             async move {
                 let Some(now) = state else { return Ok(None) };
+                if owner.ends() && now.record.ended_ms.is_none() {
+                    return Err(Status::unavailable(
+                        "the service ends; the operation goes on in the next one: wait again",
+                    ));
+                }
                 let reply = whole(&owner, &now).await?;
                 let next = match now.is_done() {
                     true => None,
@@ -87,6 +92,23 @@ impl v1::operations_server::Operations for Services {
         owner.delete_operation(&id).await.map_err(status)?;
         Ok(Response::new(()))
     }
+}
+
+/// Goes on with what the end of the last service cut short. When this returns, it is seen as running.
+pub async fn resume_operations(engine: &Arc<Engine>) -> Result<(), EngineError> {
+    for cut in engine.cut_operations().await? {
+        tokio::spawn(cut.resume(async |owner, request| {
+            let opened = match operation::kept_work(request) {
+                Ok(work) => open(owner, work).await,
+                Err(error) => Err(error),
+            };
+            opened.unwrap_or_else(|failed| {
+                let outcome = operation::outcome(OperationResult::Error(error(failed)));
+                stream::iter([OperationUpdate::Done(outcome)]).boxed()
+            })
+        }));
+    }
+    Ok(())
 }
 
 /// An operation with its result, if it is done.
