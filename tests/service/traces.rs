@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tonic::Code;
 use vrdp::api::v1;
-use vrdp::engine::{Capacity, Engine, ModelSource, ModelSourceKind, Retention};
+use vrdp::engine::{AskedQuestion, Capacity, Engine, ModelSource, ModelSourceKind, Retention};
 use vrdp::reason::AskOptions;
 
 fn simulate(video: &str, seed: u64) -> v1::SimulateRequest {
@@ -169,9 +169,8 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
             .ask(
                 &id,
                 &ModelSource { path: "", kind: ModelSourceKind::Default },
-                question,
+                AskedQuestion { question, conversation: Default::default(), lexicon: None },
                 AskOptions { rollouts: 2, seed: 0 },
-                None,
             )
             .await
             .unwrap()
