@@ -27,6 +27,7 @@ mod results;
 mod sides;
 mod state;
 mod studies;
+mod task;
 mod traces;
 mod videos;
 mod words;
@@ -44,7 +45,7 @@ pub use operations::{
     NewOperation, OperationFilter, OperationKind, OperationOutcome, OperationRecord, OperationState,
     OperationStatus, OperationUpdate,
 };
-pub use pool::{Load, panic_message};
+pub use pool::{JobKind, Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
 pub use progress::{JobProgress, Phase};
 pub use report_page::{ReportPage, ReportQuestion};

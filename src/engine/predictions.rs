@@ -4,16 +4,20 @@ use super::error::EngineError;
 use super::limits;
 use super::metric_names;
 use super::model_source::ModelSource;
-use super::results::{PublishedAnswer, PublishedSimulation, result_digest};
+use super::pool::JobKind;
+use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, result_digest};
 use super::state::Engine;
-use super::traces::file;
-use crate::concepts::word_probabilities;
+use super::task::{Performed, ReportSink, Task};
+use super::traces::file::{self, TraceFile};
+use crate::concepts::{Lexicon, word_probabilities};
+use crate::media::Still;
 use crate::num::Stop;
 use crate::reason::{
-    AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, WordedScene, ask, ask_with_words,
-    predict,
+    Answer, AskOptions, FUTURE_FRAMES, Prediction, PredictionRequest, Question, WordedScene, ask,
+    ask_with_words, predict,
 };
-use crate::world::Intervention;
+use crate::scene::Scene;
+use crate::world::{Intervention, Model};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -34,6 +38,74 @@ pub struct SimulateOptions {
     pub stills: bool,
 }
 
+/// Simulates one request.
+struct SimulationTask {
+    scene: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+    /// The fitted model with the interventions.
+    edited: Model,
+    request: PredictionRequest,
+    stills: Vec<Still>,
+}
+
+impl Task for SimulationTask {
+    /// Without its ensemble.
+    type Output = Prediction;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Simulation
+    }
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Prediction, Vec<TraceFile>), EngineError> {
+        let SimulationTask { scene, fitted, edited, request, stills } = self;
+        limits::places(&edited, &request.interventions)?;
+        let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
+        limits::finite(&prediction)?;
+        let json = serde_json::json!({ "simulate": &request }).to_string();
+        let file = file::simulation(&scene, &fitted, &prediction, (request.seed, &stills), &json)?;
+        Ok((Prediction { ensemble: vec![], ..prediction }, vec![file]))
+    }
+}
+
+/// Answers one question.
+struct AnswerTask {
+    scene: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+    question: Question,
+    options: AskOptions,
+    lexicon: Option<Lexicon>,
+}
+
+impl Task for AnswerTask {
+    /// Its simulations without their ensembles.
+    type Output = Answer;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Answer
+    }
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Answer, Vec<TraceFile>), EngineError> {
+        let AnswerTask { scene, fitted, question, options, lexicon } = self;
+        let mut answer = match &lexicon {
+            None => ask(&scene, &fitted.fit, 0, &question, &options, stop)?,
+            Some(lexicon) => {
+                let words = word_probabilities(lexicon, &scene, Some((&fitted.fit, 0)))?;
+                let worded = WordedScene { scene: &scene, words: &words };
+                ask_with_words(worded, &fitted.fit, 0, &question, &options, stop)?
+            }
+        };
+        let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
+        let mut files = Vec::new();
+        for prediction in &mut answer.simulations {
+            limits::places(&prediction.model, &prediction.interventions)?;
+            limits::finite(prediction)?;
+            files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
+            prediction.ensemble = vec![];
+        }
+        Ok((answer, files))
+    }
+}
+
 impl Engine {
     /// Predicts, or simulates a counterfactual where there are interventions.
     pub async fn simulate(
@@ -42,7 +114,7 @@ impl Engine {
         source: &ModelSource,
         options: SimulateOptions,
     ) -> Result<Arc<PublishedSimulation>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&[video]);
         let scene = self.video(video).await?;
         let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
         limits::size(&scene, frames, options.rollouts)?;
@@ -59,21 +131,11 @@ impl Engine {
         let engine = self.clone();
         let work = move |context| async move {
             metric_names::count_result("simulation", "made");
-            let ((prediction, batch), _slot) = {
-                let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
-                let job = move |stop: Stop| {
-                    limits::places(&edited, &request.interventions)?;
-                    let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
-                    limits::finite(&prediction)?;
-                    let json = serde_json::json!({ "simulate": &request }).to_string();
-                    let file =
-                        file::simulation(&scene, &fitted, &prediction, (request.seed, &stills), &json)?;
-                    Ok((Prediction { ensemble: vec![], ..prediction }, backlog.admit(vec![file], stop)?))
-                };
-                engine.pool.run(context, job).await?
-            };
+            let (model, fps) = (fitted.id.clone(), scene.fps);
+            let task = SimulationTask { scene, fitted, edited, request, stills };
+            let Performed { output: prediction, batch, slot: _slot } = engine.perform(task, context).await?;
             let trace = engine.publish(batch).await?.pop().unwrap_or_default();
-            Ok(PublishedSimulation { model: fitted.id.clone(), fps: scene.fps, prediction, trace })
+            Ok(PublishedSimulation { model, fps, prediction, trace })
         };
         self.simulations.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }
@@ -87,7 +149,7 @@ impl Engine {
         options: AskOptions,
         lexicon: Option<&str>,
     ) -> Result<Arc<PublishedAnswer>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&[video]);
         let scene = self.video(video).await?;
         limits::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.drawn(video, &scene, source).await?;
@@ -99,27 +161,9 @@ impl Engine {
                 None => None,
             };
             metric_names::count_result("answer", "made");
-            let (model, backlog) = (fitted.id.clone(), engine.backlog.clone());
-            let job = move |stop: Stop| {
-                let mut answer = match &lexicon {
-                    None => ask(&scene, &fitted.fit, 0, &question, &options, stop)?,
-                    Some(lexicon) => {
-                        let words = word_probabilities(lexicon, &scene, Some((&fitted.fit, 0)))?;
-                        let worded = WordedScene { scene: &scene, words: &words };
-                        ask_with_words(worded, &fitted.fit, 0, &question, &options, stop)?
-                    }
-                };
-                let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
-                let mut files = Vec::new();
-                for prediction in &mut answer.simulations {
-                    limits::places(&prediction.model, &prediction.interventions)?;
-                    limits::finite(prediction)?;
-                    files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
-                    prediction.ensemble = vec![];
-                }
-                Ok((answer, backlog.admit(files, stop)?))
-            };
-            let ((answer, batch), _slot) = engine.pool.run(context, job).await?;
+            let model = fitted.id.clone();
+            let task = AnswerTask { scene, fitted, question, options, lexicon };
+            let Performed { output: answer, batch, slot: _slot } = engine.perform(task, context).await?;
             let traces = engine.publish(batch).await?;
             Ok(PublishedAnswer { model, answer, traces })
         };
