@@ -182,7 +182,7 @@ fn camera(worlds: &[World]) {
             world: [at.x, at.y, HEIGHT],
         };
         let pairs: Vec<PointPair> = known.iter().flat_map(|w| w.visible().into_iter().map(pair)).collect();
-        let found = calibrate(&pairs, worlds[0].camera().image_size).unwrap();
+        let found = calibrate(&pairs, worlds[0].camera().image_size, &vrdp::num::never).unwrap();
         let (mut reprojection, mut error, mut given, mut n) = (0.0, 0.0, 0.0, 0.0);
         for (i, world) in worlds.iter().enumerate() {
             if (first..first + count).contains(&i) {
@@ -482,7 +482,7 @@ fn link_all(worlds: &[World], masks: bool) {
             size: 0.2,
             sigma: 1.0,
         };
-        let linked = link(&list, &options).unwrap();
+        let linked = link(&list, &options, &vrdp::num::never).unwrap();
         (dropped, given) = (dropped + linked.report.detections_dropped, given + list.len());
         let (mut here, mut wrong) = (0, 0);
         let mut owner = vec![vec![]; world.scene.objects.len()];

@@ -36,8 +36,9 @@ pub fn status(error: EngineError) -> Status {
             details.set_resource_info("", name, "", "does not exist");
             Status::with_error_details(Code::NotFound, message, details)
         }
-        EngineError::Overloaded { .. } => {
-            let mut details = info("OVERLOADED");
+        EngineError::Overloaded { .. } | EngineError::ShareFull { .. } => {
+            let is_own = matches!(error, EngineError::ShareFull { .. });
+            let mut details = info(if is_own { "SHARE_FULL" } else { "OVERLOADED" });
             details.set_retry_info(Some(RETRY_AFTER));
             let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
             // Clients that retry by themselves read this field, not the details.

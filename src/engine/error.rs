@@ -15,6 +15,10 @@ pub enum EngineError {
     NotFound { name: String },
     #[error("the queue is full ({capacity} jobs); try again later")]
     Overloaded { capacity: usize },
+    #[error(
+        "you hold {share} of {capacity} places, which is your share; wait until some of your calls end, then try again"
+    )]
+    ShareFull { share: usize, capacity: usize },
     #[error("cancelled by the caller")]
     Cancelled,
     #[error("the deadline passed before the work was done")]

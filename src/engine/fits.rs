@@ -4,11 +4,12 @@ use super::cache::JobHandle;
 use super::error::EngineError;
 use super::metric_names;
 use super::model_source::{ModelSource, ModelSourceKind};
-use super::pool::JobContext;
+use super::pool::{JobContext, JobKind};
 use super::progress::{Phase, Report};
 use super::results::{StoredFit, result_digest};
 use super::state::Engine;
-use super::traces::file;
+use super::task::{Performed, ReportSink, Task};
+use super::traces::file::{self, TraceFile};
 use crate::discover::fit_passing_over_pushes;
 use crate::fit::{FitOptions, with_draws};
 use crate::num::Stop;
@@ -17,13 +18,51 @@ use crate::store::TableKind;
 use crate::world::Model;
 use std::sync::Arc;
 
-/// What one fit needs; `id` is the digest of the rest.
-struct FitInput {
+/// Fits one video; `id` is the digest of the rest.
+struct FitTask {
     video: String,
     id: String,
     scene: Arc<Scene>,
     model: Model,
     options: FitOptions,
+}
+
+impl Task for FitTask {
+    type Output = StoredFit;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Fit
+    }
+
+    fn perform(self, report: ReportSink, stop: Stop) -> Result<(StoredFit, Vec<TraceFile>), EngineError> {
+        let FitTask { video, id, scene, model, options } = self;
+        report(Report::Phase(Phase::Fitting));
+        let fit = fit_passing_over_pushes(&scene, &model, &options, stop)?;
+        let stored = StoredFit { video, id, revision: 0, fit, record: None };
+        let file = file::fit(&scene, &model, &options, &stored)?;
+        report(Report::rmse(&stored.fit.scenes));
+        Ok((stored, vec![file]))
+    }
+}
+
+/// Draws from the posterior of a fit.
+struct DrawsTask {
+    scene: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+}
+
+impl Task for DrawsTask {
+    type Output = StoredFit;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Draws
+    }
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(StoredFit, Vec<TraceFile>), EngineError> {
+        let stored = StoredFit::clone(&self.fitted);
+        let fit = with_draws(std::slice::from_ref(self.scene.as_ref()), stored.fit, stop)?;
+        Ok((StoredFit { fit, ..stored }, vec![]))
+    }
 }
 
 impl Engine {
@@ -34,37 +73,26 @@ impl Engine {
         start: &ModelSource,
         options: FitOptions,
     ) -> Result<JobHandle<StoredFit>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&[video]);
         let scene = self.video(video).await?;
         let model = start.unfitted(&scene)?;
         let id = result_digest("model", &(video, &model, &options));
-        let input = FitInput { video: video.into(), id: id.clone(), scene, model, options };
+        let task = FitTask { video: video.into(), id: id.clone(), scene, model, options };
         let engine = self.clone();
-        let work = move |context| async move { engine.run_fit(input, context).await };
+        let work = move |context| async move { engine.run_fit(task, context).await };
         Ok(self.fits.join(format!("{key}{id}"), video, self.deadline(), work).await)
     }
 
-    async fn run_fit(&self, input: FitInput, context: JobContext) -> Result<StoredFit, EngineError> {
-        let FitInput { video, id, scene, model, options } = input;
-        let key = format!("{video}/{id}");
+    async fn run_fit(&self, task: FitTask, context: JobContext) -> Result<StoredFit, EngineError> {
+        let key = format!("{}/{}", task.video, task.id);
         if let Some(found) = self.store.get(TableKind::Fits, &key).await? {
             metric_names::count_result("fit", "store");
             return Ok(found);
         }
         self.count_fit();
         metric_names::count_result("fit", "made");
-        let backlog = self.backlog.clone();
-        let report = context.progress.clone();
-        let job = move |stop: Stop| {
-            report(Report::Phase(Phase::Fitting));
-            let fit = fit_passing_over_pushes(&scene, &model, &options, stop)?;
-            let stored = StoredFit { video, id, revision: 0, fit, record: None };
-            let file = file::fit(&scene, &model, &options, &stored)?;
-            report(Report::rmse(&stored.fit.scenes));
-            Ok((stored, backlog.admit(vec![file], stop)?))
-        };
         let progress = context.progress.clone();
-        let ((stored, batch), _slot) = self.pool.run(context, job).await?;
+        let Performed { output: stored, batch, slot: _slot } = self.perform(task, context).await?;
         progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         self.put_of_video(TableKind::Fits, &stored.video, &key, &stored).await?;
@@ -105,16 +133,11 @@ impl Engine {
         if fitted.fit.draws() > 0 {
             return Ok(fitted);
         }
-        let key = self.key(&fitted.id);
+        let key = format!("{}{}", self.result_prefix(&[video]), fitted.id);
         let (engine, scene) = (self.clone(), scene.clone());
         let work = move |context| async move {
             metric_names::count_result("draws", "made");
-            let job = move |stop: Stop| {
-                let stored = StoredFit::clone(&fitted);
-                let fit = with_draws(std::slice::from_ref(scene.as_ref()), stored.fit, stop)?;
-                Ok(StoredFit { fit, ..stored })
-            };
-            Ok(engine.pool.run(context, job).await?.0)
+            Ok(engine.perform(DrawsTask { scene, fitted }, context).await?.output)
         };
         self.draws.join(key, video, self.deadline(), work).await.finish().await
     }

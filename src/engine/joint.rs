@@ -5,11 +5,12 @@ use super::error::EngineError;
 use super::limits::MAX_STUDY_VIDEOS;
 use super::metric_names;
 use super::model_source::ModelSource;
-use super::pool::JobContext;
+use super::pool::{JobContext, JobKind};
 use super::progress::{Phase, Report};
 use super::results::{StoredFit, result_digest};
 use super::state::Engine;
-use super::traces::file;
+use super::task::{Performed, ReportSink, Task};
+use super::traces::file::{self, TraceFile};
 use crate::fit::{FitError, FitOptions, fit};
 use crate::num::Stop;
 use crate::scene::{Scene, canonical_digest};
@@ -27,13 +28,47 @@ pub enum JointVideos {
     Setup,
 }
 
-/// What one joint fit needs, by video; `id` is the digest of the rest.
-struct JointInput {
+/// Fits videos together; all lists are by video, and `id` is the digest of the rest.
+struct JointTask {
     id: String,
     videos: Vec<String>,
     scenes: Vec<Scene>,
     models: Vec<Model>,
     options: FitOptions,
+}
+
+impl JointTask {
+    /// The id of each video's model.
+    fn ids(&self) -> Vec<String> {
+        self.videos.iter().map(|video| canonical_digest("model", &(&self.id, video))).collect()
+    }
+}
+
+impl Task for JointTask {
+    type Output = Vec<StoredFit>;
+
+    fn kind(&self) -> JobKind {
+        JobKind::JointFit
+    }
+
+    fn perform(
+        self,
+        report: ReportSink,
+        stop: Stop,
+    ) -> Result<(Vec<StoredFit>, Vec<TraceFile>), EngineError> {
+        let ids = self.ids();
+        let JointTask { videos, scenes, models, options, .. } = self;
+        report(Report::Phase(Phase::Fitting));
+        let joint = fit(&scenes, &models, &options, stop)?;
+        report(Report::rmse(&joint.scenes));
+        let one =
+            |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), record: None };
+        let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
+        let inputs = scenes.iter().zip(&models).zip(&fits);
+        let files = inputs.map(|((scene, model), stored)| file::fit(scene, model, &options, stored));
+        let files = files.collect::<Result<_, _>>()?;
+        Ok((fits, files))
+    }
 }
 
 /// Refuses, under the name of the field, videos that cannot share their physics.
@@ -83,7 +118,7 @@ impl Engine {
         start: &ModelSource,
         options: FitOptions,
     ) -> Result<JobHandle<Vec<StoredFit>>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&videos.iter().map(String::as_str).collect::<Vec<_>>());
         let (mut scenes, mut models) = (vec![], vec![]);
         for video in &videos {
             let scene = self.video(video).await?;
@@ -99,16 +134,14 @@ impl Engine {
         one_set_up("others", &scenes, &models)?;
         let id = result_digest("joint", &(&videos, &models, &options));
         let (engine, first) = (self.clone(), videos.first().cloned().unwrap_or_default());
-        let input = JointInput { id: id.clone(), videos, scenes, models, options };
-        let work = move |context| async move { engine.run_joint(input, context).await };
+        let task = JointTask { id: id.clone(), videos, scenes, models, options };
+        let work = move |context| async move { engine.run_joint(task, context).await };
         Ok(self.joint_fits.join(format!("{key}{id}"), &first, self.deadline(), work).await)
     }
 
-    async fn run_joint(&self, input: JointInput, context: JobContext) -> Result<Vec<StoredFit>, EngineError> {
-        let JointInput { id, videos, scenes, models, options } = input;
-        let of = |video: &String| canonical_digest("model", &(&id, video));
-        let ids: Vec<String> = videos.iter().map(of).collect();
-        let keys: Vec<String> = videos.iter().zip(&ids).map(|(video, id)| format!("{video}/{id}")).collect();
+    async fn run_joint(&self, task: JointTask, context: JobContext) -> Result<Vec<StoredFit>, EngineError> {
+        let of = |(video, id): (&String, String)| format!("{video}/{id}");
+        let keys: Vec<String> = task.videos.iter().zip(task.ids()).map(of).collect();
         let mut found = vec![];
         for key in &keys {
             found.extend(self.store.get::<StoredFit>(TableKind::Fits, key).await?);
@@ -119,22 +152,8 @@ impl Engine {
         }
         self.count_fit();
         metric_names::count_result("joint_fit", "made");
-        let backlog = self.backlog.clone();
-        let report = context.progress.clone();
-        let job = move |stop: Stop| {
-            report(Report::Phase(Phase::Fitting));
-            let joint = fit(&scenes, &models, &options, stop)?;
-            report(Report::rmse(&joint.scenes));
-            let one =
-                |(k, (video, id))| StoredFit { video, id, revision: 0, fit: joint.of_scene(k), record: None };
-            let fits: Vec<StoredFit> = videos.into_iter().zip(ids).enumerate().map(one).collect();
-            let inputs = scenes.iter().zip(&models).zip(&fits);
-            let files = inputs.map(|((scene, model), stored)| file::fit(scene, model, &options, stored));
-            let files = files.collect::<Result<_, _>>()?;
-            Ok((fits, backlog.admit(files, stop)?))
-        };
         let progress = context.progress.clone();
-        let ((fits, batch), _slot) = self.pool.run(context, job).await?;
+        let Performed { output: fits, batch, slot: _slot } = self.perform(task, context).await?;
         progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         for (fit, key) in fits.iter().zip(&keys) {

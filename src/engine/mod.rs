@@ -29,6 +29,7 @@ mod results;
 mod sides;
 mod state;
 mod studies;
+mod task;
 mod traces;
 mod videos;
 mod words;
@@ -46,7 +47,7 @@ pub use operations::{
     CutOperation, NewOperation, OperationFilter, OperationKind, OperationOutcome, OperationRecord,
     OperationState, OperationStatus, OperationUpdate,
 };
-pub use pool::{Load, panic_message};
+pub use pool::{JobKind, Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
 pub use progress::{JobProgress, Phase};
 pub use questions::{AskedQuestion, ChatParser, ChatSettings, Parsed};

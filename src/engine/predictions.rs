@@ -4,12 +4,16 @@ use super::error::EngineError;
 use super::limits;
 use super::metric_names;
 use super::model_source::ModelSource;
-use super::results::{PublishedSimulation, result_digest};
+use super::pool::JobKind;
+use super::results::{PublishedSimulation, StoredFit, result_digest};
 use super::state::Engine;
-use super::traces::file;
+use super::task::{Performed, ReportSink, Task};
+use super::traces::file::{self, TraceFile};
+use crate::media::Still;
 use crate::num::Stop;
 use crate::reason::{Prediction, PredictionRequest, predict};
-use crate::world::Intervention;
+use crate::scene::Scene;
+use crate::world::{Intervention, Model};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -30,6 +34,35 @@ pub struct SimulateOptions {
     pub stills: bool,
 }
 
+/// Simulates one request.
+struct SimulationTask {
+    scene: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+    /// The fitted model with the interventions.
+    edited: Model,
+    request: PredictionRequest,
+    stills: Vec<Still>,
+}
+
+impl Task for SimulationTask {
+    /// Without its ensemble.
+    type Output = Prediction;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Simulation
+    }
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Prediction, Vec<TraceFile>), EngineError> {
+        let SimulationTask { scene, fitted, edited, request, stills } = self;
+        limits::places(&edited, &request.interventions)?;
+        let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
+        limits::finite(&prediction)?;
+        let json = serde_json::json!({ "simulate": &request }).to_string();
+        let file = file::simulation(&scene, &fitted, &prediction, (request.seed, &stills), &json)?;
+        Ok((Prediction { ensemble: vec![], ..prediction }, vec![file]))
+    }
+}
+
 impl Engine {
     /// Predicts, or simulates a counterfactual where there are interventions.
     pub async fn simulate(
@@ -38,7 +71,7 @@ impl Engine {
         source: &ModelSource,
         options: SimulateOptions,
     ) -> Result<Arc<PublishedSimulation>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&[video]);
         let scene = self.video(video).await?;
         let frames = options.frames.unwrap_or(scene.times.len() + DEFAULT_FUTURE_FRAMES);
         limits::size(&scene, frames, options.rollouts)?;
@@ -55,21 +88,11 @@ impl Engine {
         let engine = self.clone();
         let work = move |context| async move {
             metric_names::count_result("simulation", "made");
-            let ((prediction, batch), _slot) = {
-                let (scene, fitted, backlog) = (scene.clone(), fitted.clone(), engine.backlog.clone());
-                let job = move |stop: Stop| {
-                    limits::places(&edited, &request.interventions)?;
-                    let prediction = predict(&scene, &fitted.fit, 0, &request, stop)?;
-                    limits::finite(&prediction)?;
-                    let json = serde_json::json!({ "simulate": &request }).to_string();
-                    let file =
-                        file::simulation(&scene, &fitted, &prediction, (request.seed, &stills), &json)?;
-                    Ok((Prediction { ensemble: vec![], ..prediction }, backlog.admit(vec![file], stop)?))
-                };
-                engine.pool.run(context, job).await?
-            };
+            let (model, fps) = (fitted.id.clone(), scene.fps);
+            let task = SimulationTask { scene, fitted, edited, request, stills };
+            let Performed { output: prediction, batch, slot: _slot } = engine.perform(task, context).await?;
             let trace = engine.publish(batch).await?.pop().unwrap_or_default();
-            Ok(PublishedSimulation { model: fitted.id.clone(), fps: scene.fps, prediction, trace })
+            Ok(PublishedSimulation { model, fps, prediction, trace })
         };
         self.simulations.join(format!("{key}{digest}"), video, self.deadline(), work).await.finish().await
     }

@@ -2,6 +2,7 @@
 
 use super::error::EngineError;
 use super::model_source::{ModelSource, ModelSourceKind};
+use super::pool::JobKind;
 use super::questions::AskedQuestion;
 use super::results::{Findings, StoredFit, Study};
 use super::state::Engine;
@@ -195,7 +196,7 @@ impl Engine {
                 ids.push(id);
             }
         }
-        self.compute(move || {
+        self.compute_as(JobKind::Page, move |_| {
             let scenes: Vec<_> = scenes.iter().map(|s| s.as_ref().clone()).collect();
             let answered = answers.iter().filter_map(|(question, scene, model, done)| {
                 let model = &model.fit.scenes.first()?.model;

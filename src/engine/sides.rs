@@ -2,11 +2,12 @@
 
 use super::error::EngineError;
 use super::model_source::{ModelSource, ModelSourceKind};
+use super::pool::JobKind;
 use super::results::{Findings, StoredFit};
 use super::state::Engine;
 use super::studies::StudyKind;
 use crate::discover::{Comparison, Separation, log_evidence, separations};
-use crate::fit::{FitOptions, SceneFit};
+use crate::fit::{FitError, FitOptions, SceneFit};
 use crate::scene::Scene;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -65,16 +66,15 @@ impl Engine {
         for fit in &ours {
             scenes.push(self.video(&fit.video).await?);
         }
-        self.compute(move || {
+        self.compute_as(JobKind::Comparison, move |stop| {
             let pairs = scenes.iter().zip(ours.iter().zip(&others));
             let apart = |(scene, (a, b)): (&Arc<Scene>, (&StoredFit, &StoredFit))| {
+                stop(0.0).map_err(FitError::from)?;
                 let models = a.fit.scenes.first().zip(b.fit.scenes.first());
-                models.map_or(vec![], |(a, b)| separations(scene, [&a.model, &b.model]))
+                Ok(models.map_or(vec![], |(a, b)| separations(scene, [&a.model, &b.model])))
             };
-            Ok(SideDifference {
-                log_evidence: evidence(&ours, &others),
-                separations: pairs.map(apart).collect(),
-            })
+            let separations = pairs.map(apart).collect::<Result<_, EngineError>>()?;
+            Ok(SideDifference { log_evidence: evidence(&ours, &others), separations })
         })
         .await
     }

@@ -1,16 +1,17 @@
 //! The engine: what all jobs and tenants share, and how a job reaches it.
 
-use super::cache::{Job, RecentResults, SMALL_RESULT, SingleFlightCache};
+use super::cache::{Deletions, Job, RecentResults, SMALL_RESULT, SingleFlightCache};
 use super::error::EngineError;
 use super::limits::MAX_REPLAYS;
 use super::metric_names;
 use super::operations::RunningOperations;
-use super::pool::{JobContext, Load, Pool};
+use super::pool::{Admission, JobContext, JobKind, Load, Pool};
 use super::questions::ChatParser;
 use super::results::{PublishedAnswer, PublishedSimulation, StoredFit, Study};
 use super::traces::backlog::Backlog;
 use super::traces::retention::TraceRetention;
 use crate::concepts::Lexicon;
+use crate::num::Stop;
 use crate::scene::Scene;
 use crate::store::{Store, StoreError, TableKind, Tenant};
 use serde::Serialize;
@@ -18,10 +19,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-use tokio::sync::Semaphore;
 
 /// Bytes of each kind of result in memory; all of them can be read or computed again.
 const CACHED_BYTES: u64 = 48 << 20;
+/// Marks keys of results in memory: no id begins with it.
+const RESULT_MARK: &str = "@";
 /// Bytes of one state or sample in a large result.
 const STATE_BYTES: usize = 96;
 
@@ -39,9 +41,8 @@ pub struct Capacity {
 #[derive(Clone)]
 pub struct Engine {
     pub(super) store: Store,
+    pub(super) tenant: Tenant,
     pub(super) pool: Arc<Pool>,
-    /// Converts new videos, so that long jobs do not delay them.
-    pub(super) ingest_pool: Arc<Pool>,
     capacity: Capacity,
     start: Instant,
     pub(super) scenes: RecentResults<Scene>,
@@ -57,10 +58,10 @@ pub struct Engine {
     pub(super) parser: Option<Arc<ChatParser>>,
     pub(super) backlog: Arc<Backlog>,
     pub(super) retention: Arc<TraceRetention>,
-    pub(super) replays: Arc<Semaphore>,
+    pub(super) replays: Arc<Admission>,
     pub(super) operations: Arc<RunningOperations>,
-    /// Rises with every deletion and damage. It is part of every key in memory, so that nothing deleted is found there.
-    epoch: Arc<AtomicU64>,
+    /// Of videos, lexica and traces; their counts are part of every key in memory.
+    pub(super) deletions: Deletions,
     fits_run: Arc<AtomicU64>,
 }
 
@@ -69,8 +70,8 @@ impl Engine {
     pub fn open(data_dir: &Path, capacity: Capacity) -> Result<Engine, EngineError> {
         Ok(Engine {
             store: Store::open(data_dir)?,
+            tenant: Tenant::default(),
             pool: Arc::new(Pool::new(capacity.workers, capacity.queue)?),
-            ingest_pool: Arc::new(Pool::new(1, capacity.queue)?),
             capacity,
             start: Instant::now(),
             scenes: RecentResults::new(CACHED_BYTES, scene_bytes),
@@ -92,9 +93,9 @@ impl Engine {
             parser: None,
             backlog: Arc::default(),
             retention: Arc::default(),
-            replays: Arc::new(Semaphore::new(MAX_REPLAYS)),
+            replays: Admission::new(MAX_REPLAYS),
             operations: Arc::default(),
-            epoch: Arc::default(),
+            deletions: Deletions::default(),
             fits_run: Arc::default(),
         })
     }
@@ -103,7 +104,10 @@ impl Engine {
     pub fn of(self: &Arc<Self>, tenant: &Tenant) -> Arc<Engine> {
         match tenant.is_unnamed() {
             true => self.clone(),
-            false => Arc::new(Engine { store: self.store.of(tenant), ..Engine::clone(self) }),
+            false => {
+                let (store, tenant) = (self.store.of(tenant), tenant.clone());
+                Arc::new(Engine { store, tenant, ..Engine::clone(self) })
+            }
         }
     }
 
@@ -137,7 +141,7 @@ impl Engine {
 
     /// The running jobs of this tenant, the oldest first.
     pub fn jobs(&self) -> Vec<Job> {
-        let ours = self.key("");
+        let ours = self.store.key(RESULT_MARK);
         let mut jobs = self.fits.jobs(&ours);
         jobs.extend(self.joint_fits.jobs(&ours));
         jobs.extend(self.draws.jobs(&ours));
@@ -149,16 +153,25 @@ impl Engine {
         jobs
     }
 
-    /// Runs work whose result is not stored on the CPU pool.
+    /// Runs small work whose result is not stored on the CPU pool.
     pub async fn compute<T, F>(&self, work: F) -> Result<T, EngineError>
     where
         T: Send + 'static,
         F: FnOnce() -> Result<T, EngineError> + Send + 'static,
     {
-        Ok(self.pool.run(self.uncancelled(), move |_| work()).await?.0)
+        self.compute_as(JobKind::Computation, move |_| work()).await
     }
 
-    /// The context of a job without progress that only its deadline ends.
+    /// Runs work of a kind on the CPU pool; its stop token says when its deadline has passed or its caller has left.
+    pub async fn compute_as<T, F>(&self, kind: JobKind, work: F) -> Result<T, EngineError>
+    where
+        T: Send + 'static,
+        F: FnOnce(Stop) -> Result<T, EngineError> + Send + 'static,
+    {
+        Ok(self.pool.run((&self.tenant, kind), self.uncancelled(), work).await?.0)
+    }
+
+    /// The context of a job without progress that ends at its deadline, or when its caller leaves.
     pub(super) fn uncancelled(&self) -> JobContext {
         JobContext { token: Default::default(), deadline: self.deadline(), progress: Arc::new(|_| {}) }
     }
@@ -172,14 +185,22 @@ impl Engine {
         Instant::now() + self.capacity.job_timeout
     }
 
-    /// Drops all results in memory: they may name what no longer exists.
-    pub(super) fn forget(&self) {
-        self.epoch.fetch_add(1, Ordering::SeqCst);
+    /// Drops the results of a video in memory: they may name what no longer exists.
+    pub(super) fn forget_video(&self, video: &str) {
+        self.deletions.add(self.store.key(video));
     }
 
-    /// The key in memory of one of the tenant's results.
-    pub(super) fn key(&self, id: &str) -> String {
-        self.store.key(&format!("{}/{id}", self.epoch.load(Ordering::SeqCst)))
+    /// Drops all results of this tenant in memory.
+    pub(super) fn forget_all(&self) {
+        self.deletions.add(self.store.key(RESULT_MARK));
+    }
+
+    /// The start of the keys in memory of the tenant's results that depend on these videos. It must be read before the
+    /// videos are: the results of what is deleted meanwhile are then not found.
+    pub(super) fn result_prefix(&self, videos: &[&str]) -> String {
+        let mut keys: Vec<String> = videos.iter().map(|video| self.store.key(video)).collect();
+        keys.push(self.store.key(RESULT_MARK));
+        self.store.key(&format!("{RESULT_MARK}{}/", self.deletions.count(keys.iter().map(String::as_str))))
     }
 
     /// Stores a value that belongs to a video; an error if the video was deleted meanwhile.

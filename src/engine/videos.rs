@@ -1,7 +1,7 @@
 //! Videos: stored once under the digest of their content, read, listed and deleted.
 
 use super::error::EngineError;
-use super::pool::JobContext;
+use super::pool::{JobContext, JobKind};
 use super::progress::Report;
 use super::state::Engine;
 use crate::fit::FitError;
@@ -14,17 +14,19 @@ use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
 impl Engine {
-    /// Stores the scene that `make` returns (it runs on the ingest pool), with stills of its video, and returns its id. The id is
-    /// a digest of the scene alone, so storing the same scene again changes nothing but the stills, if it has any.
+    /// Stores the scene that `make` returns (it runs as a short job, which its stop token ends), with stills of its video, and
+    /// returns its id. The id is a digest of the scene alone, so storing the same scene again changes nothing but the stills,
+    /// if it has any.
     pub async fn create_video<F>(&self, make: F) -> Result<(String, Arc<Scene>), EngineError>
     where
-        F: FnOnce() -> Result<(Scene, Vec<Still>), EngineError> + Send + 'static,
+        F: FnOnce(Stop) -> Result<(Scene, Vec<Still>), EngineError> + Send + 'static,
     {
-        let made = self.ingest_pool.run(self.uncancelled(), move |_| {
-            let (scene, stills) = make()?;
+        let convert = move |stop: Stop| {
+            let (scene, stills) = make(stop)?;
             Ok((scene.digest(), scene, stills))
-        });
-        let ((id, scene, stills), _slot) = made.await?;
+        };
+        let ((id, scene, stills), _slot) =
+            self.pool.run((&self.tenant, JobKind::Conversion), self.uncancelled(), convert).await?;
         self.put_video(&id, &scene, stills).await?;
         Ok((id, Arc::new(scene)))
     }
@@ -62,13 +64,14 @@ impl Engine {
                 Scene { setup, ..scene }.validate().map_err(|e| EngineError::Invalid(e.violations))?;
             Ok((scene.digest(), scene, report, stills))
         };
-        let ((id, scene, report, stills), _slot) = self.pool.run(context, work).await?;
+        let ((id, scene, report, stills), _slot) =
+            self.pool.run((&self.tenant, JobKind::Perception), context, work).await?;
         self.put_video(&id, &scene, stills).await?;
         Ok((id, Arc::new(scene), report))
     }
 
     pub async fn video(&self, id: &str) -> Result<Arc<Scene>, EngineError> {
-        let key = self.key(id);
+        let key = format!("{}{id}", self.result_prefix(&[id]));
         if let Some(scene) = self.scenes.get(&key) {
             return Ok(scene);
         }
@@ -85,9 +88,15 @@ impl Engine {
 
     /// Deletes a video with its models and traces.
     pub async fn delete_video(&self, id: &str) -> Result<(), EngineError> {
-        let found = self.store.delete_video(id).await;
-        self.forget();
-        if found? { Ok(()) } else { Err(EngineError::no_video(id)) }
+        match self.store.delete_video(id).await {
+            Ok(false) => Err(EngineError::no_video(id)),
+            // It is gone, or may be.
+            found => {
+                self.forget_video(id);
+                found?;
+                Ok(())
+            }
+        }
     }
 }
 

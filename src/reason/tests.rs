@@ -196,8 +196,13 @@ fn a_refusal_names_the_part_and_suggests_what_is_understood() {
         let again = read_question(&nearest, Some(&scene), &conversation).unwrap();
         // What is suggested is about objects of this scene.
         assert!(
-            dry_run(&scene, &Question::Program { program: again.program, choices: vec![] }, &conversation)
-                .is_ok()
+            dry_run(
+                Some(&scene),
+                &Question::Program { program: again.program, choices: vec![] },
+                &conversation,
+                &[]
+            )
+            .is_ok()
         );
     }
 }
@@ -718,7 +723,7 @@ fn objects_that_look_alike_have_numbers() {
     let names = [ops::name(&scene, 0), ops::name(&scene, 1)];
     assert!(names[0] != names[1] && names[1].ends_with(&format!("(object {second})")), "{names:?}");
     let question = |text: String| Question::English { question: text, choices: vec![] };
-    let run = |text: String| dry_run(&scene, &question(text), &Conversation::default());
+    let run = |text: String| dry_run(Some(&scene), &question(text), &Conversation::default(), &[]);
     let Err(ReasonError::AmbiguousObject { candidates, .. }) =
         run(format!("Does the {} enter the scene?", first.description()))
     else {

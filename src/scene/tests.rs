@@ -1,7 +1,7 @@
 //! Scenes, calibration and linking, on synthetic cameras and videos.
 
 use super::*;
-use crate::num::vec2;
+use crate::num::{never, vec2};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -74,7 +74,7 @@ fn a_camera_is_found_from_points_of_a_plane_also_with_outliers() {
     for k in (0..pairs.len()).step_by(4) {
         pairs[k].image = [(37 * k % 480) as f64, (91 * k % 320) as f64];
     }
-    let found = calibrate(&pairs, SIZE).unwrap();
+    let found = calibrate(&pairs, SIZE, &never).unwrap();
     let wrong: Vec<usize> = (0..pairs.len()).step_by(4).collect();
     assert_eq!(found.outliers, wrong);
     assert!(found.planar && (0.3..0.7).contains(&found.reprojection_error), "{found:?}");
@@ -84,14 +84,14 @@ fn a_camera_is_found_from_points_of_a_plane_also_with_outliers() {
 
 #[test]
 fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
-    let found = calibrate(&grid(|k| (k * 7 % 5) as f64 * 0.3, 0.0), SIZE).unwrap();
+    let found = calibrate(&grid(|k| (k * 7 % 5) as f64 * 0.3, 0.0), SIZE, &never).unwrap();
     assert!(!found.planar && largest_distance(&found.camera, 0.7) < 0.1, "{found:?}");
     let corners = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]];
     let pair = |[x, y]: [f64; 2]| PointPair {
         image: CLEVRER_CAMERA.project(vec2(x, y), 0.0).unwrap(),
         world: [x, y, 0.0],
     };
-    let found = calibrate(&corners.map(pair), SIZE).unwrap();
+    let found = calibrate(&corners.map(pair), SIZE, &never).unwrap();
     assert!(
         largest_distance(&found.camera, 0.0) < 0.5 && largest_distance(&found.camera, 0.2) < 3.0,
         "{found:?}"
@@ -102,13 +102,13 @@ fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
         image: [240.0 + 100.0 * x, 160.0 - 50.0 * y],
         world: [x, 0.5 * y, 0.0],
     };
-    let found = calibrate(&corners.map(seen), SIZE).unwrap();
+    let found = calibrate(&corners.map(seen), SIZE, &never).unwrap();
     assert!(found.reprojection_error < 0.1 && found.position[0].abs() < 0.01, "{found:?}");
 }
 
 #[test]
 fn pairs_without_a_camera_are_refused() {
-    let refused = |pairs: &[PointPair]| calibrate(pairs, SIZE).unwrap_err();
+    let refused = |pairs: &[PointPair]| calibrate(pairs, SIZE, &never).unwrap_err();
     let plane = grid(|_| 0.2, 0.0);
     let swapped = |p: &PointPair| PointPair { world: [p.world[1], p.world[0], p.world[2]], ..*p };
     let mirrored = |pairs: Vec<PointPair>| refused(&pairs.iter().map(swapped).collect::<Vec<_>>());
@@ -189,7 +189,7 @@ fn detections() -> Vec<Detection> {
 fn detections_become_tracks_in_whatever_order_they_come() {
     let options = LinkOptions { frames: 40, fps: 25.0, camera: CLEVRER_CAMERA, size: 0.2, sigma: 0.5 };
     let given = detections();
-    let found = link(&given, &options).unwrap();
+    let found = link(&given, &options, &never).unwrap();
     let expected = LinkReport {
         frames: 40,
         detections: 114,
@@ -209,11 +209,11 @@ fn detections_become_tracks_in_whatever_order_they_come() {
     }
     let mut reversed = given.clone();
     reversed.reverse();
-    let other = link(&reversed, &options).unwrap();
+    let other = link(&reversed, &options, &never).unwrap();
     assert_eq!((other.objects, other.tracks), (found.objects, found.tracks));
-    assert_eq!(link(&given[..2], &options), Err(LinkError::NoObject { given: 2 }));
+    assert_eq!(link(&given[..2], &options, &never), Err(LinkError::NoObject { given: 2 }));
     let singular = LinkOptions { camera: Camera { matrix: [[1.0; 4]; 3], ..CLEVRER_CAMERA }, ..options };
-    assert_eq!(link(&given, &singular), Err(LinkError::Camera(CameraError::Singular)));
+    assert_eq!(link(&given, &singular, &never), Err(LinkError::Camera(CameraError::Singular)));
 }
 
 #[test]

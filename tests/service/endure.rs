@@ -354,7 +354,7 @@ fn bytes_of_any_kind_are_a_scene_or_violations() {
         }
         bytes.truncate(cut.map_or(bytes.len(), |cut| cut.index(bytes.len())));
         if let Ok(request) = v1::CreateVideoRequest::decode(bytes.as_slice()) {
-            match api::new_video(request) {
+            match api::new_video(request, &vrdp::num::never) {
                 Ok(made) => prop_assert!(made.scene.tracks.iter().all(|t| !t.samples.is_empty())),
                 Err(EngineError::Invalid(violations)) => prop_assert!(!violations.is_empty()),
                 Err(other) => prop_assert!(false, "{other}"),

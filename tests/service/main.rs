@@ -7,6 +7,7 @@ mod crowd;
 mod discover;
 mod disk;
 mod endure;
+mod fairness;
 mod flow;
 mod garbage;
 mod harness;

@@ -159,7 +159,7 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
     let engine = Engine::open(folder.path(), CAPACITY).unwrap();
     let engine = Arc::new(engine.with_retention(Retention { max_bytes: Some(1), ..Retention::default() }));
     let scene = vrdp::api::scene_from_message(Some(video("small", 20))).unwrap();
-    let (id, _) = engine.create_video(|| Ok((scene, vec![]))).await.unwrap();
+    let (id, _) = engine.create_video(|_| Ok((scene, vec![]))).await.unwrap();
     let ask = || async {
         let question = vrdp::reason::Question::English {
             question: "Will the red cylinder collide with the blue cylinder?".into(),

@@ -1,8 +1,10 @@
 //! Results in memory: each is computed once for all who ask at once, and the recent ones stay.
 
+mod deletions;
 mod recent_results;
 mod single_flight;
 
+pub use deletions::Deletions;
 pub use recent_results::{RecentResults, SMALL_RESULT};
 pub use single_flight::{Job, JobHandle, SingleFlightCache, Update};
 

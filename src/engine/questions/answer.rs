@@ -7,10 +7,11 @@ use crate::engine::error::EngineError;
 use crate::engine::limits;
 use crate::engine::metric_names;
 use crate::engine::model_source::ModelSource;
-use crate::engine::pool::JobContext;
+use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::results::{PublishedAnswer, StoredFit, result_digest};
 use crate::engine::state::Engine;
-use crate::engine::traces::file;
+use crate::engine::task::{Performed, ReportSink, Task};
+use crate::engine::traces::file::{self, TraceFile};
 use crate::num::Stop;
 use crate::reason::{Answer, AskOptions, FUTURE_FRAMES, Question, ask_in};
 use crate::scene::Scene;
@@ -25,7 +26,7 @@ impl Engine {
         asked: AskedQuestion,
         options: AskOptions,
     ) -> Result<Arc<PublishedAnswer>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&[video]);
         let scene = self.video(video).await?;
         limits::rollouts(&scene, scene.times.len() + FUTURE_FRAMES, options.rollouts)?;
         let fitted = self.drawn(video, &scene, source).await?;
@@ -58,21 +59,9 @@ impl Engine {
                 (question, parser) = (Question::Program { program, choices }, parsed.parser);
             }
         }
-        let (model, backlog) = (fitted.id.clone(), self.backlog.clone());
-        let job = move |stop: Stop| {
-            let mut answer =
-                answer(&scene, (&fitted, lexicon.as_ref()), (&asked, &question), &options, stop)?;
-            let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
-            let mut files = Vec::new();
-            for prediction in &mut answer.simulations {
-                limits::places(&prediction.model, &prediction.interventions)?;
-                limits::finite(prediction)?;
-                files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
-                prediction.ensemble = vec![];
-            }
-            Ok((answer, backlog.admit(files, stop)?))
-        };
-        let ((mut answer, batch), _slot) = self.pool.run(context, job).await?;
+        let model = fitted.id.clone();
+        let task = AnswerTask { scene, fitted, asked, question, options, lexicon };
+        let Performed { output: mut answer, batch, slot: _slot } = self.perform(task, context).await?;
         if let Some(parser) = &parser {
             answer.explanation += &format!(" The language model {parser} wrote this program.");
         }
@@ -81,22 +70,48 @@ impl Engine {
     }
 }
 
-/// The answer to `question`, which is what was asked or the program that stands for it.
-fn answer(
-    scene: &Scene,
-    (fitted, lexicon): (&StoredFit, Option<&Lexicon>),
-    (asked, question): (&AskedQuestion, &Question),
-    options: &AskOptions,
-    stop: Stop,
-) -> Result<Answer, EngineError> {
-    let fit = (&fitted.fit, 0);
-    let words = lexicon.map(|lexicon| word_probabilities(lexicon, scene, Some(fit))).transpose()?;
-    let mut answer = ask_in((scene, words.as_ref()), fit, question, &asked.conversation, options, stop)?;
-    // A choice is named as it was given, whoever wrote its program.
-    if let Question::English { choices, .. } = &asked.question {
-        for (judged, given) in answer.choices.iter_mut().zip(choices) {
-            judged.choice.clone_from(given);
-        }
+/// Answers one question.
+struct AnswerTask {
+    scene: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+    asked: AskedQuestion,
+    /// What was asked, or the program that stands for it.
+    question: Question,
+    options: AskOptions,
+    lexicon: Option<Lexicon>,
+}
+
+impl Task for AnswerTask {
+    /// Its simulations without their ensembles.
+    type Output = Answer;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Answer
     }
-    Ok(answer)
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Answer, Vec<TraceFile>), EngineError> {
+        let AnswerTask { scene, fitted, asked, question, options, lexicon } = self;
+        let fit = (&fitted.fit, 0);
+        let words = match &lexicon {
+            Some(lexicon) => Some(word_probabilities(lexicon, &scene, Some(fit))?),
+            None => None,
+        };
+        let worded = (scene.as_ref(), words.as_ref());
+        let mut answer = ask_in(worded, fit, &question, &asked.conversation, &options, stop)?;
+        // A choice is named as it was given, whoever wrote its program.
+        if let Question::English { choices, .. } = &asked.question {
+            for (judged, given) in answer.choices.iter_mut().zip(choices) {
+                judged.choice.clone_from(given);
+            }
+        }
+        let request = serde_json::json!({ "ask": &question, "options": &options }).to_string();
+        let mut files = Vec::new();
+        for prediction in &mut answer.simulations {
+            limits::places(&prediction.model, &prediction.interventions)?;
+            limits::finite(prediction)?;
+            files.push(file::simulation(&scene, &fitted, prediction, (options.seed, &[]), &request)?);
+            prediction.ensemble = vec![];
+        }
+        Ok((answer, files))
+    }
 }

@@ -3,7 +3,7 @@
 use super::asked::AskedQuestion;
 use crate::concepts::{Lexicon, word_probabilities};
 use crate::engine::error::EngineError;
-use crate::engine::pool::JobContext;
+use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::state::Engine;
 use crate::num::Stop;
 use crate::reason::{
@@ -40,9 +40,7 @@ impl Engine {
             Some(id) => Some(self.lexicon(id).await?),
             None => None,
         };
-        let context = self.uncancelled();
-        let _stops_if_the_caller_leaves = context.token.clone().drop_guard();
-        self.parsed(WordsOfVideo { scene, lexicon }, asked, &context).await
+        self.parsed(WordsOfVideo { scene, lexicon }, asked, &self.uncancelled()).await
     }
 
     /// Reads a question; what our reader does not understand is asked of the language model, if the service has one.
@@ -58,7 +56,7 @@ impl Engine {
             let (scene, vocabulary) = words.scene_and_vocabulary()?;
             Ok(dry_run(scene.as_ref(), &named.question, &named.conversation, &vocabulary))
         };
-        let (read, _slot) = self.pool.run(context.clone(), read).await?;
+        let (read, _slot) = self.pool.run((&self.tenant, JobKind::Parsing), context.clone(), read).await?;
         match (read, &asked.question, self.parser.clone()) {
             (Ok(question), ..) => Ok(Parsed { question, parser: None }),
             (Err(ReasonError::NotUnderstood { .. }), Question::English { .. }, Some(parser)) => {

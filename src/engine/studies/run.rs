@@ -10,20 +10,54 @@ use crate::engine::joint::one_set_up;
 use crate::engine::limits;
 use crate::engine::metric_names;
 use crate::engine::model_source::{ModelSource, ModelSourceKind};
-use crate::engine::pool::JobContext;
+use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::predictions::DEFAULT_FUTURE_FRAMES;
 use crate::engine::progress::{Phase, Report};
 use crate::engine::results::{
     Discovered, Findings, OptionalPose, StoredFit, Study, TrajectoryPair, result_digest,
 };
 use crate::engine::state::Engine;
-use crate::engine::traces::file;
+use crate::engine::task::{Performed, ReportSink, Task};
+use crate::engine::traces::file::{self, TraceFile};
 use crate::fit::{Fit, FitError, FitOptions, SceneFit};
 use crate::num::Stop;
 use crate::scene::Scene;
 use crate::store::TableKind;
 use crate::world::Model;
 use std::sync::Arc;
+
+/// Studies the videos of one set-up.
+struct StudyTask {
+    input: StudyInput,
+    study: StudyKind,
+}
+
+impl Task for StudyTask {
+    /// With the fits of the revisions that were made.
+    type Output = (Findings, Vec<StoredFit>);
+
+    fn kind(&self) -> JobKind {
+        match &self.study {
+            StudyKind::Compare if self.input.videos.len() == 1 => JobKind::Comparison,
+            StudyKind::Compare if !self.input.parents.is_empty() => JobKind::Comparison,
+            // The videos are fitted together first.
+            StudyKind::Compare => JobKind::JointFit,
+            StudyKind::Diagnose(_) => JobKind::Diagnosis,
+            StudyKind::Change(_) => JobKind::Revision,
+            StudyKind::Discover { .. } => JobKind::Discovery,
+        }
+    }
+
+    fn perform(self, report: ReportSink, stop: Stop) -> Result<(Self::Output, Vec<TraceFile>), EngineError> {
+        let StudyTask { input, study } = self;
+        let made = findings(&input, &study, report, stop)?;
+        let files = match &made.0 {
+            Findings::Discovery(found) => file::discovery(&input.videos, &input.scenes, found)?,
+            _ => vec![],
+        };
+        Ok((made, files))
+    }
+}
 
 impl Engine {
     /// Studies the videos, unless a stored study has the same inputs; the result is stored before it is returned.
@@ -33,7 +67,7 @@ impl Engine {
         start: &ModelSource,
         kind: StudyKind,
     ) -> Result<JobHandle<Study>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&videos.iter().map(String::as_str).collect::<Vec<_>>());
         check_request(videos, &kind)?;
         let mut parents = self.parents(videos, start).await?.into_iter();
         let mut parts = vec![];
@@ -70,7 +104,8 @@ impl Engine {
         let engine = self.clone();
         let work = {
             let id = id.clone();
-            move |context| async move { engine.run_study(id, input, kind, context).await }
+            let task = StudyTask { input, study: kind };
+            move |context| async move { engine.run_study(id, task, context).await }
         };
         Ok(self.studies.join(format!("{key}{id}"), &first, self.deadline(), work).await)
     }
@@ -109,11 +144,10 @@ impl Engine {
     async fn run_study(
         &self,
         id: String,
-        input: StudyInput,
-        kind: StudyKind,
+        task: StudyTask,
         context: JobContext,
     ) -> Result<Study, EngineError> {
-        let videos = input.videos.clone();
+        let videos = task.input.videos.clone();
         let Some(first) = videos.first().cloned() else {
             return Err(EngineError::invalid("study.videos", "is empty; give at least one"));
         };
@@ -123,18 +157,9 @@ impl Engine {
             return Ok(found);
         }
         metric_names::count_result("study", "made");
-        let backlog = self.backlog.clone();
-        let report = context.progress.clone();
-        let job = move |stop: Stop| {
-            let (findings, revisions) = findings(&input, &kind, &*report, stop)?;
-            let files = match &findings {
-                Findings::Discovery(found) => file::discovery(&input.videos, &input.scenes, found)?,
-                _ => vec![],
-            };
-            Ok((findings, revisions, backlog.admit(files, stop)?))
-        };
         let progress = context.progress.clone();
-        let ((findings, revisions, batch), _slot) = self.pool.run(context, job).await?;
+        let Performed { output: (findings, revisions), batch, slot: _slot } =
+            self.perform(task, context).await?;
         progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         for fit in revisions {
@@ -151,7 +176,7 @@ impl Engine {
 fn findings(
     input: &StudyInput,
     kind: &StudyKind,
-    report: &(dyn Fn(Report) + Send + Sync),
+    report: ReportSink,
     stop: Stop,
 ) -> Result<(Findings, Vec<StoredFit>), FitError> {
     let options = FitOptions::default();

@@ -1,11 +1,12 @@
 //! Plays a stored trace: its rows and events at their times, at the requested speed.
 //!
 //! One thread a replay reads the file chunk by chunk and at most [`AHEAD`] items ahead, so that memory does not depend
-//! on the length of the trace; at most [`MAX_REPLAYS`] run at a time. A lease keeps the trace from being removed.
+//! on the length of the trace; at most [`crate::engine::MAX_REPLAYS`] run at a time, of one tenant only a share of
+//! them. A lease keeps the trace from being removed.
 
 use super::retention::Lease;
 use crate::engine::error::EngineError;
-use crate::engine::limits::MAX_REPLAYS;
+use crate::engine::pool::QueueSlot;
 use crate::engine::state::Engine;
 use crate::recording::messages::{self as m, v1};
 use crate::recording::{MAX_TIME, RecordingError, TraceReader};
@@ -13,7 +14,7 @@ use prost::Message;
 use std::fs::File;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::{Instant, sleep_until};
 
 /// Items that are read ahead.
@@ -50,14 +51,13 @@ pub struct Replay {
     /// When this round started.
     start: Instant,
     _lease: Lease,
-    _permit: OwnedSemaphorePermit,
+    _slot: QueueSlot,
 }
 
 impl Engine {
     /// Starts to play a trace.
     pub async fn replay(self: &Arc<Self>, id: &str, options: ReplayOptions) -> Result<Replay, EngineError> {
-        let full = |_| EngineError::Overloaded { capacity: MAX_REPLAYS };
-        let permit = self.replays.clone().try_acquire_owned().map_err(full)?;
+        let slot = self.replays.admit(&self.tenant)?;
         let (record, lease) = self.trace(id).await?;
         let file = self.store.open_blob(&record.id).await?;
         let (send, items) = mpsc::channel(AHEAD);
@@ -65,10 +65,10 @@ impl Engine {
         tokio::task::spawn_blocking(move || {
             if let Err(error) = read(file, options, &send) {
                 // The receiver may be gone.
-                let _ = send.blocking_send(Err(engine.damaged(&record.id, error.to_string())));
+                let _ = send.blocking_send(Err(engine.damaged(&record, error.to_string())));
             }
         });
-        Ok(Replay { items, options, round: 0, start: Instant::now(), _lease: lease, _permit: permit })
+        Ok(Replay { items, options, round: 0, start: Instant::now(), _lease: lease, _slot: slot })
     }
 }
 

@@ -62,9 +62,10 @@ impl Engine {
             let Some(_right) = self.retention.removal(&key) else { continue };
             store.delete_trace(&key).await?;
             bytes -= record.size_bytes;
-            removed.push(record.id);
             // Results in memory may name it; without them the next request stores the trace again.
-            self.forget();
+            let tenant = key.strip_suffix(&record.id).unwrap_or_default();
+            self.deletions.add(format!("{tenant}{}", record.video));
+            removed.push(record.id);
         }
         Ok(removed)
     }
@@ -133,18 +134,18 @@ impl Engine {
         let (record, lease) = self.trace(id).await?;
         let found = self.store.blob_size(id).await?;
         if found != record.size_bytes {
-            return Err(self.damaged(id, format!("it has {found} bytes of {}", record.size_bytes)));
+            return Err(self.damaged(&record, format!("it has {found} bytes of {}", record.size_bytes)));
         }
         let (engine, hasher) = (self.clone(), blake3::Hasher::new());
         Ok(Download { engine, record, offset: 0, hasher, _lease: lease })
     }
 
-    /// The error of a trace that cannot be read. Results in memory are dropped, so that the next request for its simulation
-    /// writes it again.
-    pub(crate) fn damaged(&self, id: &str, what: String) -> EngineError {
-        tracing::error!(trace = id, what, "a trace is damaged");
-        self.forget();
-        EngineError::Damaged { id: id.into(), what }
+    /// The error of a trace that cannot be read. The results of its video in memory are dropped, so that the next request for
+    /// its simulation writes it again.
+    pub(crate) fn damaged(&self, record: &TraceRecord, what: String) -> EngineError {
+        tracing::error!(trace = record.id, what, "a trace is damaged");
+        self.forget_video(&record.video);
+        EngineError::Damaged { id: record.id.clone(), what }
     }
 }
 
@@ -174,7 +175,7 @@ impl Download {
         self.offset += bytes.len() as u64;
         let is_last = self.offset == self.record.size_bytes;
         if (bytes.len() as u64) < len || is_last && self.hasher.finalize().to_hex().as_str() != id {
-            return Err(self.engine.damaged(id, "its checksum is wrong".into()));
+            return Err(self.engine.damaged(&self.record, "its checksum is wrong".into()));
         }
         Ok((offset, bytes))
     }

@@ -8,18 +8,17 @@ use crate::engine::cache::JobHandle;
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::model_source::ModelSource;
-use crate::engine::pool::JobContext;
+use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::progress::{Phase, Report};
 use crate::engine::results::{StoredFit, result_digest};
 use crate::engine::state::Engine;
+use crate::engine::task::{Performed, ReportSink, Task};
+use crate::engine::traces::file::TraceFile;
 use crate::num::Stop;
 use crate::reason::ChangedQuantity;
 use crate::scene::Scene;
 use serde::Serialize;
 use std::sync::Arc;
-
-/// What runs on the pool.
-type LearningJob = Box<dyn FnOnce(Stop) -> Result<Lexicon, ConceptError> + Send>;
 
 /// Share of the progress of learning that fits have.
 const FITS_SHARE: f64 = 0.7;
@@ -68,6 +67,48 @@ impl FittedVideo {
     }
 }
 
+/// Learns words from prepared videos; `base` is the lexicon that a single word is added to.
+struct LearningTask {
+    base: Lexicon,
+    from: PreparedRequest,
+    seed: u64,
+}
+
+/// What words are learned from, with scenes and fits.
+enum PreparedRequest {
+    Families(Vec<FittedVideo>),
+    Word { name: String, kind: WordKind, yes: Vec<PlacedExample>, no: Vec<PlacedExample> },
+    Change { name: String, quantity: ChangedQuantity, videos: Vec<FittedVideo> },
+}
+
+impl Task for LearningTask {
+    type Output = Lexicon;
+
+    fn kind(&self) -> JobKind {
+        JobKind::Learning
+    }
+
+    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Lexicon, Vec<TraceFile>), EngineError> {
+        let LearningTask { base, from, seed } = self;
+        let learned: Result<Lexicon, ConceptError> = match from {
+            PreparedRequest::Families(videos) => {
+                let lessons: Vec<LessonVideo> = videos.iter().map(FittedVideo::lesson).collect();
+                learn(&lessons, &LearnOptions { seed, ..LearnOptions::default() }, &|_| {}, stop)
+            }
+            PreparedRequest::Change { name, quantity, videos } => {
+                let lessons: Vec<LessonVideo> = videos.iter().map(FittedVideo::lesson).collect();
+                learn_change(&base, &name, &lessons, &ChangeOptions { quantity, rollouts: 0, seed }, stop)
+            }
+            PreparedRequest::Word { name, kind, yes, no } => {
+                let yes: Vec<Example> = yes.iter().map(PlacedExample::example).collect();
+                let no: Vec<Example> = no.iter().map(PlacedExample::example).collect();
+                learn_word(&base, &name, kind, &yes, &no)
+            }
+        };
+        Ok((learned?, vec![]))
+    }
+}
+
 impl Engine {
     /// Learns words, unless an equal request was just answered; the lexicon is stored before it is returned. `base` is the lexicon
     /// that a single word is added to.
@@ -77,13 +118,13 @@ impl Engine {
         request: LearnRequest,
         seed: u64,
     ) -> Result<JobHandle<Lexicon>, EngineError> {
-        let key = self.key("");
+        let key = self.result_prefix(&videos_of(&request));
         let digest = result_digest("lexicon", &(base, digest_of(&request), seed));
         let base = match base {
             Some(id) => self.lexicon(id).await?,
             None => Lexicon::default(),
         };
-        let first = first_video(&request);
+        let first = videos_of(&request).first().map(ToString::to_string).unwrap_or_default();
         let engine = self.clone();
         let work = move |context| async move { engine.run_learning(base, request, seed, context).await };
         Ok(self.lexica.join(format!("{key}{digest}"), &first, self.deadline(), work).await)
@@ -99,35 +140,23 @@ impl Engine {
         metric_names::count_result("lexicon", "made");
         let report = context.progress.clone();
         report(Report::Phase(Phase::Fitting));
-        let job: LearningJob = match request {
+        let from = match request {
             LearnRequest::Families(videos) => {
-                let prepared = self.prepared(videos, &*report).await?;
-                let options = LearnOptions { seed, ..LearnOptions::default() };
-                Box::new(move |stop| {
-                    let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
-                    learn(&lessons, &options, &|_| {}, stop)
-                })
+                PreparedRequest::Families(self.prepared(videos, &*report).await?)
             }
             LearnRequest::Change { name, quantity, videos } => {
-                let prepared = self.prepared(videos, &*report).await?;
-                let options = ChangeOptions { quantity, rollouts: 0, seed };
-                Box::new(move |stop| {
-                    let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
-                    learn_change(&base, &name, &lessons, &options, stop)
-                })
+                let videos = self.prepared(videos, &*report).await?;
+                PreparedRequest::Change { name, quantity, videos }
             }
             LearnRequest::Word { name, kind, yes, no } => {
                 let yes = self.examples("examples.yes", yes, kind).await?;
                 let no = self.examples("examples.no", no, kind).await?;
-                Box::new(move |_| {
-                    let yes: Vec<Example> = yes.iter().map(PlacedExample::example).collect();
-                    let no: Vec<Example> = no.iter().map(PlacedExample::example).collect();
-                    learn_word(&base, &name, kind, &yes, &no)
-                })
+                PreparedRequest::Word { name, kind, yes, no }
             }
         };
         report(Report::Phase(Phase::Learning));
-        let (lexicon, _slot) = self.pool.run(context, move |stop: Stop| Ok(job(stop)?)).await?;
+        let task = LearningTask { base, from, seed };
+        let Performed { output: lexicon, slot: _slot, .. } = self.perform(task, context).await?;
         report(Report::Phase(Phase::Storing));
         self.store.put_lexicon(&lexicon.digest(), &lexicon).await?;
         Ok(lexicon)
@@ -137,7 +166,7 @@ impl Engine {
     async fn prepared(
         self: &Arc<Self>,
         videos: Vec<VideoLessons>,
-        report: &(dyn Fn(Report) + Send + Sync),
+        report: ReportSink<'_>,
     ) -> Result<Vec<FittedVideo>, EngineError> {
         let (mut prepared, count) = (vec![], videos.len().max(1) as f64);
         for (k, VideoLessons { video, source, lessons }) in videos.into_iter().enumerate() {
@@ -213,11 +242,11 @@ fn digest_of(request: &LearnRequest) -> String {
     }
 }
 
-fn first_video(request: &LearnRequest) -> String {
-    let of_lessons = |videos: &[VideoLessons]| videos.first().map(|v| v.video.clone());
-    let first = match request {
-        LearnRequest::Families(videos) | LearnRequest::Change { videos, .. } => of_lessons(videos),
-        LearnRequest::Word { yes, .. } => yes.first().map(|e| e.video.clone()),
-    };
-    first.unwrap_or_default()
+fn videos_of(request: &LearnRequest) -> Vec<&str> {
+    match request {
+        LearnRequest::Families(videos) | LearnRequest::Change { videos, .. } => {
+            videos.iter().map(|v| v.video.as_str()).collect()
+        }
+        LearnRequest::Word { yes, no, .. } => yes.iter().chain(no).map(|e| e.video.as_str()).collect(),
+    }
 }

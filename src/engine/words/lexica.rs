@@ -29,7 +29,7 @@ impl Engine {
     pub async fn delete_lexicon(&self, id: &str) -> Result<(), EngineError> {
         match self.store.delete_lexicon(id).await? {
             true => {
-                self.forget();
+                self.forget_all();
                 Ok(())
             }
             false => Err(EngineError::NotFound { name: format!("lexica/{id}") }),

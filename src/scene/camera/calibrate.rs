@@ -14,7 +14,7 @@
 //!
 //! Source: Hartley and Zisserman, Multiple View Geometry, 2nd ed., section 7.2.
 
-use crate::num::{NORMAL_MEDIAN_DISTANCE, Vec2, elementary, quantile, vec2};
+use crate::num::{NORMAL_MEDIAN_DISTANCE, Stop, Stopped, Vec2, elementary, quantile, vec2};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, distance, parts, rotation};
 use crate::scene::camera::linear_start::{
     MAX_PLANE_THICKNESS, MIN_PAIRS, MIN_VOLUME_THICKNESS, PointPlane, starting_values,
@@ -80,19 +80,25 @@ pub enum CalibrateError {
         "pairs: no camera fits; the best has an error of {error:.1} px; check the order of the points and the units"
     )]
     NoCamera { error: f64 },
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
 }
 
 /// Estimates the camera of an image of this size (px) from point pairs. Deterministic. Of eight or more pairs up to about
 /// 40 % may be wrong; of fewer none is left out.
-pub fn calibrate(pairs: &[PointPair], image_size: [f64; 2]) -> Result<Calibration, CalibrateError> {
+pub fn calibrate(
+    pairs: &[PointPair],
+    image_size: [f64; 2],
+    stop: Stop,
+) -> Result<Calibration, CalibrateError> {
     check(pairs, image_size)?;
     let cloud = PointPlane::of(pairs).map_err(|field| CalibrateError::OnALine { field })?;
-    let best = best(pairs, &cloud, image_size);
+    let best = best(pairs, &cloud, image_size, stop)?;
     // No camera fits a mirrored volume, but one fits its mirror image. A mirrored plane looks like one seen from below.
     let mirror = |p: &PointPair| PointPair { image: [p.image[0], image_size[1] - p.image[1]], ..*p };
     if cloud.thickness >= MIN_VOLUME_THICKNESS {
         let mirrored: Vec<PointPair> = pairs.iter().map(mirror).collect();
-        let reflected = self::best(&mirrored, &cloud, image_size);
+        let reflected = self::best(&mirrored, &cloud, image_size, stop)?;
         if reflected.as_ref().map_or(f64::INFINITY, |m| m.sigma)
             < 0.5 * best.as_ref().map_or(f64::INFINITY, |b| b.sigma)
         {
@@ -168,13 +174,20 @@ struct CameraFit {
 }
 
 /// The best camera over all starting values.
-fn best(pairs: &[PointPair], cloud: &PointPlane, size: [f64; 2]) -> Option<CameraFit> {
-    let refined = starting_values(pairs, cloud, size).into_iter().map(|start| robust(pairs, start, size));
-    refined.filter(|f| f.sigma.is_finite()).min_by(|a, b| a.sigma.total_cmp(&b.sigma))
+fn best(
+    pairs: &[PointPair],
+    cloud: &PointPlane,
+    size: [f64; 2],
+    stop: Stop,
+) -> Result<Option<CameraFit>, Stopped> {
+    let starts = starting_values(pairs, cloud, size).into_iter();
+    let refined: Vec<CameraFit> =
+        starts.map(|start| robust(pairs, start, size, stop)).collect::<Result<_, _>>()?;
+    Ok(refined.into_iter().filter(|f| f.sigma.is_finite()).min_by(|a, b| a.sigma.total_cmp(&b.sigma)))
 }
 
 /// Least squares without outliers; noise and outliers are estimated again after each fit.
-fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
+fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2], stop: Stop) -> Result<CameraFit, Stopped> {
     let sigma = |at: &LensPose| {
         if 2 * pairs.len() < 10 + MIN_SURPLUS {
             return DEFAULT_NOISE;
@@ -189,7 +202,7 @@ fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
             pairs.len() < 2 * MIN_PAIRS || distance(&found.at, p, size) <= OUTLIER_DEVIATIONS * found.sigma
         };
         let inliers: Vec<PointPair> = pairs.iter().filter(near).copied().collect();
-        let (at, focal_sd) = refine(&inliers, found.at, found.sigma, size);
+        let (at, focal_sd) = refine(&inliers, found.at, (found.sigma, size), stop)?;
         let before = found.sigma;
         found = CameraFit { at, sigma: sigma(&at), focal_sd };
         if (found.sigma / before - 1.0).abs() < 1e-3 {
@@ -201,5 +214,5 @@ fn robust(pairs: &[PointPair], start: LensPose, size: [f64; 2]) -> CameraFit {
         let squares: f64 = pairs.iter().map(|p| elementary::powi(distance(&found.at, p, size), 2)).sum();
         found.sigma = DEFAULT_NOISE.max((squares / pairs.len() as f64).sqrt());
     }
-    found
+    Ok(found)
 }

@@ -1,10 +1,11 @@
 //! The least-squares problem of a calibration: reprojection errors and priors, minimised by Levenberg-Marquardt.
 
-use crate::num::{Bounds, LeastSquares, NormalEquations, Schedule, elementary, levenberg_marquardt};
+use crate::num::{
+    Bounds, LeastSquares, NormalEquations, Schedule, Stop, Stopped, elementary, levenberg_marquardt,
+};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, residual, rotation};
 use crate::scene::camera::linear_start::LIKELY_FOCAL;
 use nalgebra::{DMatrix, DVector, Rotation3, SMatrix};
-use std::convert::Infallible;
 
 /// Standard deviation of the focal length's logarithm in the prior, whose mean is [`LIKELY_FOCAL`].
 pub(super) const FOCAL_DEVIATION: f64 = 0.7;
@@ -17,12 +18,16 @@ const MAX_ITERATIONS: usize = 100;
 
 /// Minimises the cost of `calibrate` at a fixed pixel noise `sigma` (px); also returns the standard deviation of the focal
 /// length's logarithm.
-pub(super) fn refine(pairs: &[PointPair], start: LensPose, sigma: f64, size: [f64; 2]) -> (LensPose, f64) {
-    let mut problem = Reprojection { pairs, sigma, size, focal_sd: FOCAL_DEVIATION };
+pub(super) fn refine(
+    pairs: &[PointPair],
+    start: LensPose,
+    (sigma, size): (f64, [f64; 2]),
+    stop: Stop,
+) -> Result<(LensPose, f64), Stopped> {
+    let mut problem = Reprojection { pairs, sigma, size, focal_sd: FOCAL_DEVIATION, stop };
     let start = start.as_slice().to_vec();
-    match levenberg_marquardt(&mut problem, start, None, &Schedule::MARQUARDT, MAX_ITERATIONS) {
-        Ok(found) => (LensPose::from_column_slice(&found.point), problem.focal_sd),
-    }
+    let found = levenberg_marquardt(&mut problem, start, None, &Schedule::MARQUARDT, MAX_ITERATIONS)?;
+    Ok((LensPose::from_column_slice(&found.point), problem.focal_sd))
 }
 
 /// The cost C of `calibrate`: residuals `r = (projected - measured) / s`, two rows a pair, and four rows of priors. C is infinite
@@ -33,6 +38,7 @@ struct Reprojection<'p> {
     size: [f64; 2],
     /// Standard deviation of the logarithm of the focal length, at the last point with an invertible Hessian.
     focal_sd: f64,
+    stop: Stop<'p>,
 }
 
 impl Reprojection<'_> {
@@ -100,7 +106,7 @@ impl LeastSquares for Reprojection<'_> {
     /// The cost.
     type Evaluation = f64;
     type Linearization = ();
-    type Error = Infallible;
+    type Error = Stopped;
 
     fn evaluate(&mut self, point: &[f64]) -> Option<(f64, f64)> {
         let cost = self.cost(&LensPose::from_column_slice(point));
@@ -124,7 +130,7 @@ impl LeastSquares for Reprojection<'_> {
     fn tolerance(&self, before: f64, _after: f64) -> f64 {
         1e-10 * (1.0 + before)
     }
-    fn poll(&self, _progress: f64) -> Result<(), Infallible> {
-        Ok(())
+    fn poll(&self, progress: f64) -> Result<(), Stopped> {
+        (self.stop)(progress)
     }
 }

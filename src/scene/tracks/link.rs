@@ -10,6 +10,7 @@
 //!    the features.
 //! 4. Detections are placed again with the voted shape. Where two bodies overlap, the less certain sample is dropped.
 
+use crate::num::{Stop, Stopped};
 use crate::scene::camera::projection::{Camera, CameraError};
 use crate::scene::limits::{DEFAULT_SIZE, MAX_FRAMES, MAX_OBJECTS};
 use crate::scene::object::Object;
@@ -34,6 +35,8 @@ const MAX_FOLLOWED: usize = 256;
 const NEW_TRACK_COST: f64 = 24.0;
 /// Added cost of a track with fewer detections than an object needs: it gives way to a confirmed one.
 const UNCONFIRMED_COST: f64 = 4.0;
+/// Samples that are placed between two checks of the stop token.
+const STOP_EVERY: usize = 256;
 /// Least distance of two bodies as a share of the sum of their inscribed radii.
 const MIN_SEPARATION: f64 = 0.75;
 
@@ -74,10 +77,12 @@ pub enum LinkError {
     TooManyObjects { found: usize },
     #[error(transparent)]
     Camera(#[from] CameraError),
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
 }
 
 /// Objects and tracks from detections in any order. Deterministic.
-pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<LinkedTracks, LinkError> {
+pub fn link(detections: &[Detection], options: &LinkOptions, stop: Stop) -> Result<LinkedTracks, LinkError> {
     if detections.len() > MAX_DETECTIONS {
         return Err(LinkError::TooMany { given: detections.len() });
     }
@@ -92,7 +97,7 @@ pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<LinkedTra
     if let Some((frame, list)) = by_frame.iter().find(|(_, list)| list.len() > MAX_IN_FRAME) {
         return Err(LinkError::Crowded { frame: *frame, given: list.len() });
     }
-    let mut candidates = follow(detections, &by_frame, &options);
+    let mut candidates = follow(detections, &by_frame, &options, stop)?;
     candidates.iter_mut().for_each(|p| p.trim(detections, options.fps));
     candidates.retain(TrackCandidate::is_object);
     // By first frame, then from left to right: independent of the order given.
@@ -107,7 +112,7 @@ pub fn link(detections: &[Detection], options: &LinkOptions) -> Result<LinkedTra
     if candidates.len() > MAX_OBJECTS {
         return Err(LinkError::TooManyObjects { found: candidates.len() });
     }
-    Ok(linked(detections, &by_frame, candidates, &options))
+    linked((detections, &by_frame), candidates, &options, stop)
 }
 
 /// Assigns detections to tracks, frame by frame.
@@ -115,9 +120,11 @@ fn follow(
     detections: &[Detection],
     by_frame: &BTreeMap<usize, Vec<usize>>,
     options: &LinkOptions,
-) -> Vec<TrackCandidate> {
+    stop: Stop,
+) -> Result<Vec<TrackCandidate>, Stopped> {
     let (mut followed, mut ended): (Vec<TrackCandidate>, Vec<TrackCandidate>) = (vec![], vec![]);
     for (&frame, list) in by_frame {
+        stop(frame as f64 / options.frames.max(1) as f64)?;
         let ended_before = |p: &TrackCandidate| {
             let gap = frame - p.placed[p.placed.len() - 1].frame;
             gap > 2
@@ -153,7 +160,7 @@ fn follow(
         followed = kept;
     }
     ended.extend(followed);
-    ended
+    Ok(ended)
 }
 
 /// For each detection the index of its track; `None`: a new one.
@@ -193,11 +200,11 @@ fn assign(
 
 /// Decides attributes by votes, and places each detection again with the voted shape.
 fn linked(
-    detections: &[Detection],
-    by_frame: &BTreeMap<usize, Vec<usize>>,
+    (detections, by_frame): (&[Detection], &BTreeMap<usize, Vec<usize>>),
     candidates: Vec<TrackCandidate>,
     options: &LinkOptions,
-) -> LinkedTracks {
+    stop: Stop,
+) -> Result<LinkedTracks, LinkError> {
     let word = |votes: &AttributeScores| top_word(votes).unwrap_or_default().to_string();
     let object = |(id, p): (usize, &TrackCandidate)| Object {
         id: id as u32,
@@ -215,7 +222,10 @@ fn linked(
     for (candidate, object) in candidates.iter().zip(&objects) {
         let mut track = Track::default();
         let mut own = vec![];
-        for member in &candidate.placed {
+        for (k, member) in candidate.placed.iter().enumerate() {
+            if k % STOP_EVERY == 0 {
+                stop(1.0)?;
+            }
             let bounds = &detections[member.detection].bounds;
             // For a camera that looks down, a body that reaches lower in the image is nearer.
             let hides = |i: &&usize| {
@@ -236,7 +246,7 @@ fn linked(
         tracks.push(track);
         members.push(own);
     }
-    separate(&objects, &mut tracks, &mut members);
+    separate(&objects, &mut tracks, &mut members, stop)?;
     for (object, own) in objects.iter_mut().zip(&members) {
         object.features = mean_features(own.iter().map(|&i| &detections[i]));
     }
@@ -250,7 +260,7 @@ fn linked(
         frames_bridged: missing,
         detections_dropped: detections.len() - members.iter().map(Vec::len).sum::<usize>(),
     };
-    LinkedTracks { objects, tracks, members, camera: options.camera, report }
+    Ok(LinkedTracks { objects, tracks, members, camera: options.camera, report })
 }
 
 /// The mean features of the detections that have some, weighted by their scores.
@@ -265,7 +275,12 @@ fn mean_features<'a>(members: impl Iterator<Item = &'a Detection>) -> Vec<f32> {
 }
 
 /// Drops the less certain of two samples of a frame that put two bodies inside each other.
-fn separate(objects: &[Object], tracks: &mut [Track], members: &mut [Vec<usize>]) {
+fn separate(
+    objects: &[Object],
+    tracks: &mut [Track],
+    members: &mut [Vec<usize>],
+    stop: Stop,
+) -> Result<(), Stopped> {
     for b in 1..tracks.len() {
         for a in 0..b {
             let limit =
@@ -279,6 +294,7 @@ fn separate(objects: &[Object], tracks: &mut [Track], members: &mut [Vec<usize>]
                     near.then(|| if variance(other) > variance(s) { (a, i) } else { (b, k) })
                 })
             };
+            stop(1.0)?;
             while let Some((track, sample)) = clash(tracks) {
                 // The last sample of a track is kept; validation reports the overlap.
                 if tracks[track].samples.len() < 2 {
@@ -289,6 +305,7 @@ fn separate(objects: &[Object], tracks: &mut [Track], members: &mut [Vec<usize>]
             }
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -5,16 +5,20 @@ use crate::api::convert::video::{DEFAULT_FPS, object_message};
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
+use crate::fit::FitError;
+use crate::num::Stop;
 use crate::scene::{
     AttributeScores, BoundingBox, DEFAULT_SIZE, Detection, LinkError, LinkOptions, LinkReport,
     MAX_DETECTIONS, MAX_FRAMES, MAX_NAME, SIZE_RANGE, checked_features, decompress, link, mask_bounds,
 };
 
+/// Detections that are read between two checks of the stop token.
+const STOP_EVERY: usize = 1024;
 /// Most words for one attribute of a detection.
 const MAX_WORDS: usize = 64;
 
 /// Links a request's detections into the objects of its video; the report says how.
-pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport), EngineError> {
+pub fn linked(request: v1::CreateVideoRequest, stop: Stop) -> Result<(v1::Video, LinkReport), EngineError> {
     let mut r = Violations::default();
     let mut video = request.video.unwrap_or_default();
     if !video.objects.is_empty() {
@@ -42,6 +46,9 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
     let image_size = camera.map_or([f64::INFINITY; 2], |c| c.image_size);
     let (mut detections, mut length) = (vec![], None);
     for (i, d) in request.detections.into_iter().enumerate() {
+        if i % STOP_EVERY == 0 {
+            stop(0.0).map_err(FitError::from)?;
+        }
         let path = format!("detections[{i}]");
         if let Err(message) = checked_features(&d.features, &mut length) {
             r.add(format!("{path}.features"), format!("frame {}: {message}", d.frame));
@@ -55,7 +62,7 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
         return Err(EngineError::invalid("video.camera", "is missing; detections need it"));
     };
     let options = LinkOptions { frames, fps, camera, size, sigma };
-    let found = link(&detections, &options).map_err(refused)?;
+    let found = link(&detections, &options, stop).map_err(refused)?;
     video.camera = Some(camera_message(&found.camera));
     video.objects =
         found.objects.iter().zip(&found.tracks).map(|(o, t)| object_message(o, &t.samples)).collect();
@@ -68,6 +75,7 @@ pub fn linked(request: v1::CreateVideoRequest) -> Result<(v1::Video, LinkReport)
 fn refused(error: LinkError) -> EngineError {
     match error {
         LinkError::Camera(e) => EngineError::invalid("video.camera.matrix", e.to_string()),
+        LinkError::Stopped(stopped) => FitError::from(stopped).into(),
         other => EngineError::invalid("detections", other.to_string()),
     }
 }

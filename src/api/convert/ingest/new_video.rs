@@ -7,6 +7,7 @@ use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
 use crate::media::Still;
+use crate::num::Stop;
 use crate::scene::{LinkReport, Scene, SceneFile, TableDefaults, Violation, read_scene};
 
 /// How a video was made from a request.
@@ -26,9 +27,9 @@ pub struct NewVideo {
 }
 
 /// The scene and the stills of a request, or all its violations at once.
-pub fn new_video(mut request: v1::CreateVideoRequest) -> Result<NewVideo, EngineError> {
+pub fn new_video(mut request: v1::CreateVideoRequest, stop: Stop) -> Result<NewVideo, EngineError> {
     let given = request.video.as_mut().map(|video| std::mem::take(&mut video.stills)).unwrap_or_default();
-    let made = scene_from_request(request);
+    let made = scene_from_request(request, stop);
     let mut violations = Violations::default();
     let stills = checked(&mut violations, given, made.as_ref().ok().map(|(scene, _)| scene));
     match made {
@@ -41,14 +42,17 @@ pub fn new_video(mut request: v1::CreateVideoRequest) -> Result<NewVideo, Engine
 }
 
 /// The scene of a request, and how it was made.
-fn scene_from_request(request: v1::CreateVideoRequest) -> Result<(Scene, IngestReport), EngineError> {
+fn scene_from_request(
+    request: v1::CreateVideoRequest,
+    stop: Stop,
+) -> Result<(Scene, IngestReport), EngineError> {
     if !request.file.is_empty() {
         return of_file(request);
     }
     if request.detections.is_empty() {
         return Ok((scene_from_message(request.video)?, IngestReport::default()));
     }
-    let (video, report) = linked(request)?;
+    let (video, report) = linked(request, stop)?;
     Ok((scene_from_message(Some(video))?, IngestReport { linking: Some(report), ..IngestReport::default() }))
 }
 

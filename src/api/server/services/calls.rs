@@ -8,6 +8,7 @@ use crate::api::convert::video::video_message;
 use crate::api::convert::{findings, model, study};
 use crate::api::v1;
 use crate::engine::{Engine, EngineError, StoredFit, Study, StudyKind};
+use crate::num::Stop;
 use std::sync::{Arc, OnceLock};
 
 type Started<R> = Result<LongCall<R>, EngineError>;
@@ -97,8 +98,8 @@ pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Resul
     let request_id = given.request_id.clone();
     let made = Arc::new(OnceLock::new());
     let report_to = made.clone();
-    let make = move || {
-        let NewVideo { scene, stills, report } = new_video(given)?;
+    let make = move |stop: Stop| {
+        let NewVideo { scene, stills, report } = new_video(given, stop)?;
         // The closure runs once, so the cell is empty.
         let _ = report_to.set(report);
         Ok((scene, stills))

@@ -9,6 +9,8 @@ use crate::api::convert::violations::video_id;
 use crate::api::convert::{listing, trace::timestamp};
 use crate::api::status::status;
 use crate::api::v1;
+use crate::engine::JobKind;
+use crate::num::Stop;
 use crate::scene::calibrate;
 use tonic::{Request, Response, Streaming};
 
@@ -80,8 +82,8 @@ impl v1::videos_server::Videos for Services {
     ) -> RpcResult<v1::CalibrateCameraResponse> {
         let owner = self.owner(&request);
         let (pairs, size) = pairs(request.into_inner());
-        let work = move || calibrate(&pairs, size).map_err(uncalibrated);
-        let found = owner.compute(work).await.map_err(status)?;
+        let work = move |stop: Stop| calibrate(&pairs, size, stop).map_err(uncalibrated);
+        let found = owner.compute_as(JobKind::Calibration, work).await.map_err(status)?;
         Ok(Response::new(calibration(&found)))
     }
 }

@@ -9,6 +9,7 @@ use crate::cli::input::files::bytes;
 use crate::cli::input::videos::{VideoView, open};
 use crate::cli::output::progress::TaskProgress;
 use crate::media::Video;
+use crate::num::never;
 use crate::perception::{PerceptionError, PerceptionOptions, View, top_camera};
 use crate::scene::{
     Camera, DEFAULT_SIZE, Detection, IMAGE_NOISE, IMAGE_NOISE_RANGE, LinkError, LinkOptions, LinkReport,
@@ -190,7 +191,7 @@ fn linked(
     video: &Video,
     known: PerceptionOptions,
 ) -> Result<(Scene, LinkReport), Failure> {
-    let linked = link(found, options).map_err(|e| Failure::input(e.to_string()))?;
+    let linked = link(found, options, &never).map_err(|e| Failure::input(e.to_string()))?;
     let scene = Scene {
         name: known.name,
         setup: None,
