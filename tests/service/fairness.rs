@@ -7,7 +7,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
-use vrdp::engine::{Capacity, Engine, EngineError, ModelSource, SimulateOptions, StudyKind, Tenant};
+use vrdp::engine::{
+    AskedQuestion, Capacity, Engine, EngineError, ModelSource, SimulateOptions, StudyKind, Tenant,
+};
 use vrdp::fit::FitOptions;
 use vrdp::reason::{AskOptions, Question};
 use vrdp::scene::{CLEVRER_CAMERA, PointPair, Scene, calibrate, parse};
@@ -40,7 +42,8 @@ async fn counterfactual(engine: &Arc<Engine>, video: &str, seed: u64) -> Result<
     let question = Question::English { question: "What will happen if the cube is removed?".into(), choices };
     let (source, options) = (ModelSource::default_of("model"), AskOptions { seed, ..Default::default() });
     let start = Instant::now();
-    engine.ask(video, &source, question, options, None).await?;
+    let asked = AskedQuestion { question, conversation: Default::default(), lexicon: None };
+    engine.ask(video, &source, asked, options).await?;
     Ok(start.elapsed().as_secs_f64())
 }
 
