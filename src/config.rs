@@ -4,7 +4,7 @@
 mod certificate;
 
 use crate::api::{Security, ServerLimits, Tokens};
-use crate::engine::{Capacity, Retention};
+use crate::engine::{Capacity, Quota, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized};
 use serde::de::DeserializeOwned;
@@ -23,6 +23,8 @@ const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
 const HANDSHAKE: Duration = Duration::from_secs(10);
 /// The longest limit of a job (s): a year, as good as none.
 const LONGEST_TIMEOUT_S: u64 = 365 * 86_400;
+/// Space for some deletions: each writes a few pages, and the map of free pages of a database of some 10 GiB.
+const RESERVE_BYTES: u64 = 16 << 20;
 /// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
@@ -53,8 +55,14 @@ pub struct Config {
     pub request_timeout_s: u64,
     /// Older traces (s since they were stored) are removed; 0: none.
     pub trace_max_age_s: u64,
-    /// Most bytes of all traces; beyond it the oldest are removed; 0: no limit.
+    /// Most bytes of the traces of one tenant; beyond it its oldest are removed; 0: no limit.
     pub trace_max_bytes: u64,
+    /// Most bytes of videos that one tenant may store; 0: no limit.
+    pub tenant_video_bytes: u64,
+    /// Most bytes of traces that one tenant may store; 0: no limit.
+    pub tenant_trace_bytes: u64,
+    /// Bytes of the disk that are kept back, so that deletions work when it is full; 0: none.
+    pub reserve_bytes: u64,
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
@@ -78,6 +86,9 @@ impl Default for Config {
             request_timeout_s: 300,
             trace_max_age_s: 0,
             trace_max_bytes: 0,
+            tenant_video_bytes: 0,
+            tenant_trace_bytes: 0,
+            reserve_bytes: RESERVE_BYTES,
             log: "info".into(),
             log_json: false,
             otlp: String::new(),
@@ -255,6 +266,11 @@ impl Config {
         let on = |limit: u64| (limit > 0).then_some(limit);
         let max_age = on(self.trace_max_age_s).map(Duration::from_secs);
         Retention { max_age, max_bytes: on(self.trace_max_bytes) }
+    }
+
+    pub fn quota(&self) -> Quota {
+        let on = |limit: u64| (limit > 0).then_some(limit);
+        Quota { video_bytes: on(self.tenant_video_bytes), trace_bytes: on(self.tenant_trace_bytes) }
     }
 
     /// Reads the files of certificates and tokens.

@@ -78,15 +78,16 @@ impl Engine {
         Ok(scene)
     }
 
-    /// Up to `limit` videos after the id `after`, by id.
-    pub async fn videos(&self, after: &str, limit: usize) -> Result<Vec<(String, Scene)>, EngineError> {
-        Ok(self.store.list(TableKind::Videos, "", after, limit, |_: &Scene| true).await?)
-    }
-
     /// Deletes a video with its models and traces.
     pub async fn delete_video(&self, id: &str) -> Result<(), EngineError> {
         let found = self.store.delete_video(id).await;
-        self.forget();
+        // What was never there is in no memory.
+        if found != Ok(false) {
+            self.forget();
+        }
+        if found.is_err() {
+            self.retention.look_for_orphans();
+        }
         if found? { Ok(()) } else { Err(EngineError::no_video(id)) }
     }
 }

@@ -1,17 +1,14 @@
-//! Rows of operations: a record, and beside it the bytes of the result, which lists do not read.
+//! Ends of operations: a record, and beside it the bytes of the result, which lists do not read.
 
-use super::{
-    OPERATION_RESULTS, Store, StoreError, TableKind, begin, damaged, encode, failed, sealed, unsealed,
-};
+use super::disk::database::begin;
+use super::error::{StoreError, damaged, failed};
+use super::folder::Store;
+use super::schema::rows::{encode, sealed, unsealed};
+use super::schema::tables::{OPERATION_RESULTS, TableKind};
 use redb::{ReadableDatabase, ReadableTable};
 use serde::Serialize;
 
 impl Store {
-    /// Stores the record of a new operation; durable when it returns.
-    pub async fn put_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
-        self.put(TableKind::Operations, self.key(id), record, None).await
-    }
-
     /// Stores how an operation ended, unless it was deleted meanwhile; durable when it returns.
     pub async fn end_operation<T: Serialize>(
         &self,
@@ -19,8 +16,10 @@ impl Store {
         record: &T,
         result: Vec<u8>,
     ) -> Result<(), StoreError> {
-        let (key, record, result) = (self.key(id), encode(record)?, sealed(result));
-        self.blocking(move |db| {
+        let key = self.key(id);
+        let (record, result, reserve) = (encode(&key, record)?, sealed(&key, result), self.reserve.clone());
+        self.blocking(TableKind::Operations.head_key(&key), move |db| {
+            reserve.admit()?;
             let write = begin(db)?;
             {
                 let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
@@ -39,30 +38,13 @@ impl Store {
     /// The bytes of an operation's result.
     pub async fn operation_result(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
         let key = self.key(id);
-        self.blocking(move |db| {
+        let record = TableKind::Operations.head_key(&key);
+        self.blocking(record.clone(), move |db| {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(OPERATION_RESULTS).map_err(failed)?;
             let found = table.get(key.as_str()).map_err(failed)?;
-            let bytes = |row: &[u8]| unsealed(row).map(<[u8]>::to_vec).ok_or_else(|| damaged(&key));
+            let bytes = |row: &[u8]| unsealed(&key, row).map(<[u8]>::to_vec).ok_or_else(|| damaged(&record));
             found.map(|row| bytes(row.value())).transpose()
-        })
-        .await
-    }
-
-    /// Deletes operations with their results; those that do not exist are skipped.
-    pub async fn delete_operations(&self, ids: &[String]) -> Result<(), StoreError> {
-        let keys: Vec<String> = ids.iter().map(|id| self.key(id)).collect();
-        self.blocking(move |db| {
-            let write = begin(db)?;
-            {
-                let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
-                let mut results = write.open_table(OPERATION_RESULTS).map_err(failed)?;
-                for key in &keys {
-                    records.remove(key.as_str()).map_err(failed)?;
-                    results.remove(key.as_str()).map_err(failed)?;
-                }
-            }
-            write.commit().map_err(failed)
         })
         .await
     }
