@@ -4,7 +4,7 @@
 mod certificate;
 
 use crate::api::{Security, ServerLimits, Tokens};
-use crate::engine::{Capacity, ChatSettings, Retention};
+use crate::engine::{Capacity, ChatSettings, Quota, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized};
 use serde::de::DeserializeOwned;
@@ -25,6 +25,8 @@ const HANDSHAKE: Duration = Duration::from_secs(10);
 const LONGEST_TIMEOUT_S: u64 = 365 * 86_400;
 /// Longest wait for a language model's program (s).
 const PARSER_TIMEOUT_S: u64 = 30;
+/// Space for some deletions: each writes a few pages, and the map of free pages of a database of some 10 GiB.
+const RESERVE_BYTES: u64 = 16 << 20;
 /// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
@@ -55,8 +57,14 @@ pub struct Config {
     pub request_timeout_s: u64,
     /// Older traces (s since they were stored) are removed; 0: none.
     pub trace_max_age_s: u64,
-    /// Most bytes of all traces; beyond it the oldest are removed; 0: no limit.
+    /// Most bytes of the traces of one tenant; beyond it its oldest are removed; 0: no limit.
     pub trace_max_bytes: u64,
+    /// Most bytes of videos that one tenant may store; 0: no limit.
+    pub tenant_video_bytes: u64,
+    /// Most bytes of traces that one tenant may store; 0: no limit.
+    pub tenant_trace_bytes: u64,
+    /// Bytes of the disk that are kept back, so that deletions work when it is full; 0: none.
+    pub reserve_bytes: u64,
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
@@ -96,6 +104,9 @@ impl Default for Config {
             request_timeout_s: 300,
             trace_max_age_s: 0,
             trace_max_bytes: 0,
+            tenant_video_bytes: 0,
+            tenant_trace_bytes: 0,
+            reserve_bytes: RESERVE_BYTES,
             log: "info".into(),
             log_json: false,
             otlp: String::new(),
@@ -302,6 +313,11 @@ impl Config {
         };
         let timeout = Duration::from_secs(timeout_s.unwrap_or(PARSER_TIMEOUT_S));
         Ok(Some(ChatSettings { url: url.clone(), model: model.clone(), key, timeout }))
+    }
+
+    pub fn quota(&self) -> Quota {
+        let on = |limit: u64| (limit > 0).then_some(limit);
+        Quota { video_bytes: on(self.tenant_video_bytes), trace_bytes: on(self.tenant_trace_bytes) }
     }
 
     /// Reads the files of certificates and tokens.

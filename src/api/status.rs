@@ -26,7 +26,7 @@ const VIOLATION_BYTES: usize = 3_600;
 const DESCRIPTION_BYTES: usize = 400;
 const VIOLATION_OVERHEAD: usize = 8;
 
-/// The status of an error. Retriable: RESOURCE_EXHAUSTED (after its `RetryInfo`) and UNAVAILABLE.
+/// The status of an error. Retriable: RESOURCE_EXHAUSTED with a `RetryInfo` (after it) and UNAVAILABLE.
 pub fn status(error: EngineError) -> Status {
     let message = short(error.to_string());
     match error {
@@ -53,14 +53,7 @@ pub fn status(error: EngineError) -> Status {
             details.set_request_info(id, "");
             Status::with_error_details(Code::Internal, message, details)
         }
-        EngineError::Store(StoreError::VideoGone | StoreError::FileGone { .. }) => {
-            plain(Code::NotFound, message, "NOT_FOUND")
-        }
-        EngineError::Store(StoreError::Damaged { .. }) => plain(Code::DataLoss, message, "RECORD_DAMAGED"),
-        EngineError::Store(_) => {
-            tracing::error!(message, "storage failed");
-            plain(Code::Unavailable, message, "STORAGE")
-        }
+        EngineError::Store(error) => storage(&error, message),
         EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
         EngineError::Recording(_) => plain(Code::Internal, message, "RECORDING"),
         EngineError::Damaged { .. } => plain(Code::DataLoss, message, "TRACE_DAMAGED"),
@@ -91,6 +84,36 @@ pub fn status(error: EngineError) -> Status {
                 _ => "question".to_string(),
             };
             refused(reason_of(&reason), vec![Violation { path, message: reason.to_string() }])
+        }
+    }
+}
+
+/// The status of an error of the data folder. What is damaged or not allowed does not pass by itself.
+fn storage(error: &StoreError, message: String) -> Status {
+    match error {
+        StoreError::VideoGone | StoreError::FileGone { .. } => plain(Code::NotFound, message, "NOT_FOUND"),
+        StoreError::Damaged { .. } => plain(Code::DataLoss, message, "RECORD_DAMAGED"),
+        StoreError::Quota { kind, needed_bytes, limit_bytes } => {
+            let about = [
+                ("kind", kind.to_string()),
+                ("needed_bytes", needed_bytes.to_string()),
+                ("limit_bytes", limit_bytes.to_string()),
+            ];
+            let about: HashMap<String, String> =
+                about.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+            let details = ErrorDetails::with_error_info("QUOTA", DOMAIN, about);
+            let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
+            // Clients that retry by themselves do not: only a deletion helps.
+            status.metadata_mut().insert("grpc-retry-pushback-ms", MetadataValue::from_static("-1"));
+            status
+        }
+        StoreError::Full => {
+            tracing::error!("the disk of the data folder is full");
+            plain(Code::Unavailable, message, "STORAGE_FULL")
+        }
+        _ => {
+            tracing::error!(message, "storage failed");
+            plain(Code::Unavailable, message, "STORAGE")
         }
     }
 }

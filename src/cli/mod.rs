@@ -11,7 +11,7 @@ use clap::{Parser, Subcommand};
 use commands::demo;
 use commands::files::{calibrate, convert, import, replay, trace};
 use commands::scene::{ask, fit, parse, score, simulate};
-use commands::service::{effects, health, operations, serve};
+use commands::service::{data, effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
 use commands::words::{learn, show as words};
 use connection::Target;
@@ -45,13 +45,16 @@ fn check(target: &Target, command: &Command) -> Result<(), Failure> {
     let remote = target.server.as_ref().map(|_| "--server").or(credential);
     let folder = target.data_dir.as_ref().map(|_| "--data-dir");
     let threads = target.threads.map(|_| "--threads").filter(|_| match command {
-        Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Convert(_) | Command::Health => {
-            true
-        }
+        Command::Demo(_)
+        | Command::Trace(_)
+        | Command::Replay(_)
+        | Command::Convert(_)
+        | Command::Data(_)
+        | Command::Health => true,
         _ => target.server.is_some(),
     });
     let unused = match command {
-        Command::Serve(_) => remote,
+        Command::Serve(_) | Command::Data(_) => remote,
         Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Convert(_) => remote.or(folder),
         Command::Health => folder,
         _ if target.server.is_some() => folder,
@@ -116,6 +119,8 @@ enum Command {
     Trace(trace::TraceArgs),
     /// Plays a trace file, or simulates it again and compares bit for bit.
     Replay(replay::ReplayArgs),
+    /// Copies a data folder while it is used, checks it, or restores a copy.
+    Data(data::DataArgs),
     /// Checks whether a service is running (exit status 0 or 1).
     Health,
 }
@@ -194,6 +199,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
         Command::Words(args) => words::run(target, args).await,
         Command::Trace(args) => trace::run(args),
         Command::Replay(args) => replay::run(args).await,
+        Command::Data(args) => data::run(target, args).await,
         Command::Health => health::run(target).await,
     }
 }

@@ -3,6 +3,7 @@
 use super::cache::JobHandle;
 use super::error::EngineError;
 use super::limits::MAX_STUDY_VIDEOS;
+use super::listings::VideoFilter;
 use super::metric_names;
 use super::model_source::ModelSource;
 use super::pool::{JobContext, JobKind};
@@ -94,10 +95,9 @@ impl Engine {
                     let message = "needs a video that names its set-up; name the other videos instead";
                     return Err(EngineError::invalid("whole_setup", message));
                 };
-                let of_setup = move |s: &Scene| s.setup.as_ref() == Some(&setup);
-                let most = MAX_STUDY_VIDEOS + 1;
-                let found = self.store.list(TableKind::Videos, "", "", most, of_setup).await?;
-                found.into_iter().map(|(id, _)| id).collect()
+                let filter = VideoFilter { setup: Some(setup), ..VideoFilter::default() };
+                let found = self.list_videos(filter, "", MAX_STUDY_VIDEOS + 1).await?;
+                found.rows.into_iter().map(|row| row.key).collect()
             }
         };
         let mut all: BTreeSet<String> = named.into_iter().collect();

@@ -34,7 +34,7 @@ mod traces;
 mod videos;
 mod words;
 
-pub use crate::store::{Tenant, TimedRow};
+pub use crate::store::{Listing, Quota, StorageState, StoredBytes, Tenant, TimedRow, VideoHead};
 pub use cache::{Job, JobHandle, Update};
 pub use error::EngineError;
 pub use joint::JointVideos;
@@ -61,6 +61,6 @@ pub use state::{Capacity, Engine};
 pub use studies::{MAX_EFFECTS, StudyKind};
 pub use traces::file::{TraceKind, TraceRecord};
 pub use traces::replay::{Replay, ReplayItem, ReplayOptions};
-pub use traces::retention::{Lease, Retention};
+pub use traces::retention::{ClockReading, Lease, Retention};
 pub use traces::stored::{Download, TraceFilter};
 pub use words::{ExamplePlace, LearnRequest, NamedExample, VideoLessons};

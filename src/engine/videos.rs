@@ -81,11 +81,6 @@ impl Engine {
         Ok(scene)
     }
 
-    /// Up to `limit` videos after the id `after`, by id.
-    pub async fn videos(&self, after: &str, limit: usize) -> Result<Vec<(String, Scene)>, EngineError> {
-        Ok(self.store.list(TableKind::Videos, "", after, limit, |_: &Scene| true).await?)
-    }
-
     /// Deletes a video with its models and traces.
     pub async fn delete_video(&self, id: &str) -> Result<(), EngineError> {
         match self.store.delete_video(id).await {
@@ -93,6 +88,9 @@ impl Engine {
             // It is gone, or may be.
             found => {
                 self.forget_video(id);
+                if found.is_err() {
+                    self.retention.look_for_orphans();
+                }
                 found?;
                 Ok(())
             }

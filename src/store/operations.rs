@@ -1,28 +1,15 @@
-//! Rows of operations: a record, and beside it the bytes of the request while it runs and of the result when it has ended, which lists
-//! do not read.
+//! Changes of operations: a record, and beside it the bytes of the request while it runs and of the result when it has ended, which
+//! lists do not read.
 
-use super::{
-    OPERATION_RESULTS, Store, StoreError, TableKind, begin, damaged, encode, failed, sealed, unsealed,
-};
+use super::disk::database::begin;
+use super::error::{StoreError, damaged, failed};
+use super::folder::Store;
+use super::schema::rows::{encode, sealed, unsealed};
+use super::schema::tables::{OPERATION_RESULTS, TableKind};
 use redb::{ReadableDatabase, ReadableTable};
 use serde::Serialize;
 
 impl Store {
-    /// Stores the record of a new operation with its request; durable when it returns.
-    pub async fn put_operation<T: Serialize>(
-        &self,
-        id: &str,
-        record: &T,
-        request: Vec<u8>,
-    ) -> Result<(), StoreError> {
-        self.write_operation(id, record, Some(request), true).await
-    }
-
-    /// Stores the record anew, unless the operation was deleted meanwhile; durable when it returns.
-    pub async fn change_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
-        self.write_operation(id, record, None, false).await
-    }
-
     /// Stores how an operation ended, unless it was deleted meanwhile; durable when it returns.
     pub async fn end_operation<T: Serialize>(
         &self,
@@ -30,28 +17,35 @@ impl Store {
         record: &T,
         result: Vec<u8>,
     ) -> Result<(), StoreError> {
-        self.write_operation(id, record, Some(result), false).await
+        self.renew_operation(id, record, Some(result)).await
     }
 
-    async fn write_operation<T: Serialize>(
+    /// Stores the record anew, unless the operation was deleted meanwhile; durable when it returns.
+    pub async fn change_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
+        self.renew_operation(id, record, None).await
+    }
+
+    async fn renew_operation<T: Serialize>(
         &self,
         id: &str,
         record: &T,
-        bytes: Option<Vec<u8>>,
-        is_new: bool,
+        result: Option<Vec<u8>>,
     ) -> Result<(), StoreError> {
-        let (key, record, bytes) = (self.key(id), encode(record)?, bytes.map(sealed));
-        self.blocking(move |db| {
+        let key = self.key(id);
+        let result = result.map(|bytes| sealed(&key, bytes));
+        let (record, reserve) = (encode(&key, record)?, self.reserve.clone());
+        self.blocking(TableKind::Operations.head_key(&key), move |db| {
+            reserve.admit()?;
             let write = begin(db)?;
             {
                 let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
-                if !is_new && records.get(key.as_str()).map_err(failed)?.is_none() {
+                if records.get(key.as_str()).map_err(failed)?.is_none() {
                     return Ok(());
                 }
                 records.insert(key.as_str(), record.as_slice()).map_err(failed)?;
-                if let Some(bytes) = &bytes {
-                    let mut beside = write.open_table(OPERATION_RESULTS).map_err(failed)?;
-                    beside.insert(key.as_str(), bytes.as_slice()).map_err(failed)?;
+                if let Some(result) = &result {
+                    let mut results = write.open_table(OPERATION_RESULTS).map_err(failed)?;
+                    results.insert(key.as_str(), result.as_slice()).map_err(failed)?;
                 }
             }
             write.commit().map_err(failed)
@@ -62,30 +56,13 @@ impl Store {
     /// The bytes of an operation's request while it runs, and of its result when it has ended.
     pub async fn operation_result(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
         let key = self.key(id);
-        self.blocking(move |db| {
+        let record = TableKind::Operations.head_key(&key);
+        self.blocking(record.clone(), move |db| {
             let read = db.begin_read().map_err(failed)?;
             let table = read.open_table(OPERATION_RESULTS).map_err(failed)?;
             let found = table.get(key.as_str()).map_err(failed)?;
-            let bytes = |row: &[u8]| unsealed(row).map(<[u8]>::to_vec).ok_or_else(|| damaged(&key));
+            let bytes = |row: &[u8]| unsealed(&key, row).map(<[u8]>::to_vec).ok_or_else(|| damaged(&record));
             found.map(|row| bytes(row.value())).transpose()
-        })
-        .await
-    }
-
-    /// Deletes operations with their results; those that do not exist are skipped.
-    pub async fn delete_operations(&self, ids: &[String]) -> Result<(), StoreError> {
-        let keys: Vec<String> = ids.iter().map(|id| self.key(id)).collect();
-        self.blocking(move |db| {
-            let write = begin(db)?;
-            {
-                let mut records = write.open_table(TableKind::Operations.table()).map_err(failed)?;
-                let mut results = write.open_table(OPERATION_RESULTS).map_err(failed)?;
-                for key in &keys {
-                    records.remove(key.as_str()).map_err(failed)?;
-                    results.remove(key.as_str()).map_err(failed)?;
-                }
-            }
-            write.commit().map_err(failed)
         })
         .await
     }

@@ -245,7 +245,16 @@ async fn what_was_acknowledged_survives_kill_9() {
     }
     let program = Program::start(folder.path());
     before.extend(std::mem::take(&mut *acknowledged.lock().unwrap()));
-    whole(&program.channel().await, &before).await;
+    let channel = program.channel().await;
+    whole(&channel, &before).await;
+    // Files that a kill left without a record are removed at the start, in the background.
+    let listed = listed(&channel, &before).await.len();
+    let files = || std::fs::read_dir(folder.path().join("traces")).unwrap().count();
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while files() > listed && Instant::now() < deadline {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    assert_eq!(files(), listed, "files without records");
     let (videos, traces) = (before.videos.len(), before.traces.len());
     assert!(videos >= rounds && traces > 0, "{videos} videos, {traces} traces");
     println!(

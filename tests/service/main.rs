@@ -4,6 +4,7 @@ mod agreement;
 mod camera;
 mod concepts;
 mod crowd;
+mod data;
 mod discover;
 mod disk;
 mod endure;

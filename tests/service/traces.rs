@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tonic::Code;
 use vrdp::api::v1;
-use vrdp::engine::{AskedQuestion, Capacity, Engine, ModelSource, ModelSourceKind, Retention};
+use vrdp::engine::{AskedQuestion, Capacity, ClockReading, Engine, ModelSource, ModelSourceKind, Retention};
 use vrdp::reason::AskOptions;
 
 fn simulate(video: &str, seed: u64) -> v1::SimulateRequest {
@@ -123,7 +123,7 @@ async fn a_trace_is_played_from_to_and_again() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_oldest_traces_go_first_and_none_that_is_read() {
-    const DAY: u64 = 86_400_000;
+    const DAY: Duration = Duration::from_secs(86_400);
     let folder = tempfile::tempdir().unwrap();
     let service = start(folder.path(), CAPACITY).await;
     let video = service.create(video("small", 20)).await.unwrap();
@@ -131,25 +131,28 @@ async fn the_oldest_traces_go_first_and_none_that_is_read() {
         service.reasoning().simulate(simulate(&video, seed)).await.unwrap();
         tokio::time::sleep(Duration::from_millis(2)).await;
     }
-    assert!(service.engine.remove_expired(u64::MAX).await.unwrap().is_empty(), "off by default");
+    assert!(
+        service.engine.remove_expired(ClockReading::now().after(1000 * DAY)).await.unwrap().is_empty(),
+        "off by default"
+    );
     service.stop().await;
 
     let open = |retention| Arc::new(Engine::open(folder.path(), CAPACITY).unwrap().with_retention(retention));
     let engine = open(Retention { max_bytes: Some(1), ..Retention::default() });
     let mut records = engine.traces(Default::default(), "", 99).await.unwrap();
     records.sort_by_key(|r| r.stored_ms);
-    let now = records[4].stored_ms;
     let mut read = engine.download(&records[1].id).await.unwrap();
-    let removed = engine.remove_expired(now).await.unwrap();
+    let removed = engine.remove_expired(ClockReading::now()).await.unwrap();
     let others = [0, 2, 3, 4].map(|k| records[k].id.clone());
     assert_eq!(removed, others, "oldest first");
     assert_eq!(read.next().await.unwrap().1.len() as u64, read.record().size_bytes.min(256 << 10));
     assert!(engine.trace(&records[0].id).await.is_err());
     drop((read, engine));
 
-    let engine = open(Retention { max_age: Some(Duration::from_secs(86_400)), ..Retention::default() });
-    assert!(engine.remove_expired(now + DAY - 1000).await.unwrap().is_empty());
-    assert_eq!(engine.remove_expired(now + DAY).await.unwrap(), [records[1].id.clone()]);
+    let engine = open(Retention { max_age: Some(DAY), ..Retention::default() });
+    let now = ClockReading::now();
+    assert!(engine.remove_expired(now.after(DAY / 2)).await.unwrap().is_empty());
+    assert_eq!(engine.remove_expired(now.after(DAY)).await.unwrap(), [records[1].id.clone()]);
     assert_eq!(std::fs::read_dir(folder.path().join("traces")).unwrap().count(), 0);
 }
 
@@ -178,7 +181,7 @@ async fn an_answer_in_memory_names_no_trace_that_is_gone() {
     let first = ask().await;
     assert!(engine.trace(&first.traces[0]).await.is_ok());
     assert!(Arc::ptr_eq(&first, &ask().await), "it is in memory");
-    assert!(engine.remove_expired(0).await.unwrap().contains(&first.traces[0]));
+    assert!(engine.remove_expired(ClockReading::now()).await.unwrap().contains(&first.traces[0]));
     let again = ask().await;
     assert_eq!(again.traces, first.traces);
     assert!(engine.trace(&again.traces[0]).await.is_ok(), "it was computed again");

@@ -9,8 +9,9 @@ use super::violations::Violations;
 use crate::api::v1;
 use crate::engine::{
     CreatedRange, EngineError, ModelFilter, RevisionFilter, SetupRow, StoredFit, TimedRow, VideoFilter,
+    VideoHead,
 };
-use crate::scene::{MAX_NAME, Scene};
+use crate::scene::MAX_NAME;
 use prost_types::{FieldMask, Timestamp};
 
 /// One page of what a filter accepts.
@@ -42,8 +43,9 @@ pub fn videos(given: v1::ListVideosRequest) -> Result<ListingPage<VideoFilter>, 
     violations.finish(ListingPage { filter, mask, size, after })
 }
 
-pub fn video(row: &TimedRow<Scene>) -> v1::Video {
-    v1::Video { create_time: row.created_ms.map(timestamp), ..video_message(&row.key, &row.value, false) }
+pub fn video(row: &TimedRow<VideoHead>) -> v1::Video {
+    let listed = video_message(&row.key, &row.value.scene, false);
+    v1::Video { create_time: row.created_ms.map(timestamp), ..listed }
 }
 
 /// Prefix, size and start of a page of set-ups.

@@ -54,6 +54,9 @@ pub fn render(engine: &Engine) -> String {
     gauge!(metric_names::WAITING).set(load.waiting as f64);
     gauge!(metric_names::RUNNING).set(load.running as f64);
     gauge!(metric_names::OLDEST_WAIT).set(load.oldest.as_secs_f64());
+    if let Some(free) = engine.storage().free_bytes {
+        gauge!(metric_names::FREE_BYTES).set(free as f64);
+    }
     recorder.render()
 }
 

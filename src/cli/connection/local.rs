@@ -1,5 +1,6 @@
 //! Starts the service inside this process.
 
+use super::data_socket::serve_data_socket;
 use crate::api;
 use crate::cli::error::Failure;
 use crate::config::{Config, DEFAULT_HTTP};
@@ -64,11 +65,15 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
         Some(address) => http_listener(address).await?,
         None => None,
     };
-    let engine = Arc::new(with_parser(config, engine.with_retention(config.retention()))?);
+    let engine = engine.with_retention(config.retention()).with_quota(config.quota());
+    let engine = Arc::new(with_parser(config, engine)?);
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
     let stop = shutdown.clone().cancelled_owned();
     let housekeeping =
         tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
+    engine.keep_reserve(config.reserve_bytes);
+    let socket = serve_data_socket(config.data_dir.clone(), engine.clone());
+    let socket = tokio::spawn(shutdown.clone().run_until_cancelled_owned(socket));
     let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
     let pages = http.map(|listener| {
         let stop = shutdown.clone().cancelled_owned();
@@ -77,6 +82,7 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
     let task = tokio::spawn(async move {
         let served = api::serve(listener, engine, limits, security, stop).await.map_err(Failure::other);
         housekeeping.abort();
+        socket.abort();
         if let Some(pages) = pages {
             pages.abort();
         }

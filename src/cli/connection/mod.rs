@@ -2,6 +2,7 @@
 
 mod client;
 mod data_folder;
+mod data_socket;
 mod kept;
 mod local;
 mod remote;
@@ -10,6 +11,7 @@ mod target;
 
 pub use client::Connection;
 pub use data_folder::Announcement;
+pub use data_socket::{backup_from_service, check_by_service};
 pub use kept::{heads, id, the_one};
 pub use local::start;
 pub use remote::remote;

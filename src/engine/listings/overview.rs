@@ -2,57 +2,105 @@
 
 use crate::engine::cache::Job;
 use crate::engine::error::EngineError;
-use crate::engine::results::{Findings, Study};
 use crate::engine::state::Engine;
 use crate::engine::traces::file::{TraceKind, TraceRecord};
-use crate::engine::traces::stored::TraceFilter;
 use crate::report::dashboard::{Dashboard, JobRow, TraceRow, VideoRow};
-use crate::store::TableKind;
+use crate::store::{PageStart, TableKind, TimedRow, VideoHead};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
 
 /// Videos of one page.
 const MOST_VIDEOS: usize = 20;
-/// Models of a video that are read.
+/// Models of a video that are counted.
 const MOST_MODELS: usize = 50;
 /// Discoveries of a video that are linked.
 const MOST_DISCOVERIES: usize = 5;
-/// Traces among which the latest are searched.
-const MOST_TRACES: usize = 10_000;
 /// Traces that are shown.
 const LATEST: usize = 20;
+
+/// What the overview reads of a model.
+#[derive(Deserialize)]
+struct ModelOutline {
+    #[serde(default)]
+    revision: u32,
+    fit: FitOutline,
+    #[serde(default, rename = "step")]
+    record: Option<RevisionOutline>,
+}
+
+#[derive(Deserialize)]
+struct FitOutline {
+    scenes: Vec<FitErrors>,
+}
+
+/// Residual and measurement noise, root mean square (m).
+#[derive(Deserialize)]
+struct FitErrors {
+    rmse: f64,
+    noise_sigma: f64,
+}
+
+#[derive(Deserialize)]
+struct RevisionOutline {
+    added: Option<EffectOutline>,
+}
+
+#[derive(Deserialize)]
+struct EffectOutline {
+    kind: String,
+}
+
+/// What the overview reads of a study.
+#[derive(Deserialize)]
+struct StudyOutline {
+    videos: Vec<String>,
+    /// One kind of findings, by its name.
+    findings: BTreeMap<String, IgnoredAny>,
+}
+
+/// The latest traces of those that were seen, and how many they are.
+#[derive(Default)]
+struct LatestTraces {
+    count: usize,
+    bytes: u64,
+    latest: Vec<TraceRecord>,
+}
+
+impl LatestTraces {
+    fn add(&mut self, record: TraceRecord) {
+        self.count += 1;
+        self.bytes += record.size_bytes;
+        self.latest.push(record);
+        if self.latest.len() > 2 * LATEST {
+            self.cut();
+        }
+    }
+
+    fn cut(&mut self) {
+        self.latest.sort_by(|a, b| b.stored_ms.cmp(&a.stored_ms).then_with(|| a.id.cmp(&b.id)));
+        self.latest.truncate(LATEST);
+    }
+}
 
 impl Engine {
     /// The videos after the id `after`, the running jobs, and the latest traces.
     pub async fn overview(&self, after: &str) -> Result<Dashboard, EngineError> {
-        let mut found = self.videos(after, MOST_VIDEOS + 1).await?;
-        let more = found.len() > MOST_VIDEOS;
-        found.truncate(MOST_VIDEOS);
-        let next = found.last().filter(|_| more).map(|(id, _)| id.clone());
+        let page = PageStart { prefix: "", after, size: MOST_VIDEOS };
+        let found = self.store.list_videos(page, |_: &VideoHead, _| true).await?;
+        let next = found.next;
         let mut videos = vec![];
-        for (id, scene) in found {
-            let models = match self.models(&id, "", MOST_MODELS).await {
-                // Deleted since it was listed.
-                Err(EngineError::NotFound { .. }) => continue,
-                models => models?,
-            };
-            let best = models.iter().max_by_key(|m| m.revision);
-            let effects =
-                best.and_then(|m| m.record.as_ref()?.added.as_ref()).map(|found| found.kind.clone());
-            let fitted = best.and_then(|m| m.fit.scenes.first());
-            videos.push(VideoRow {
-                frames: scene.times.len(),
-                objects: scene.objects.len(),
-                seconds: scene.times.last().copied().unwrap_or_default(),
-                name: scene.name,
-                models: models.len(),
-                error: fitted.map(|s| (s.rmse, s.noise_sigma)),
-                added: effects,
-                discoveries: self.discoveries(&id).await?,
-                id,
-            });
+        for row in found.rows {
+            videos.push(self.video_row(row.key, row.value).await?);
         }
-        let mut records = self.traces(TraceFilter::default(), "", MOST_TRACES).await?;
-        let (traces_in_all, trace_bytes) = (records.len(), records.iter().map(|r| r.size_bytes).sum());
-        records.sort_by(|a, b| b.stored_ms.cmp(&a.stored_ms).then_with(|| a.id.cmp(&b.id)));
+        let all = PageStart { prefix: "", after: "", size: usize::MAX };
+        let add = |seen: &mut LatestTraces, row: TimedRow<TraceRecord>| {
+            seen.add(row.value);
+            ControlFlow::Continue(())
+        };
+        let (mut traces, _) = self.store.fold(TableKind::Traces, all, LatestTraces::default(), add).await?;
+        traces.cut();
         let trace = |r: TraceRecord| TraceRow {
             about: match (&r.interventions[..], r.kind) {
                 ([], TraceKind::Simulation) => "prediction".into(),
@@ -79,15 +127,41 @@ impl Engine {
             jobs: self.jobs().into_iter().map(job).collect(),
             videos,
             next,
-            traces: records.into_iter().take(LATEST).map(trace).collect(),
-            traces_in_all,
-            trace_bytes,
+            traces: traces.latest.into_iter().map(trace).collect(),
+            traces_in_all: traces.count,
+            trace_bytes: traces.bytes,
+        })
+    }
+
+    async fn video_row(&self, id: String, video: VideoHead) -> Result<VideoRow, EngineError> {
+        let prefix = format!("{id}/");
+        let page = PageStart { prefix: &prefix, after: &prefix, size: MOST_MODELS };
+        type Best = (usize, Option<ModelOutline>);
+        let step = |(count, best): &mut Best, row: TimedRow<ModelOutline>| {
+            *count += 1;
+            if best.as_ref().is_none_or(|best| best.revision <= row.value.revision) {
+                *best = Some(row.value);
+            }
+            if *count < MOST_MODELS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        let ((models, best), _) = self.store.fold(TableKind::Fits, page, (0, None), step).await?;
+        let error = best.as_ref().and_then(|m| m.fit.scenes.first()).map(|s| (s.rmse, s.noise_sigma));
+        Ok(VideoRow {
+            frames: video.frames,
+            objects: video.scene.objects.len(),
+            seconds: video.seconds,
+            name: video.scene.name,
+            models,
+            error,
+            added: best.and_then(|m| Some(m.record?.added?.kind)),
+            discoveries: self.discoveries(&id).await?,
+            id,
         })
     }
 
     /// The videos of each discovery that was made with this one as its first.
     async fn discoveries(&self, video: &str) -> Result<Vec<Vec<String>>, EngineError> {
-        let found = |study: &Study| matches!(study.findings, Findings::Discovery(_));
+        let found = |study: &StudyOutline| study.findings.contains_key("Discovery");
         let prefix = format!("{video}/");
         let rows = self.store.list(TableKind::Studies, &prefix, &prefix, MOST_DISCOVERIES, found).await?;
         let mut discoveries: Vec<Vec<String>> = rows.into_iter().map(|(_, study)| study.videos).collect();

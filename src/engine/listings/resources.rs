@@ -3,8 +3,8 @@
 use crate::engine::error::EngineError;
 use crate::engine::results::StoredFit;
 use crate::engine::state::Engine;
-use crate::scene::{Scene, WorldKind};
-use crate::store::{TableKind, TimedRow};
+use crate::scene::WorldKind;
+use crate::store::{Listing, PageStart, TableKind, TimedRow, VideoHead};
 use std::collections::BTreeMap;
 
 /// Stored first at or after the first and before the second time (ms after 1970).
@@ -55,61 +55,53 @@ pub struct SetupRow {
     pub created_ms: Option<u64>,
 }
 
-/// What a listing of set-ups reads of a video.
-#[derive(serde::Deserialize)]
-struct SceneSetup {
-    #[serde(default)]
-    setup: Option<String>,
-}
-
 impl Engine {
-    /// Up to `limit` videos that the filter accepts, after the id `after`, by id.
+    /// Up to `size` videos that the filter accepts, after the id `after`, by id.
     pub async fn list_videos(
         &self,
         filter: VideoFilter,
         after: &str,
-        limit: usize,
-    ) -> Result<Vec<TimedRow<Scene>>, EngineError> {
-        let keep = move |scene: &Scene, created_ms: Option<u64>| {
+        size: usize,
+    ) -> Result<Listing<VideoHead>, EngineError> {
+        let keep = move |video: &VideoHead, created_ms: Option<u64>| {
+            let scene = &video.scene;
             filter.setup.as_ref().is_none_or(|setup| scene.setup.as_ref() == Some(setup))
                 && filter.world.is_none_or(|world| scene.world == world)
                 && filter.created.holds(created_ms)
         };
-        Ok(self.store.list_with_times(TableKind::Videos, "", after, limit, keep).await?)
+        Ok(self.store.list_videos(PageStart { prefix: "", after, size }, keep).await?)
     }
 
-    /// Up to `limit` set-ups whose names begin with `prefix`, after the name `after`, by name.
+    /// Set-ups whose names begin with `prefix`, after the name `after`, by name; and how many damaged videos are left out.
     pub async fn list_setups(
         &self,
         prefix: &str,
         after: &str,
-        limit: usize,
-    ) -> Result<Vec<SetupRow>, EngineError> {
-        let wanted = prefix.to_string();
-        let keep = move |scene: &SceneSetup, _: Option<u64>| {
-            scene.setup.as_ref().is_some_and(|setup| setup.starts_with(&wanted))
-        };
-        let rows = self.store.list_with_times(TableKind::Videos, "", "", usize::MAX, keep).await?;
-        let mut setups = BTreeMap::<String, SetupRow>::new();
-        for row in rows {
-            let Some(name) = row.value.setup.filter(|name| name.as_str() > after) else { continue };
+        size: usize,
+    ) -> Result<(Vec<SetupRow>, usize), EngineError> {
+        let (prefix, after) = (prefix.to_string(), after.to_string());
+        let setups = BTreeMap::<String, SetupRow>::new();
+        let step = move |setups: &mut BTreeMap<String, SetupRow>, row: TimedRow<VideoHead>| {
+            let is_listed = |name: &String| name.starts_with(&prefix) && *name > after;
+            let Some(name) = row.value.scene.setup.filter(is_listed) else { return };
             let new = SetupRow { name: name.clone(), videos: 0, created_ms: row.created_ms };
             let setup = setups.entry(name).or_insert(new);
             setup.videos += 1;
             // `None` is before all times: the oldest of its videos may be one without.
             setup.created_ms = setup.created_ms.min(row.created_ms);
-        }
-        Ok(setups.into_values().take(limit).collect())
+        };
+        let (setups, unreadable) = self.store.fold_videos(setups, step).await?;
+        Ok((setups.into_values().take(size).collect(), unreadable))
     }
 
-    /// Up to `limit` models of a video that the filter accepts, after the one with the id `after`, by id.
+    /// Up to `size` models of a video that the filter accepts, after the one with the id `after`, by id.
     pub async fn list_models(
         &self,
         video: &str,
         filter: ModelFilter,
         after: &str,
-        limit: usize,
-    ) -> Result<Vec<TimedRow<StoredFit>>, EngineError> {
+        size: usize,
+    ) -> Result<Listing<StoredFit>, EngineError> {
         self.video(video).await?;
         let prefix = format!("{video}/");
         let after = format!("{prefix}{after}");
@@ -118,16 +110,17 @@ impl Engine {
             filter.preset.as_ref().is_none_or(|wanted| preset == Some(wanted))
                 && filter.created.holds(created_ms)
         };
-        Ok(self.store.list_with_times(TableKind::Fits, &prefix, &after, limit, keep).await?)
+        let page = PageStart { prefix: &prefix, after: &after, size };
+        Ok(self.store.list_page(TableKind::Fits, page, keep).await?)
     }
 
-    /// Up to `limit` revisions that the filter accepts, each as its first model, after the key `after`, by key.
+    /// Up to `size` revisions that the filter accepts, each as its first model, after the key `after`, by key.
     pub async fn list_revisions(
         &self,
         filter: RevisionFilter,
         after: &str,
-        limit: usize,
-    ) -> Result<Vec<TimedRow<StoredFit>>, EngineError> {
+        size: usize,
+    ) -> Result<Listing<StoredFit>, EngineError> {
         let keep = move |fit: &StoredFit, created_ms: Option<u64>| {
             let Some(record) = fit.record.as_ref().filter(|r| r.videos.first() == Some(&fit.video)) else {
                 return false;
@@ -140,7 +133,7 @@ impl Engine {
                 && filter.effect.as_ref().is_none_or(changes)
                 && filter.created.holds(created_ms)
         };
-        Ok(self.store.list_with_times(TableKind::Fits, "", after, limit, keep).await?)
+        Ok(self.store.list_page(TableKind::Fits, PageStart { prefix: "", after, size }, keep).await?)
     }
 
     /// When a video was stored first (ms after 1970).

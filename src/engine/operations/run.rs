@@ -145,7 +145,7 @@ impl Engine {
         let everyone = self.store.of_everyone();
         let mut cut = vec![];
         for (key, record) in everyone.list(TableKind::Operations, "", "", usize::MAX, running).await? {
-            let owner = self.of(&Tenant::of_key(&key).0);
+            let owner = self.of(&Tenant::of_key(&key));
             let request = owner.store.operation_result(&record.id).await?;
             // Older programs kept no request.
             let Some(request) = request.filter(|_| record.crashes < MOST_CRASHES) else { continue };

@@ -5,3 +5,4 @@ pub mod file;
 pub mod replay;
 pub mod retention;
 pub mod stored;
+pub mod upkeep;

@@ -1,7 +1,7 @@
 //! The service `Models`.
 
 use super::updates::replies;
-use super::{RpcResult, RpcStream, Services, calls, cut_page};
+use super::{RpcResult, RpcStream, Services, calls};
 use crate::api::convert::violations::model_ids_of;
 use crate::api::convert::{listing, model};
 use crate::api::status::status;
@@ -152,11 +152,14 @@ impl v1::models_server::Models for Services {
     ) -> RpcResult<v1::ListModelsResponse> {
         let owner = self.owner(&request);
         let (video, asked) = listing::models(request.into_inner()).map_err(status)?;
-        let listed = owner.list_models(&video, asked.filter, &asked.after, asked.size + 1).await;
-        let mut rows = listed.map_err(status)?;
-        let next_page_token = cut_page(&mut rows, asked.size, |row| &row.value.id);
-        let models = rows.iter().map(|row| asked.mask.apply(listing::listed_model(row))).collect();
-        Ok(Response::new(v1::ListModelsResponse { models, next_page_token }))
+        let listed = owner.list_models(&video, asked.filter, &asked.after, asked.size).await;
+        let listed = listed.map_err(status)?;
+        let models = listed.rows.iter().map(|row| asked.mask.apply(listing::listed_model(row))).collect();
+        // Its key has the video before the id.
+        let next = listed.next.as_ref().and_then(|key| key.split_once('/'));
+        let next_page_token = next.map(|(_, id)| id.to_string()).unwrap_or_default();
+        let unreadable_count = listed.unreadable as u32;
+        Ok(Response::new(v1::ListModelsResponse { models, next_page_token, unreadable_count }))
     }
 
     async fn list_revisions(
@@ -165,12 +168,12 @@ impl v1::models_server::Models for Services {
     ) -> RpcResult<v1::ListRevisionsResponse> {
         let owner = self.owner(&request);
         let asked = listing::revisions(request.into_inner()).map_err(status)?;
-        let listed = owner.list_revisions(asked.filter, &asked.after, asked.size + 1).await;
-        let mut rows = listed.map_err(status)?;
-        let next_page_token = listing::token(&cut_page(&mut rows, asked.size, |row| &row.key));
-        let revisions = rows.iter().filter_map(listing::listed_revision);
+        let listed = owner.list_revisions(asked.filter, &asked.after, asked.size).await.map_err(status)?;
+        let next_page_token = listing::token(&listed.next.unwrap_or_default());
+        let revisions = listed.rows.iter().filter_map(listing::listed_revision);
         let revisions = revisions.map(|revision| asked.mask.apply(revision)).collect();
-        Ok(Response::new(v1::ListRevisionsResponse { revisions, next_page_token }))
+        let unreadable_count = listed.unreadable as u32;
+        Ok(Response::new(v1::ListRevisionsResponse { revisions, next_page_token, unreadable_count }))
     }
 
     async fn list_effects(&self, _: Request<v1::ListEffectsRequest>) -> RpcResult<v1::ListEffectsResponse> {

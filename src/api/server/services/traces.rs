@@ -1,6 +1,6 @@
 //! The service `Traces`.
 
-use super::{RpcResult, RpcStream, Services, cut_page};
+use super::{RpcResult, RpcStream, Services};
 use crate::api::convert::trace;
 use crate::api::convert::violations::trace_id;
 use crate::api::status::status;
@@ -18,10 +18,11 @@ impl v1::traces_server::Traces for Services {
     ) -> RpcResult<v1::ListTracesResponse> {
         let owner = self.owner(&request);
         let (filter, size, after) = trace::list(request.into_inner()).map_err(status)?;
-        let mut rows = owner.traces(filter, &after, size + 1).await.map_err(status)?;
-        let next_page_token = cut_page(&mut rows, size, |record| &record.id);
-        let traces = rows.into_iter().map(trace::trace).collect();
-        Ok(Response::new(v1::ListTracesResponse { traces, next_page_token }))
+        let listed = owner.list_traces(filter, &after, size).await.map_err(status)?;
+        let next_page_token = listed.next.unwrap_or_default();
+        let unreadable_count = listed.unreadable as u32;
+        let traces = listed.rows.into_iter().map(|row| trace::trace(row.value)).collect();
+        Ok(Response::new(v1::ListTracesResponse { traces, next_page_token, unreadable_count }))
     }
 
     async fn download_trace(

@@ -50,11 +50,11 @@ impl v1::videos_server::Videos for Services {
     ) -> RpcResult<v1::ListVideosResponse> {
         let owner = self.owner(&request);
         let asked = listing::videos(request.into_inner()).map_err(status)?;
-        let listed = owner.list_videos(asked.filter, &asked.after, asked.size + 1).await;
-        let mut rows = listed.map_err(status)?;
-        let next_page_token = cut_page(&mut rows, asked.size, |row| &row.key);
-        let videos = rows.iter().map(|row| asked.mask.apply(listing::video(row))).collect();
-        Ok(Response::new(v1::ListVideosResponse { videos, next_page_token }))
+        let listed = owner.list_videos(asked.filter, &asked.after, asked.size).await.map_err(status)?;
+        let videos = listed.rows.iter().map(|row| asked.mask.apply(listing::video(row))).collect();
+        let next_page_token = listed.next.unwrap_or_default();
+        let unreadable_count = listed.unreadable as u32;
+        Ok(Response::new(v1::ListVideosResponse { videos, next_page_token, unreadable_count }))
     }
 
     async fn list_setups(
@@ -63,10 +63,14 @@ impl v1::videos_server::Videos for Services {
     ) -> RpcResult<v1::ListSetupsResponse> {
         let owner = self.owner(&request);
         let (prefix, size, after) = listing::setups(request.into_inner()).map_err(status)?;
-        let mut rows = owner.list_setups(&prefix, &after, size + 1).await.map_err(status)?;
+        let (mut rows, unreadable) = owner.list_setups(&prefix, &after, size + 1).await.map_err(status)?;
         let next_page_token = listing::token(&cut_page(&mut rows, size, |row| &row.name));
         let setups = rows.into_iter().map(listing::setup).collect();
-        Ok(Response::new(v1::ListSetupsResponse { setups, next_page_token }))
+        Ok(Response::new(v1::ListSetupsResponse {
+            setups,
+            next_page_token,
+            unreadable_count: unreadable as u32,
+        }))
     }
 
     async fn delete_video(&self, request: Request<v1::DeleteVideoRequest>) -> RpcResult<()> {

@@ -1,0 +1,87 @@
+//! The open database. It goes on after an error of the disk and after a damaged page.
+//!
+//! redb takes no more work after an error of its disk, and panics at some kinds of damage. Both end the call with a typed
+//! error, and the database is opened again if it does not work any more.
+
+use crate::store::error::{StoreError, broken, failed};
+use redb::{Database, DatabaseError, Durability, ReadableDatabase, StorageBackend, WriteTransaction};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{PoisonError, RwLock};
+
+/// Memory for pages of the database. The default of redb is 1 GiB, more than the 512 MiB of a container.
+const CACHE_BYTES: usize = 64 << 20;
+
+/// Opens or creates the database on this storage.
+pub fn database(storage: impl StorageBackend) -> Result<Database, DatabaseError> {
+    Database::builder().set_cache_size(CACHE_BYTES).create_with_backend(storage)
+}
+
+/// The start of a durable write.
+pub fn begin(db: &Database) -> Result<WriteTransaction, StoreError> {
+    let mut write = db.begin_write().map_err(failed)?;
+    write.set_durability(Durability::Immediate).map_err(failed)?;
+    // A database that a killed process left opens at once, whatever its size; each commit costs a little more for it.
+    write.set_quick_repair(true);
+    Ok(write)
+}
+
+/// What `work` returns; a panic inside redb is damage of what it reads.
+pub fn caught<T>(work: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or(Err(StoreError::Damaged { key: String::new() }))
+}
+
+type Opener = Box<dyn Fn() -> Result<Database, DatabaseError> + Send + Sync>;
+
+/// The database and how it is opened again.
+pub struct OpenDatabase {
+    opener: Opener,
+    open: RwLock<Option<Database>>,
+    /// A call waits to open the database again: long reads must end.
+    is_wanted: AtomicBool,
+}
+
+impl OpenDatabase {
+    pub fn open(opener: Opener) -> Result<OpenDatabase, DatabaseError> {
+        let open = RwLock::new(Some(opener()?));
+        Ok(OpenDatabase { opener, open, is_wanted: AtomicBool::new(false) })
+    }
+
+    /// Runs `work`. If the database then takes no more work, it is opened again for the next call.
+    pub fn run<T>(&self, work: impl FnOnce(&Database) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let result = match self.open.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            Some(db) => caught(|| work(db)),
+            None => Err(broken("the database is closed because its disk failed")),
+        };
+        if matches!(result, Err(StoreError::Failed(_) | StoreError::Full | StoreError::Damaged { .. })) {
+            self.is_wanted.store(true, Ordering::SeqCst);
+            let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
+            self.is_wanted.store(false, Ordering::SeqCst);
+            if !open.as_ref().is_some_and(is_usable) {
+                *open = None;
+                let opened = caught(|| (self.opener)().map_err(failed));
+                match (opened, &result) {
+                    (Ok(db), _) => *open = Some(db),
+                    // The first reason says more.
+                    (Err(_), Err(StoreError::Damaged { .. } | StoreError::Full)) => {}
+                    (Err(error), _) => return Err(error),
+                }
+            }
+        }
+        result
+    }
+
+    /// Whether a long read must end, so that the database can be opened again.
+    pub fn must_yield(&self) -> bool {
+        self.is_wanted.load(Ordering::SeqCst)
+    }
+}
+
+/// Whether the database still reads and writes; no other call uses it now.
+fn is_usable(db: &Database) -> bool {
+    let works = || {
+        db.begin_read().map_err(failed)?;
+        db.begin_write().map_err(failed)?.abort().map_err(failed)
+    };
+    caught(works).is_ok()
+}

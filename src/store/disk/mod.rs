@@ -1,0 +1,5 @@
+//! The disk below the store: the database's file, an open database that survives failures, and the reserve of space.
+
+pub(super) mod backend;
+pub(super) mod database;
+pub(super) mod reserve;

@@ -1,0 +1,136 @@
+//! Schemas: folders of older programs, of newer ones, and of interrupted ones.
+
+use super::*;
+use crate::store::schema::migrations::schema_of;
+use crate::store::schema::tables::{HEADS, TABLES, TIMES};
+use redb::ReadableTableMetadata;
+
+/// A folder that schema 1 wrote, with two tenants; its process was killed. It must stay as it is for ever.
+const OLD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/folder_schema_1");
+
+fn copied(to: &Path) {
+    std::fs::create_dir_all(to.join("traces")).unwrap();
+    std::fs::copy(format!("{OLD}/vrdp.redb"), to.join("vrdp.redb")).unwrap();
+    for entry in std::fs::read_dir(format!("{OLD}/traces")).unwrap() {
+        let entry = entry.unwrap();
+        std::fs::copy(entry.path(), to.join("traces").join(entry.file_name())).unwrap();
+    }
+}
+
+/// What the old folder holds: videos, models and traces of the unnamed tenant, and of `lab`.
+async fn is_whole(store: &Store) {
+    for (tenant, counts) in [(Tenant::default(), [2, 2, 3]), (Tenant::new("lab").unwrap(), [1, 1, 1])] {
+        let store = store.of(&tenant);
+        let videos = store.list_videos(all(), |_, _| true).await.unwrap();
+        for row in &videos.rows {
+            let whole = store.get::<Scene>(TableKind::Videos, &row.key).await.unwrap().unwrap();
+            assert_eq!(row.value, VideoHead::of(&whole));
+            assert!(row.created_ms.is_some() && whole.digest() == row.key);
+        }
+        let keep = |_: &serde_json::Value, _| true;
+        let models = store.list_page(TableKind::Fits, all(), keep).await.unwrap();
+        assert!(models.rows.iter().all(|row| row.created_ms.is_some()));
+        let traces = store.list_page(TableKind::Traces, all(), keep).await.unwrap();
+        let found = [videos.rows.len(), models.rows.len(), traces.rows.len()];
+        assert_eq!((found, videos.unreadable + models.unreadable + traces.unreadable), (counts, 0));
+        let files: u64 = traces.rows.iter().map(|row| row.value["size_bytes"].as_u64().unwrap()).sum();
+        assert!(store.stored_bytes().traces == files && store.stored_bytes().videos > 0);
+    }
+    assert_eq!(store.check().unwrap().faults, []);
+}
+
+#[tokio::test]
+async fn a_folder_of_schema_1_is_migrated_and_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path());
+    {
+        let unchanged = Store::open_unchanged(folder.path()).unwrap();
+        assert_eq!(unchanged.check().unwrap().faults, []);
+        assert_eq!(unchanged.db.run(|db| schema_of(db)).unwrap(), Some(1));
+        let mut archive = vec![];
+        unchanged.backup(&mut archive).unwrap();
+        let restored = folder.path().join("restored");
+        restore(archive.as_slice(), &restored).unwrap();
+        is_whole(&Store::open(&restored).unwrap()).await;
+    }
+    let store = Store::open(folder.path()).unwrap();
+    assert_eq!(store.db.run(|db| schema_of(db)).unwrap(), Some(SCHEMA_VERSION));
+    is_whole(&store).await;
+}
+
+#[tokio::test]
+async fn a_migration_that_is_killed_at_any_write_goes_on_at_the_next_start() {
+    let old = std::fs::read(format!("{OLD}/vrdp.redb")).unwrap();
+    let open = |disk: &MemoryDisk, folder: &Path| {
+        copied(folder);
+        let disk = disk.clone();
+        Store::opened(folder, move |_| database(disk.clone()), migrate)
+    };
+    let (mut before, mut after) = (0, 0);
+    for writes in 0..10_000 {
+        let disk = MemoryDisk::of(old.clone());
+        disk.faults.lock().unwrap().writes = Some(writes);
+        let folder = tempfile::tempdir().unwrap();
+        let killed = open(&disk, folder.path()).is_err();
+        // The process is gone: what was not written never will be.
+        let rest = MemoryDisk::of(disk.image());
+        match database(rest.clone()).map(|db| schema_of(&db).unwrap()) {
+            Ok(Some(1)) => before += 1,
+            Ok(Some(SCHEMA_VERSION)) => after += 1,
+            other => panic!("after {writes} writes: {other:?}"),
+        }
+        let rest = MemoryDisk::of(disk.image());
+        is_whole(&open(&rest, folder.path()).unwrap()).await;
+        if !killed {
+            break;
+        }
+    }
+    assert!(before > 0 && after > 0, "{before} before, {after} after");
+}
+
+#[test]
+fn a_newer_schema_is_refused_and_left_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    drop(Store::open(folder.path()).unwrap());
+    let db = Database::create(folder.path().join("vrdp.redb")).unwrap();
+    let write = db.begin_write().unwrap();
+    write.open_table(META).unwrap().insert("schema", SCHEMA_VERSION + 1).unwrap();
+    write.commit().unwrap();
+    drop(db);
+    let file = || std::fs::read(folder.path().join("vrdp.redb")).unwrap();
+    let before = file();
+    let newer = Store::open(folder.path()).err().unwrap();
+    assert!(matches!(newer, StoreError::Newer { found, .. } if found == SCHEMA_VERSION + 1), "{newer}");
+    assert!(file() == before);
+}
+
+#[test]
+fn a_missing_database_beside_traces_is_refused() {
+    for is_empty in [true, false] {
+        let folder = tempfile::tempdir().unwrap();
+        copied(folder.path());
+        let database = folder.path().join("vrdp.redb");
+        match is_empty {
+            true => std::fs::write(&database, b"").unwrap(),
+            false => std::fs::remove_file(&database).unwrap(),
+        }
+        let refused = Store::open(folder.path()).err().unwrap();
+        assert!(matches!(refused, StoreError::DatabaseGone { .. }), "{refused}");
+        assert!(refused.to_string().contains("vrdp data restore"), "{refused}");
+    }
+}
+
+#[test]
+fn the_times_of_rows_stand_in_their_heads() {
+    let folder = tempfile::tempdir().unwrap();
+    copied(folder.path());
+    let store = Store::open(folder.path()).unwrap();
+    let counted = |db: &Database| {
+        let read = db.begin_read().unwrap();
+        assert!(read.open_table(TIMES).is_err());
+        let rows = TABLES.map(|kind| read.open_table(kind.table()).unwrap().len().unwrap());
+        Ok((rows.iter().sum::<u64>(), read.open_table(HEADS).unwrap().len().unwrap()))
+    };
+    let (rows, heads) = store.db.run(counted).unwrap();
+    assert!(rows == heads && rows > 8, "{rows} rows, {heads} heads");
+}
