@@ -216,6 +216,11 @@ impl Tenant {
         self.prefix.is_empty()
     }
 
+    /// Its name; empty for the unnamed tenant.
+    pub fn name(&self) -> &str {
+        self.prefix.trim_start_matches('~').trim_end_matches('/')
+    }
+
     fn owns(&self, key: &str) -> bool {
         if self.is_unnamed() { !key.starts_with('~') } else { key.starts_with(&*self.prefix) }
     }

@@ -14,6 +14,7 @@ mod import;
 mod listings;
 mod operations;
 mod pages;
+mod process;
 mod reflection;
 mod revise;
 mod security;
