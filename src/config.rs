@@ -2,8 +2,9 @@
 //! refused.
 
 mod certificate;
+mod reload;
 
-use crate::api::{Security, ServerLimits, Tokens};
+use crate::api::{PortLimits, ReadinessLimits, Security, ServerLimits, Tls, TlsError, Tokens};
 use crate::engine::{Capacity, ChatSettings, Quota, Retention};
 use figment::Figment;
 use figment::providers::{Env, Format, Serialized};
@@ -13,20 +14,20 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use tonic::transport::{Certificate, Identity, Server, ServerTlsConfig};
 
 pub use certificate::{NO_AUTHORITY, certificate_problem, is_authority, key_problem, pem_text};
+pub use reload::reload_security;
 
 /// How much later than the engine's limit the server ends a call: the error of the engine says more.
 const TIMEOUT_MARGIN: Duration = Duration::from_secs(10);
-/// Longest TLS handshake.
-const HANDSHAKE: Duration = Duration::from_secs(10);
 /// The longest limit of a job (s): a year, as good as none.
 const LONGEST_TIMEOUT_S: u64 = 365 * 86_400;
 /// Longest wait for a language model's program (s).
 const PARSER_TIMEOUT_S: u64 = 30;
 /// Space for some deletions: each writes a few pages, and the map of free pages of a database of some 10 GiB.
 const RESERVE_BYTES: u64 = 16 << 20;
+/// Bytes in flight of a command that runs the service by itself: its own memory is the limit.
+const OWN_BYTES: usize = 1 << 30;
 /// The default address of the HTTP port.
 pub const DEFAULT_HTTP: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8080);
 
@@ -41,7 +42,9 @@ pub struct Config {
     pub http: Option<SocketAddr>,
     /// Serve beyond loopback although not everything is encrypted and authenticated.
     pub insecure: bool,
-    /// PEM files: the certificate chain and its key; with an authority, clients need a certificate that it signed.
+    /// Host names, with commas, under which the HTTP port may be opened, beside `localhost` and addresses.
+    pub http_hosts: String,
+    /// PEM files, for both ports: the certificate chain and its key; with an authority, clients need a certificate that it signed.
     pub tls_cert: Option<PathBuf>,
     pub tls_key: Option<PathBuf>,
     pub tls_client_ca: Option<PathBuf>,
@@ -65,6 +68,16 @@ pub struct Config {
     pub tenant_trace_bytes: u64,
     /// Bytes of the disk that are kept back, so that deletions work when it is full; 0: none.
     pub reserve_bytes: u64,
+    /// Most connections of each port; 0: as many as the limit of open files leaves room for.
+    pub connections: usize,
+    /// Bytes of requests that arrive or wait; decoded, they take about four times as much memory.
+    pub request_bytes: usize,
+    /// Bytes of replies that are not sent yet.
+    pub reply_bytes: usize,
+    /// The service is not ready while the disk of the data folder has fewer free bytes.
+    pub min_free_bytes: u64,
+    /// The service is not ready while its oldest queued job has waited longer (s).
+    pub max_wait_s: u64,
     /// Filter, such as `info` or `vrdp=debug`.
     pub log: String,
     pub log_json: bool,
@@ -94,6 +107,7 @@ impl Default for Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 50051)),
             http: Some(DEFAULT_HTTP),
             insecure: false,
+            http_hosts: String::new(),
             tls_cert: None,
             tls_key: None,
             tls_client_ca: None,
@@ -107,6 +121,11 @@ impl Default for Config {
             tenant_video_bytes: 0,
             tenant_trace_bytes: 0,
             reserve_bytes: RESERVE_BYTES,
+            connections: 0,
+            request_bytes: 64 << 20,
+            reply_bytes: 128 << 20,
+            min_free_bytes: 64 << 20,
+            max_wait_s: 300,
             log: "info".into(),
             log_json: false,
             otlp: String::new(),
@@ -147,8 +166,8 @@ pub enum ConfigError {
     #[error("configuration: {key} is {value}; it must be {allowed}")]
     Range { key: &'static str, value: u64, allowed: &'static str },
     #[error(
-        "{0} can be reached from other machines; give --tls-cert and --tls-key, and --tokens or --tls-client-ca (the \
-         HTTP port has no encryption), or listen on loopback, or accept the risk with --insecure"
+        "{0} can be reached from other machines; give --tls-cert and --tls-key, and --tokens or --tls-client-ca, or \
+         listen on loopback, or accept the risk with --insecure"
     )]
     Exposed(SocketAddr),
     #[error("configuration: {key} is given without {needs}")]
@@ -229,7 +248,13 @@ impl Config {
     /// The settings of a command that runs the service by itself: nobody else waits for its threads, so that a job ends only
     /// where the environment sets a limit.
     pub fn for_command(flags: Flags) -> Result<Config, ConfigError> {
-        Config { request_timeout_s: LONGEST_TIMEOUT_S, ..Config::default() }.overridden(None, flags)
+        Config {
+            request_timeout_s: LONGEST_TIMEOUT_S,
+            request_bytes: OWN_BYTES,
+            reply_bytes: OWN_BYTES,
+            ..Config::default()
+        }
+        .overridden(None, flags)
     }
 
     /// These settings, those of the file, the environment and the flags on top.
@@ -258,6 +283,12 @@ impl Config {
         within("workers", self.workers as u64, 1, 1024, "1 to 1024")?;
         within("queue", self.queue as u64, 0, 100_000, "0 to 100000")?;
         within("request_timeout_s", self.request_timeout_s, 1, LONGEST_TIMEOUT_S, "1 to 31536000")?;
+        within("connections", self.connections as u64, 0, 100_000, "0 to 100000")?;
+        let request_limit = 2 * ServerLimits::default().request_bytes as u64;
+        within("request_bytes", self.request_bytes as u64, request_limit, u64::MAX, "33554432 or more")?;
+        let reply_limit = 2 * ServerLimits::default().reply_bytes as u64;
+        within("reply_bytes", self.reply_bytes as u64, reply_limit, u64::MAX, "134217728 or more")?;
+        within("max_wait_s", self.max_wait_s, 1, LONGEST_TIMEOUT_S, "1 to 31536000")?;
         for (key, given, needs, other) in [
             ("tls_cert", &self.tls_cert, "tls_key", &self.tls_key),
             ("tls_key", &self.tls_key, "tls_cert", &self.tls_cert),
@@ -268,12 +299,21 @@ impl Config {
             }
         }
         let open = |address: &SocketAddr| !self.insecure && !address.ip().is_loopback();
-        let known = self.tokens.is_some() || self.tls_client_ca.is_some();
-        let listen = (!(self.tls_cert.is_some() && known)).then_some(self.listen);
-        if let Some(exposed) = [listen, self.http].into_iter().flatten().find(open) {
-            return Err(ConfigError::Exposed(exposed));
+        match [Some(self.listen), self.http].into_iter().flatten().find(open) {
+            Some(exposed) if !self.is_secure() => Err(ConfigError::Exposed(exposed)),
+            _ => Ok(()),
         }
-        Ok(())
+    }
+
+    /// Whether everything is encrypted and every caller is known.
+    fn is_secure(&self) -> bool {
+        self.tls_cert.is_some() && (self.tokens.is_some() || self.tls_client_ca.is_some())
+    }
+
+    /// The addresses that other machines reach although not everything is encrypted and authenticated.
+    pub fn exposed(&self) -> Vec<SocketAddr> {
+        let addresses = [Some(self.listen), self.http].into_iter().flatten();
+        addresses.filter(|address| !self.is_secure() && !address.ip().is_loopback()).collect()
     }
 
     pub fn capacity(&self) -> Capacity {
@@ -328,25 +368,21 @@ impl Config {
             if is_authority(&certificate) {
                 tracing::warn!(file = %cert.display(), "tls_cert: {NO_AUTHORITY}");
             }
-            let identity = Identity::from_pem(certificate, checked("tls_key", key, key_problem)?);
-            let usable = |tls: ServerTlsConfig, key: &'static str, path: &Path| {
-                let wrong = |error: tonic::transport::Error| {
-                    let words =
-                        std::error::Error::source(&error).map_or(error.to_string(), |e| e.to_string());
-                    let problem = match words.contains("KeyMismatch") {
-                        true => "is not the certificate of tls_key; give a certificate and the key it was made with".into(),
-                        false => words,
-                    };
-                    ConfigError::File { key, path: path.into(), problem }
-                };
-                Server::builder().tls_config(tls.clone()).map(|_| tls).map_err(wrong)
+            let key_text = checked("tls_key", key, key_problem)?;
+            let authority = match &self.tls_client_ca {
+                Some(ca) => Some((ca, checked("tls_client_ca", ca, certificate_problem)?)),
+                None => None,
             };
-            let tls = ServerTlsConfig::new().identity(identity).timeout(HANDSHAKE);
-            let mut tls = usable(tls, "tls_cert", cert)?;
-            if let Some(ca) = &self.tls_client_ca {
-                let root = Certificate::from_pem(checked("tls_client_ca", ca, certificate_problem)?);
-                tls = usable(tls.client_ca_root(root), "tls_client_ca", ca)?;
-            }
+            let pem = authority.as_ref().map(|(_, pem)| pem.as_str());
+            let tls = Tls::from_pem(&certificate, &key_text, pem).map_err(|error| {
+                let problem = error.to_string();
+                match (error, &authority) {
+                    (TlsError::Authority(_), Some((ca, _))) => {
+                        ConfigError::File { key: "tls_client_ca", path: ca.to_path_buf(), problem }
+                    }
+                    _ => ConfigError::File { key: "tls_cert", path: cert.clone(), problem },
+                }
+            })?;
             security.tls = Some(tls);
         }
         if let Some(path) = &self.tokens {
@@ -359,6 +395,23 @@ impl Config {
 
     pub fn limits(&self) -> ServerLimits {
         ServerLimits { timeout: self.capacity().job_timeout + TIMEOUT_MARGIN, ..ServerLimits::default() }
+    }
+
+    /// Limits of both ports together.
+    pub fn port_limits(&self) -> PortLimits {
+        let usual = PortLimits::default();
+        let hosts = self.http_hosts.split(',').map(str::trim).filter(|host| !host.is_empty());
+        PortLimits {
+            connections: if self.connections == 0 { usual.connections } else { self.connections },
+            request_bytes: self.request_bytes,
+            reply_bytes: self.reply_bytes,
+            hosts: hosts.map(String::from).collect(),
+            readiness: ReadinessLimits {
+                data_dir: Some(self.data_dir.clone()),
+                free_bytes: self.min_free_bytes,
+                oldest_wait: Duration::from_secs(self.max_wait_s),
+            },
+        }
     }
 }
 
@@ -439,6 +492,12 @@ mod tests {
         check("http = '127.0.0.1:9'", Flags::default(), Ok(|c: &Config| c.http.unwrap().port() == 9));
         check("http = '127.0.0.1:9'", http(""), Ok(|c: &Config| c.http.is_none()));
         check("", http("0.0.0.0:1"), Err::<Never, _>("0.0.0.0:1"));
+        let secured = "tls_cert = 'a'\ntls_key = 'b'\ntokens = 'c'";
+        check(secured, http("0.0.0.0:1"), Ok(|c: &Config| c.exposed().is_empty()));
+        check("request_bytes = 7", Flags::default(), Err::<Never, _>("request_bytes is 7"));
+        let hosts =
+            |c: &Config| c.port_limits().hosts == ["a.example", "b"] && c.port_limits().connections > 15;
+        check("http_hosts = 'a.example, b'", Flags::default(), Ok(hosts));
         check("tls_cert = 'a'", Flags::default(), Err::<Never, _>("tls_key"));
         let tls = "tls_cert = 'a'\ntls_key = 'b'\n";
         check(tls, listen("0.0.0.0:1"), Err::<Never, _>("--tokens"));

@@ -5,13 +5,16 @@ mod http;
 mod server;
 mod status;
 
-pub use self::http::router::serve_http;
+pub use self::http::serve_http::serve_http;
 pub(crate) use convert::ingest::camera::camera_message;
 pub(crate) use convert::ingest::detections::linking_message;
 pub use convert::ingest::new_video::new_video;
 pub(crate) use convert::ingest::stills::still_message;
 pub use convert::video::{scene_from_message, video_message};
-pub use server::auth::{Security, TokenError, Tokens};
+pub use server::auth::{LiveSecurity, Security, TokenError, Tokens};
+pub use server::connections::tls::{Tls, TlsError};
+pub use server::port_context::{PortContext, PortLimits};
+pub use server::readiness::ReadinessLimits;
 pub use server::serve::{ServeError, ServerLimits, serve};
 
 /// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.

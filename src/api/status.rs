@@ -7,6 +7,7 @@ use crate::fit::FitError;
 use crate::reason::ReasonError;
 use crate::scene::Violation;
 use crate::store::StoreError;
+use http::HeaderMap;
 use std::collections::HashMap;
 use std::time::Duration;
 use tonic::metadata::MetadataValue;
@@ -15,6 +16,8 @@ use tonic_types::{ErrorDetails, FieldViolation, StatusExt};
 
 /// Of `ErrorInfo`.
 const DOMAIN: &str = "vrdp";
+/// The field that retrying clients read: milliseconds, or -1 for never.
+const PUSHBACK: &str = "grpc-retry-pushback-ms";
 /// How long a refused caller should wait: about the duration of one fit.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
 
@@ -26,7 +29,12 @@ const VIOLATION_BYTES: usize = 3_600;
 const DESCRIPTION_BYTES: usize = 400;
 const VIOLATION_OVERHEAD: usize = 8;
 
-/// The status of an error. Retriable: RESOURCE_EXHAUSTED with a `RetryInfo` (after it) and UNAVAILABLE.
+const STORAGE_FAILED: &str = "storage failed; the data folder of the service may be full or not writable (its log says more); \
+                              try again when that is mended";
+const RECORDING_FAILED: &str =
+    "the trace cannot be written (the log of the service says why); ask for fewer frames or rollouts";
+
+/// The status of an error. Retriable: RESOURCE_EXHAUSTED (after its `RetryInfo`) and UNAVAILABLE.
 pub fn status(error: EngineError) -> Status {
     let message = short(error.to_string());
     match error {
@@ -36,16 +44,8 @@ pub fn status(error: EngineError) -> Status {
             details.set_resource_info("", name, "", "does not exist");
             Status::with_error_details(Code::NotFound, message, details)
         }
-        EngineError::Overloaded { .. } | EngineError::ShareFull { .. } => {
-            let is_own = matches!(error, EngineError::ShareFull { .. });
-            let mut details = info(if is_own { "SHARE_FULL" } else { "OVERLOADED" });
-            details.set_retry_info(Some(RETRY_AFTER));
-            let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
-            // Clients that retry by themselves read this field, not the details.
-            let wait = MetadataValue::from(RETRY_AFTER.as_millis() as u64);
-            status.metadata_mut().insert("grpc-retry-pushback-ms", wait);
-            status
-        }
+        EngineError::Overloaded { .. } => busy(message, "OVERLOADED"),
+        EngineError::ShareFull { .. } => busy(message, "SHARE_FULL"),
         EngineError::Cancelled => plain(Code::Cancelled, message, "CANCELLED"),
         EngineError::DeadlineExceeded => plain(Code::DeadlineExceeded, message, "DEADLINE_EXCEEDED"),
         EngineError::Internal { id, .. } => {
@@ -55,7 +55,10 @@ pub fn status(error: EngineError) -> Status {
         }
         EngineError::Store(error) => storage(&error, message),
         EngineError::NotFinite { .. } => plain(Code::OutOfRange, message, "NOT_FINITE"),
-        EngineError::Recording(_) => plain(Code::Internal, message, "RECORDING"),
+        EngineError::Recording(_) => {
+            tracing::error!(message, "a trace cannot be written");
+            plain(Code::Internal, RECORDING_FAILED.into(), "RECORDING")
+        }
         EngineError::Damaged { .. } => plain(Code::DataLoss, message, "TRACE_DAMAGED"),
         EngineError::Fit(FitError::Stopped(_))
         | EngineError::Reason(ReasonError::Stopped(_))
@@ -104,7 +107,7 @@ fn storage(error: &StoreError, message: String) -> Status {
             let details = ErrorDetails::with_error_info("QUOTA", DOMAIN, about);
             let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
             // Clients that retry by themselves do not: only a deletion helps.
-            status.metadata_mut().insert("grpc-retry-pushback-ms", MetadataValue::from_static("-1"));
+            status.metadata_mut().insert(PUSHBACK, MetadataValue::from_static("-1"));
             status
         }
         StoreError::Full => {
@@ -112,8 +115,9 @@ fn storage(error: &StoreError, message: String) -> Status {
             plain(Code::Unavailable, message, "STORAGE_FULL")
         }
         _ => {
+            // Callers need not know where the service keeps its files.
             tracing::error!(message, "storage failed");
-            plain(Code::Unavailable, message, "STORAGE")
+            plain(Code::Unavailable, STORAGE_FAILED.into(), "STORAGE")
         }
     }
 }
@@ -134,6 +138,55 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         _ => ("lessons", "INVALID"),
     };
     refused(reason, vec![Violation { path: path.into(), message }])
+}
+
+/// A refusal for want of room: the same request may succeed later.
+pub fn busy(message: String, reason: &str) -> Status {
+    let mut details = info(reason);
+    details.set_retry_info(Some(RETRY_AFTER));
+    let mut status = Status::with_error_details(Code::ResourceExhausted, short(message), details);
+    // Clients that retry by themselves read this field, not the details.
+    let wait = MetadataValue::from(RETRY_AFTER.as_millis() as u64);
+    status.metadata_mut().insert(PUSHBACK, wait);
+    status
+}
+
+/// The refusal of a message that is larger than allowed. RESOURCE_EXHAUSTED is what gRPC's own libraries return; clients that
+/// retry by themselves are asked not to.
+pub fn too_large(message: String) -> Status {
+    let mut status = plain(Code::ResourceExhausted, short(message), "TOO_LARGE");
+    status.metadata_mut().insert(PUSHBACK, MetadataValue::from(-1));
+    status
+}
+
+/// The refusal of bytes that are no message.
+pub fn malformed(problem: &str) -> Status {
+    let message = format!(
+        "cannot be read ({problem}); send it as proto/vrdp/v1 describes it, in Protobuf's binary form"
+    );
+    refused("MALFORMED", vec![Violation { path: "message".into(), message }])
+}
+
+/// Replaces a status that the transport made without knowing what is ours: it blames the service for bytes of the caller, and
+/// gives a size that is too large a code that no other gRPC library uses.
+pub fn clarify(fields: &mut HeaderMap) {
+    if fields.contains_key(Status::GRPC_STATUS_DETAILS) {
+        return;
+    }
+    let code = fields.get(Status::GRPC_STATUS).map(|code| Code::from_bytes(code.as_bytes()));
+    if !matches!(code, Some(Code::Internal | Code::OutOfRange)) {
+        return;
+    }
+    let Some(found) = Status::from_header_map(fields) else { return };
+    let clear = match found.code() {
+        Code::Internal => malformed(found.message()),
+        _ => too_large(format!("{}; ask for less, such as fewer frames or a smaller page", found.message())),
+    };
+    for name in [Status::GRPC_STATUS, Status::GRPC_MESSAGE] {
+        fields.remove(name);
+    }
+    // If it cannot be encoded, the client sees a reply without a status, which is an error too.
+    let _ = clear.add_header(fields);
 }
 
 /// The reason in `ErrorInfo`, by which a program distinguishes errors.
@@ -226,6 +279,32 @@ mod tests {
     fn header_bytes(status: Status) -> usize {
         let response = status.into_http::<()>();
         response.headers().iter().map(|(name, value)| name.as_str().len() + value.len() + 32).sum()
+    }
+
+    #[test]
+    fn callers_do_not_learn_where_the_service_keeps_its_files() {
+        let failed = StoreError::Failed("/srv/secret/vrdp.redb: No space left on device".into());
+        let unusable = StoreError::Unusable { path: "/srv/secret".into(), cause: "gone".into() };
+        for error in [failed.into(), unusable.into(), EngineError::Recording("/srv/secret/t.mcap".into())] {
+            let status = status(error);
+            assert!(!status.message().contains("/srv"), "{status:?}");
+        }
+    }
+
+    #[test]
+    fn what_the_transport_says_is_said_as_other_services_do() {
+        let clear = |status: Status| {
+            let mut fields = HeaderMap::new();
+            status.add_header(&mut fields).unwrap();
+            clarify(&mut fields);
+            Status::from_header_map(&fields).unwrap()
+        };
+        let garbage = clear(Status::internal("invalid wire type"));
+        assert_eq!(garbage.code(), Code::InvalidArgument);
+        assert_eq!(garbage.get_details_error_info().unwrap().reason, "MALFORMED");
+        assert_eq!(clear(Status::out_of_range("too long")).code(), Code::ResourceExhausted);
+        let ours = clear(status(EngineError::Internal { id: "x".into(), message: String::new() }));
+        assert_eq!(ours.code(), Code::Internal);
     }
 
     #[test]

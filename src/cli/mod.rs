@@ -11,7 +11,7 @@ use clap::{Parser, Subcommand};
 use commands::demo;
 use commands::files::{calibrate, convert, import, replay, trace};
 use commands::scene::{ask, fit, parse, score, simulate};
-use commands::service::{data, effects, health, operations, serve};
+use commands::service::{certs, data, effects, health, operations, serve};
 use commands::study::{compare, diagnose, discover, report, revise, show};
 use commands::words::{learn, show as words};
 use connection::Target;
@@ -50,11 +50,13 @@ fn check(target: &Target, command: &Command) -> Result<(), Failure> {
         | Command::Replay(_)
         | Command::Convert(_)
         | Command::Data(_)
+        | Command::Certs(_)
         | Command::Health => true,
         _ => target.server.is_some(),
     });
     let unused = match command {
         Command::Serve(_) | Command::Data(_) => remote,
+        Command::Certs(_) => remote.or(folder),
         Command::Demo(_) | Command::Trace(_) | Command::Replay(_) | Command::Convert(_) => remote.or(folder),
         Command::Health => folder,
         _ if target.server.is_some() => folder,
@@ -77,6 +79,8 @@ fn check(target: &Target, command: &Command) -> Result<(), Failure> {
 enum Command {
     /// Runs the service until SIGTERM.
     Serve(serve::ServeArgs),
+    /// Makes an authority and a certificate of a service, for trials.
+    Certs(certs::CertsArgs),
     /// Runs all steps on real scenes: fit, predict, answer, find a hidden effect, write a report.
     Demo(demo::DemoArgs),
     /// Fits a model to each scene.
@@ -178,6 +182,7 @@ async fn run(target: Target, command: Command) -> Result<(), Failure> {
     let target = &target.or_environment(|name| std::env::var_os(name));
     match command {
         Command::Serve(args) => serve::run(target, args).await,
+        Command::Certs(args) => certs::run(&args),
         Command::Demo(args) => demo::run(args).await,
         Command::Fit(args) => fit::run(target, args).await,
         Command::Simulate(args) => simulate::run(target, args).await,

@@ -77,6 +77,11 @@ pub enum RecordingError {
         "the file is damaged from byte {from} to byte {to}: {what}; `vrdp trace verify` lists the missing messages"
     )]
     Damaged { from: u64, to: u64, what: String },
+    #[error(
+        "reading the file takes more work than {most} bytes, the most for a file of {size} bytes: its parts overlap or unpack to \
+         far more than a trace holds; it is no trace of vrdp, or was made to keep its reader busy"
+    )]
+    TooMuchWork { size: u64, most: u64 },
     #[error("the trace has no {what}; only traces of vrdp can be simulated again")]
     Missing { what: &'static str },
     #[error("the recorded request cannot be simulated: {0}")]

@@ -39,12 +39,21 @@ impl<R: Read + Seek> TraceReader<R> {
             return Err(RecordingError::NoTrace);
         }
         match Summary::read(&mut file)? {
-            Ok(summary) => Ok(TraceReader { file, summary }),
+            Ok(summary) => {
+                // A replay may read the file as often as it likes.
+                file.allow_passes(None);
+                Ok(TraceReader { file, summary })
+            }
             Err(what) => {
                 let to = file.size;
                 Err(RecordingError::Damaged { from: 0, to, what })
             }
         }
+    }
+
+    /// From here on, as much work is allowed as that many passes over the file need.
+    pub fn allow_passes(&mut self, passes: u64) {
+        self.file.allow_passes(Some(passes));
     }
 
     pub fn size_bytes(&self) -> u64 {
@@ -116,7 +125,9 @@ impl<R: Read + Seek> TraceReader<R> {
                 || c.message_index_offsets.keys().any(|id| ids.contains(id));
             on_topic && c.message_start_time <= to && c.message_end_time >= from
         });
-        let chunks = chunks.map(|c| c.chunk_start_offset).collect();
+        // An index may name a chunk many times; its messages are read once.
+        let mut known = BTreeSet::new();
+        let chunks = chunks.map(|c| c.chunk_start_offset).filter(|at| known.insert(*at)).collect();
         Messages { reader: self, topics, from, to, chunks, ready: VecDeque::new() }
     }
 

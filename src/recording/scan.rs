@@ -1,7 +1,8 @@
 //! Walks a trace file record by record without trusting it: whole records are returned, damage is reported.
 //!
 //! Rules: no length is followed beyond [`MAX_RECORD`] or the end of the file, and no chunk is unpacked before its checksum
-//! holds. After damage the scan continues at the next byte where a record certainly starts: a chunk or attachment whose
+//! holds. Reading, checking and unpacking a file have a budget in proportion to its size ([`WORK_FACTOR`]), so that no file costs
+//! more than a trace of its size can. After damage the scan continues at the next byte where a record certainly starts: a chunk or attachment whose
 //! checksum holds, or the end of the data.
 
 use super::RecordingError;
@@ -19,6 +20,11 @@ use std::io::{Read, Seek, SeekFrom};
 pub const MAX_RECORD: u64 = 64 << 20;
 /// Largest window of a zstd frame (bytes): what `zstd --ultra -22` uses.
 const MAX_WINDOW: u64 = 128 << 20;
+/// Bytes that may be read, checked or unpacked for each byte of a file, and beside it: our traces need 10 or fewer.
+const WORK_FACTOR: u64 = 16;
+const WORK_BASE: u64 = 256 << 20;
+/// What one record costs beside its bytes, in bytes that are read.
+const RECORD_COST: u64 = 64;
 /// Bytes that are read at a time.
 const BLOCK: usize = 256 << 10;
 /// Bytes before a record's body: opcode and length.
@@ -33,12 +39,32 @@ pub struct FileWindow<R> {
     pub size: u64,
     start: u64,
     bytes: Vec<u8>,
+    /// Bytes that were read, checked or unpacked, and the most that may be.
+    work: u64,
+    most_work: u64,
 }
 
 impl<R: Read + Seek> FileWindow<R> {
     pub fn new(mut source: R) -> Result<Self, RecordingError> {
         let size = source.seek(SeekFrom::End(0))?;
-        Ok(FileWindow { source, size, start: 0, bytes: Vec::new() })
+        let most_work = WORK_FACTOR.saturating_mul(size).saturating_add(WORK_BASE);
+        Ok(FileWindow { source, size, start: 0, bytes: Vec::new(), work: 0, most_work })
+    }
+
+    /// From here on as much work is allowed as that many passes over the whole file need; `None`: any number.
+    pub fn allow_passes(&mut self, passes: Option<u64>) {
+        let one = WORK_FACTOR.saturating_mul(self.size).saturating_add(WORK_BASE);
+        self.work = 0;
+        self.most_work = passes.map_or(u64::MAX, |passes| one.saturating_mul(passes));
+    }
+
+    /// Counts work before it is done.
+    fn work(&mut self, bytes: u64) -> Result<(), RecordingError> {
+        self.work = self.work.saturating_add(bytes);
+        match self.work > self.most_work {
+            true => Err(RecordingError::TooMuchWork { size: self.size, most: self.most_work }),
+            false => Ok(()),
+        }
     }
 
     /// The bytes `at..at + len`, less where the file ends.
@@ -46,7 +72,9 @@ impl<R: Read + Seek> FileWindow<R> {
         let left = usize::try_from(self.size.saturating_sub(at)).unwrap_or(usize::MAX);
         let len = len.min(left);
         if at < self.start || at + len as u64 > self.start + self.bytes.len() as u64 {
-            self.bytes.resize(len.max(BLOCK).min(left), 0);
+            let wanted = len.max(BLOCK).min(left);
+            self.work(wanted as u64)?;
+            self.bytes.resize(wanted, 0);
             self.start = at;
             self.source.seek(SeekFrom::Start(at))?;
             self.source.read_exact(&mut self.bytes)?;
@@ -60,7 +88,14 @@ impl<R: Read + Seek> FileWindow<R> {
     }
 
     fn checksum(&mut self, from: u64, to: u64) -> Result<u32, RecordingError> {
-        let (mut hasher, mut at) = (Hasher::new(), from);
+        let mut hasher = Hasher::new();
+        self.hash(&mut hasher, from, to)?;
+        Ok(hasher.finalize())
+    }
+
+    fn hash(&mut self, hasher: &mut Hasher, from: u64, to: u64) -> Result<(), RecordingError> {
+        self.work(to.saturating_sub(from))?;
+        let mut at = from;
         while at < to {
             let block = self.get(at, BLOCK.min((to - at) as usize))?;
             if block.is_empty() {
@@ -69,7 +104,7 @@ impl<R: Read + Seek> FileWindow<R> {
             hasher.update(block);
             at += block.len() as u64;
         }
-        Ok(hasher.finalize())
+        Ok(())
     }
 
     /// Length of the record at `at`, or the reason why there is none.
@@ -95,6 +130,9 @@ impl<R: Read + Seek> FileWindow<R> {
             Ok(length) => length,
             Err(why) => return Ok(Err(why.into())),
         };
+        let bytes = self.get(at, (HEAD + length) as usize)?;
+        let unpacked = unpacked_size(bytes);
+        self.work(HEAD + length + RECORD_COST + unpacked)?;
         let bytes = self.get(at, (HEAD + length) as usize)?;
         let (opcode, body) = match bytes.split_at_checked(HEAD as usize) {
             Some((head, body)) => (head.first().copied().unwrap_or_default(), body),
@@ -124,6 +162,16 @@ impl<R: Read + Seek> FileWindow<R> {
         }
         Ok(self.size)
     }
+}
+
+/// Bytes that a chunk says to unpack to; those of another record are its own.
+fn unpacked_size(record: &[u8]) -> u64 {
+    let size = || {
+        let body = record.strip_prefix(&[op::CHUNK])?.get(HEAD as usize - 1..)?;
+        Some(u64::from_le_bytes(body.get(16..24)?.try_into().ok()?))
+    };
+    // More is refused without unpacking.
+    size().filter(|size| *size <= MAX_RECORD).unwrap_or(0)
 }
 
 /// A record whose checksum holds, if its kind has one.
@@ -181,14 +229,18 @@ fn unpacked(opcode: u8, body: &[u8]) -> mcap::McapResult<Vec<Record<'static>>> {
         .with_record_length_limit(MAX_RECORD as usize);
     let mut reader = LinearReader::new_with_options(options);
     let head = [&[opcode][..], &(body.len() as u64).to_le_bytes()].concat();
-    let (mut records, mut parts) = (vec![], [head.as_slice(), body].into_iter().flatten().copied());
+    let (mut records, mut parts) = (vec![], [head.as_slice(), body]);
     while let Some(event) = reader.next_event() {
         match event? {
             LinearReadEvent::ReadRequest(wanted) => {
-                let part: Vec<u8> = parts.by_ref().take(wanted).collect();
-                let space = reader.insert(part.len());
-                space.iter_mut().zip(&part).for_each(|(to, from)| *to = *from);
-                reader.notify_read(part.len());
+                let Some(part) = parts.iter_mut().find(|part| !part.is_empty()) else {
+                    reader.notify_read(0);
+                    continue;
+                };
+                let (now, later) = part.split_at(wanted.min(part.len()));
+                reader.insert(now.len()).copy_from_slice(now);
+                reader.notify_read(now.len());
+                *part = later;
             }
             LinearReadEvent::Record { opcode, data } => {
                 records.push(mcap::parse_record(opcode, data)?.into_owned());
@@ -314,16 +366,18 @@ pub fn scan<R: Read + Seek>(
     source: R,
     take: &mut dyn FnMut(ScannedItem),
 ) -> Result<ScanReport, RecordingError> {
-    let mut file = FileWindow::new(source)?;
+    scan_window(&mut FileWindow::new(source)?, take)
+}
+
+fn scan_window<R: Read + Seek>(
+    file: &mut FileWindow<R>,
+    take: &mut dyn FnMut(ScannedItem),
+) -> Result<ScanReport, RecordingError> {
     let mut report = ScanReport { bytes: file.size, ..ScanReport::default() };
-    let summary = Summary::read(&mut file)?;
+    let summary = Summary::read(file)?;
     let known = summary.as_ref().ok();
-    let mut topics: BTreeMap<u16, String> =
-        known.into_iter().flat_map(|s| &s.channels).map(|(id, c)| (*id, c.topic.clone())).collect();
-    report.stated = known.and_then(|s| s.statistics.as_ref()).map(|s| {
-        let named = |(id, n): (&u16, &u64)| Some((topics.get(id)?.clone(), *n));
-        s.channel_message_counts.iter().filter_map(named).collect()
-    });
+    let mut topics = report.topics(known);
+    let mut data = DataChecksum::default();
     let mut at = mcap::MAGIC.len() as u64;
     if !file.is_magic(0)? {
         let certain = file.next_certain(0)?;
@@ -357,7 +411,7 @@ pub fn scan<R: Read + Seek>(
             }
             WholeRecord::Other(Record::DataEnd(end)) => {
                 // 0: the file has no such checksum.
-                if end.data_section_crc != 0 && file.checksum(0, at)? != end.data_section_crc {
+                if end.data_section_crc != 0 && data.until(file, at)? != end.data_section_crc {
                     report.damaged(0, at, "the checksum of all data is wrong");
                 }
             }
@@ -371,6 +425,7 @@ pub fn scan<R: Read + Seek>(
         }
         at = next;
     }
+    topics.into_values().for_each(|topic| report.count(topic));
     if !ended {
         report.damaged(file.size, file.size, "the end of the file is missing");
     }
@@ -378,6 +433,36 @@ pub fn scan<R: Read + Seek>(
         report.damaged(at.min(file.size), file.size, what);
     }
     Ok(report)
+}
+
+/// The messages of a channel so far. They are counted by channel, as comparing long topics for every message takes time.
+struct CountedTopic {
+    topic: String,
+    messages: u64,
+}
+
+impl CountedTopic {
+    fn new(topic: &str) -> CountedTopic {
+        CountedTopic { topic: topic.to_string(), messages: 0 }
+    }
+}
+
+/// The checksum of all bytes up to a place, from one place to the next.
+#[derive(Default)]
+struct DataChecksum {
+    hasher: Hasher,
+    until: u64,
+}
+
+impl DataChecksum {
+    fn until<R: Read + Seek>(&mut self, file: &mut FileWindow<R>, at: u64) -> Result<u32, RecordingError> {
+        if at < self.until {
+            *self = DataChecksum::default();
+        }
+        file.hash(&mut self.hasher, self.until, at)?;
+        self.until = at;
+        Ok(self.hasher.clone().finalize())
+    }
 }
 
 impl ScanReport {
@@ -389,25 +474,44 @@ impl ScanReport {
         self.damage.push(Damage { from, to, what: what.into() });
     }
 
+    /// The topics of a summary; the numbers of messages that it states are kept.
+    fn topics(&mut self, known: Option<&Summary>) -> BTreeMap<u16, CountedTopic> {
+        let mut topics: BTreeMap<u16, CountedTopic> = BTreeMap::new();
+        for (id, channel) in known.into_iter().flat_map(|s| &s.channels) {
+            topics.insert(*id, CountedTopic::new(&channel.topic));
+        }
+        self.stated = known.and_then(|s| s.statistics.as_ref()).map(|s| {
+            let named = |(id, n): (&u16, &u64)| Some((topics.get(id)?.topic.clone(), *n));
+            s.channel_message_counts.iter().filter_map(named).collect()
+        });
+        topics
+    }
+
+    fn count(&mut self, CountedTopic { topic, messages }: CountedTopic) {
+        if messages > 0 {
+            *self.counts.entry(topic).or_default() += messages;
+        }
+    }
+
     fn pass(
         &mut self,
         record: Record,
-        topics: &mut BTreeMap<u16, String>,
+        topics: &mut BTreeMap<u16, CountedTopic>,
         take: &mut dyn FnMut(ScannedItem),
     ) {
         match record {
-            Record::Channel(channel) => {
-                topics.insert(channel.id, channel.topic);
-            }
-            Record::Message { header, data } => {
-                let topic = topics.get(&header.channel_id).map_or("", String::as_str);
-                match self.counts.get_mut(topic) {
-                    Some(count) => *count += 1,
-                    None => {
-                        self.counts.insert(topic.to_string(), 1);
-                    }
+            Record::Channel(channel) => match topics.get_mut(&channel.id) {
+                Some(known) if known.topic == channel.topic => {}
+                _ => {
+                    let renamed = topics.insert(channel.id, CountedTopic::new(&channel.topic));
+                    renamed.into_iter().for_each(|topic| self.count(topic));
                 }
-                take(ScannedItem::Message { topic, header: &header, data: &data });
+            },
+            Record::Message { header, data } => {
+                // A message without a channel has a topic without a name.
+                let known = topics.entry(header.channel_id).or_insert_with(|| CountedTopic::new(""));
+                known.messages += 1;
+                take(ScannedItem::Message { topic: &known.topic, header: &header, data: &data });
             }
             Record::Metadata(metadata) => take(ScannedItem::Metadata(metadata.metadata)),
             Record::Attachment { header, data, .. } => {
@@ -504,5 +608,66 @@ mod tests {
         }
         let refused = whole(op::CHUNK, &body("brotli", &packed)).err().unwrap();
         assert!(refused.contains("brotli") && refused.contains("mcap compress"), "{refused}");
+    }
+
+    /// The work that a scan of these bytes does, in bytes, and whether it came to an end.
+    fn work_of(bytes: &[u8]) -> (u64, bool) {
+        let mut file = FileWindow::new(std::io::Cursor::new(bytes)).unwrap();
+        let ended = match scan_window(&mut file, &mut |_| {}) {
+            Ok(_) => true,
+            Err(RecordingError::TooMuchWork { .. }) => false,
+            Err(error) => panic!("{error}"),
+        };
+        (file.work, ended)
+    }
+
+    fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+        [&[opcode][..], &(body.len() as u64).to_le_bytes(), body].concat()
+    }
+
+    #[test]
+    fn many_ends_of_the_data_are_checked_in_one_pass() {
+        let ends =
+            |count: usize| [mcap::MAGIC, &record(op::DATA_END, &7u32.to_le_bytes()).repeat(count)].concat();
+        for count in [1_000, 70_000] {
+            let bytes = ends(count);
+            let (work, ended) = work_of(&bytes);
+            // Each byte is read and checked once, and each record has its price.
+            assert!(ended && work < 10 * bytes.len() as u64, "{work} for {} bytes", bytes.len());
+        }
+    }
+
+    #[test]
+    fn no_file_costs_more_than_its_size_allows() {
+        // Chunks inside chunks: at every few bytes one begins that reaches to the end.
+        let mut nested = mcap::MAGIC.to_vec();
+        let size = 900_000u64;
+        while (nested.len() as u64) < size {
+            let left = size - nested.len() as u64;
+            nested.extend(
+                [&[op::CHUNK][..], &left.to_le_bytes(), &[0; 16], &MAX_RECORD.to_le_bytes()].concat(),
+            );
+        }
+        nested.resize(size as usize + 40, 0);
+        // Small chunks that say to unpack to 64 MiB each.
+        let bomb = [&[0; 16][..], &MAX_RECORD.to_le_bytes(), &[0; 4], &4u32.to_le_bytes(), b"zstd", &[0; 8]]
+            .concat();
+        let bombs = [mcap::MAGIC, &record(op::CHUNK, &bomb).repeat(20_000)].concat();
+        for bytes in [nested, bombs] {
+            let (work, ended) = work_of(&bytes);
+            let most = WORK_FACTOR * bytes.len() as u64 + WORK_BASE;
+            assert!(!ended && work <= most + MAX_RECORD + bytes.len() as u64, "{work} for {}", bytes.len());
+        }
+    }
+
+    #[test]
+    fn a_long_topic_is_not_compared_for_every_message() {
+        let topic = "t".repeat(100_000);
+        let text = |s: &str| [&(s.len() as u32).to_le_bytes(), s.as_bytes()].concat();
+        let channel = [&[1, 0, 0, 0][..], &text(&topic), &text(""), &[0; 4]].concat();
+        let message = record(op::MESSAGE, &[&[1, 0][..], &[0; 20]].concat());
+        let bytes = [mcap::MAGIC, &record(op::CHANNEL, &channel), &message.repeat(100)].concat();
+        let report = scan(std::io::Cursor::new(bytes.as_slice()), &mut |_| {}).unwrap();
+        assert_eq!(report.counts.get(&topic), Some(&100));
     }
 }

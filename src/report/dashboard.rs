@@ -63,11 +63,13 @@ pub struct TraceRow {
     pub size_bytes: u64,
 }
 
-/// The page; its script reloads it from the same origin.
-pub fn dashboard(shown: &Dashboard) -> String {
+/// The page; its script reloads it from the same origin. `tenant` is whose data it shows, where callers need a token.
+pub fn dashboard(shown: &Dashboard, tenant: Option<&str>) -> String {
     let main = html! {
         header {
-            p class="kind" { "vrdp " (shown.version) " · " span id="fresh" role="status" {} }
+            p class="kind" { "vrdp " (shown.version) " · " span id="fresh" role="status" {}
+                @if let Some(tenant) = tenant { " · tenant " a href="/login" { (tenant) } }
+            }
             h1 { "Overview of the service" }
         }
         div id="live" { (tiles(shown)) (jobs(shown)) (videos(shown)) (traces(shown)) }

@@ -3,6 +3,7 @@
 mod chart;
 pub mod dashboard;
 mod document;
+pub mod login;
 mod numbers;
 mod page;
 mod plots;

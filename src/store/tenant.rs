@@ -33,6 +33,11 @@ impl Tenant {
         self.prefix.is_empty()
     }
 
+    /// Its name; empty for the unnamed tenant.
+    pub fn name(&self) -> &str {
+        self.prefix.trim_start_matches('~').trim_end_matches('/')
+    }
+
     /// The start of every key of its rows.
     pub(super) fn prefix(&self) -> &str {
         &self.prefix

@@ -2,13 +2,15 @@
 
 use crate::endure::{Program, count, is_long};
 use crate::harness::*;
+use crate::process::Served;
 use h2::client::{ResponseFuture, SendRequest};
 use std::path::Path;
 use std::time::{Duration, Instant};
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tonic::Code;
 use tonic::transport::Channel;
+use tonic_types::StatusExt;
 use vrdp::api::v1;
 
 /// A connection on which a test can send any frame.
@@ -70,7 +72,7 @@ async fn what_inflates_and_what_is_too_large_is_refused() {
     let program = Program::start(folder.path());
     let channel = program.channel().await;
     let before = program.resident();
-    let refused = async |encoding: &str, head: [u8; 5], body: usize| -> Code {
+    let refused = async |encoding: &str, head: [u8; 5], body: usize| -> (Code, Option<String>) {
         let mut sender = raw(&program).await.ready().await.unwrap();
         let request = call("/vrdp.v1.Videos/CreateVideo").header("grpc-encoding", encoding).body(()).unwrap();
         let (reply, mut stream): (ResponseFuture, _) = sender.send_request(request, false).unwrap();
@@ -84,19 +86,28 @@ async fn what_inflates_and_what_is_too_large_is_refused() {
             }
         }
         let reply = reply.await.unwrap();
-        let code =
-            |headers: &http::HeaderMap| headers.get("grpc-status").map(|v| v.to_str().unwrap().to_string());
-        let status = match code(reply.headers()) {
-            Some(status) => status,
-            None => code(&reply.into_body().trailers().await.unwrap().unwrap()).unwrap(),
+        let field = |headers: &http::HeaderMap, name: &str| {
+            headers.get(name).map(|value| value.to_str().unwrap().to_string())
         };
-        Code::from_bytes(status.as_bytes())
+        let headers = match field(reply.headers(), "grpc-status") {
+            Some(_) => reply.headers().clone(),
+            None => reply.into_body().trailers().await.unwrap().unwrap(),
+        };
+        let code = Code::from_bytes(field(&headers, "grpc-status").unwrap().as_bytes());
+        (code, field(&headers, "grpc-retry-pushback-ms"))
     };
     // A message that is marked as compressed is refused without decompression.
-    assert_eq!(refused("gzip", [1, 0, 0, 39, 16], 10_000).await, Code::Unimplemented);
-    // A message one byte above the limit is refused before its body is read.
+    assert_eq!(refused("gzip", [1, 0, 0, 39, 16], 10_000).await.0, Code::Unimplemented);
+    // A message one byte above the limit is refused before its body is read; clients must not try it again.
     let [a, b, c, d] = ((16u32 << 20) + 1).to_be_bytes();
-    assert_eq!(refused("identity", [0, a, b, c, d], 0).await, Code::OutOfRange);
+    let never = Some("-1".to_string());
+    assert_eq!(refused("identity", [0, a, b, c, d], 0).await, (Code::ResourceExhausted, never));
+    // Bytes that are no message are the caller's mistake: in the frame, in the message, and where the message is cut.
+    for (head, body) in
+        [([7, 0, 0, 0, 4], 4), ([0, 0, 0, 0, 4], 4), ([0, 0, 0, 1, 0], 4), ([1, 0, 0, 0, 4], 4)]
+    {
+        assert_eq!(refused("identity", head, body).await, (Code::InvalidArgument, None), "{head:?}");
+    }
     honest(&channel).await;
     assert!(grown(&program, before) < 50.0);
 }
@@ -225,4 +236,98 @@ async fn ten_times_too_much_is_refused_and_soon_forgotten() {
         let folder = tempfile::tempdir().unwrap();
         overload(folder.path(), "256").await;
     }
+}
+
+/// A video whose message has about `megabytes` MB.
+fn large(name: &str, megabytes: usize) -> v1::Video {
+    let mut made = video(name, 20);
+    let one = made.objects[0].clone();
+    made.objects = (0..64)
+        .map(|id| {
+            let samples = (0..megabytes as u32 * 480).map(|f| sample(f, 0.001 * f64::from(f), f64::from(id)));
+            v1::Object { id, samples: samples.collect(), ..one.clone() }
+        })
+        .collect();
+    made
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn bytes_in_flight_have_a_budget_and_who_exceeds_it_is_refused_at_once() {
+    let uploads = count(48, 12);
+    let folder = tempfile::tempdir().unwrap();
+    // One caller has half of it: two messages of this size.
+    let service = Served::start(folder.path(), &[("VRDP_LOG", "off"), ("VRDP_REQUEST_BYTES", "33554432")]);
+    let channel = Channel::from_shared(format!("http://{}", service.grpc)).unwrap().connect().await.unwrap();
+    honest(&channel).await;
+    let before = service.memory("VmRSS:");
+    let mut calls = tokio::task::JoinSet::new();
+    for k in 0..uploads {
+        let request = v1::CreateVideoRequest { video: Some(large(&format!("{k}"), 6)), ..Default::default() };
+        let mut client = VideosClient::new(channel.clone()).max_encoding_message_size(64 << 20);
+        calls.spawn(async move { client.create_video(request).await.map(|_| ()) });
+    }
+    let (mut taken, mut refused) = (0, 0);
+    while let Some(call) = calls.join_next().await {
+        match call.unwrap() {
+            Err(status) if status.code() == Code::ResourceExhausted => {
+                assert!(status.get_details_retry_info().is_some(), "{status:?}");
+                assert!(status.message().contains("share"), "{status:?}");
+                refused += 1;
+            }
+            // Taken, whatever is wrong with it.
+            _ => taken += 1,
+        }
+    }
+    let peak = service.memory("VmHWM:") - before;
+    assert!(taken > 0 && refused > 0, "{taken} taken, {refused} refused");
+    assert!(peak < 256.0, "{peak} MiB more");
+    // The budget is free again.
+    honest(&channel).await;
+    println!("{uploads} uploads at once: {taken} taken, {refused} refused; {peak:.0} MiB more at the peak");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_never_ends_is_ended_and_takes_nobodys_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = [("VRDP_LOG", "off"), ("VRDP_CONNECTIONS", "20")];
+    let service = Served::start(folder.path(), &settings);
+    // Heads that never end, three times as many as there are places, on both ports.
+    let mut idle = vec![];
+    for _ in 0..60 {
+        for (address, head) in [(&service.http, "GET / HTTP/1.1\r\nHost: loc"), (&service.grpc, "PRI * HT")] {
+            let mut stream = TcpStream::connect(address).await.unwrap();
+            // It may be closed already for another one.
+            let _ = stream.write_all(head.as_bytes()).await;
+            idle.push(stream);
+        }
+    }
+    // A body that stops.
+    let stream = TcpStream::connect(&service.grpc).await.unwrap();
+    let (sender, connection) = h2::client::handshake(stream).await.unwrap();
+    tokio::spawn(async move {
+        let _ = connection.await;
+    });
+    let mut sender = sender.ready().await.unwrap();
+    let (reply, mut body) =
+        sender.send_request(call("/vrdp.v1.Videos/CreateVideo").body(()).unwrap(), false).unwrap();
+    body.send_data(vec![0, 0, 1, 0, 0, 7, 7].into(), false).unwrap();
+
+    // New clients are served on both ports, and what they store is durable.
+    let channel = Channel::from_shared(format!("http://{}", service.grpc)).unwrap().connect().await.unwrap();
+    let request = v1::CreateVideoRequest { video: Some(video("stored", 20)), ..Default::default() };
+    VideosClient::new(channel.clone()).create_video(request).await.unwrap();
+    let mut page = TcpStream::connect(&service.http).await.unwrap();
+    page.write_all(b"GET /livez HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await.unwrap();
+    let mut text = String::new();
+    page.read_to_string(&mut text).await.unwrap();
+    assert!(text.starts_with("HTTP/1.1 200"), "{text}");
+
+    // The others end: those without a place at once, the last ones at their deadline, and the body too.
+    for mut stream in idle {
+        // What it says before it closes does not matter.
+        let _ = tokio::time::timeout(Duration::from_secs(60), stream.read_to_end(&mut vec![])).await.unwrap();
+    }
+    let reply = tokio::time::timeout(Duration::from_secs(60), reply).await.unwrap().unwrap();
+    assert_eq!(reply.headers().get("grpc-status").unwrap(), "4", "{reply:?}");
+    honest(&channel).await;
 }

@@ -225,3 +225,53 @@ async fn broken_questions_and_edits_are_refused_with_their_fields() {
     service.reasoning().simulate(good).await.unwrap();
     service.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_long_request_id_is_refused_by_every_call_that_takes_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("named", 20)).await.unwrap();
+    let request_id = "x".repeat(129);
+    let id = || request_id.clone();
+    let named = |status: tonic::Status| {
+        assert!(!status.message().contains("xxx"), "{status:?}");
+        let found = fields(&status);
+        assert!(found.contains(&"request_id".to_string()), "{found:?}");
+    };
+    let post = v1::CreateVideoRequest {
+        video: Some(fixture("scene_00000")),
+        request_id: id(),
+        ..Default::default()
+    };
+    named(service.videos().create_video(post).await.unwrap_err());
+    let simulate = v1::SimulateRequest { video: video.clone(), request_id: id(), ..Default::default() };
+    named(service.reasoning().simulate(simulate).await.unwrap_err());
+    let ask = v1::AskRequest { video: video.clone(), request_id: id(), ..Default::default() };
+    named(service.reasoning().ask(ask).await.unwrap_err());
+    let fit = v1::FitModelRequest { parent: video.clone(), request_id: id(), ..Default::default() };
+    named(service.models().fit_model(fit).await.unwrap_err());
+    let learn = v1::LearnConceptsRequest { request_id: id(), ..Default::default() };
+    named(service.concepts().learn_concepts(learn).await.unwrap_err());
+    let start = v1::StartOperationRequest { request_id: id(), ..Default::default() };
+    named(service.operations().start_operation(start).await.unwrap_err());
+    let options = v1::ImportVideoOptions { request_id: id(), ..Default::default() };
+    let part = v1::ImportVideoRequest { part: Some(v1::import_video_request::Part::Options(options)) };
+    named(service.videos().import_video(tokio_stream::once(part)).await.unwrap_err());
+    service.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_formula_without_a_value_is_refused_before_anything_is_fitted() {
+    use v1::add_effect_request::Addition;
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let video = service.create(video("formula", 20)).await.unwrap();
+    for text in ["ax = 9^9^9", "ay = vx / (2 - 2)"] {
+        let formula = v1::Formula { text: text.into(), ..Default::default() };
+        let study = Some(v1::StudyRequest { videos: vec![video.clone()], ..Default::default() });
+        let add = v1::AddEffectRequest { study, addition: Some(Addition::Formula(formula)) };
+        assert_eq!(fields(&service.models().add_effect(add).await.unwrap_err()), ["formula.text"], "{text}");
+    }
+    assert_eq!(service.engine.fits_run(), 0);
+    service.stop().await;
+}

@@ -17,6 +17,7 @@ mod listings;
 mod operations;
 mod pages;
 mod parsing;
+mod process;
 mod reflection;
 mod revise;
 mod security;

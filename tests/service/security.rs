@@ -1,13 +1,16 @@
 //! Authentication and what each tenant sees: tokens, TLS, certificates of clients.
 
 use crate::harness::*;
+use crate::process::Served;
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use tonic::metadata::{Ascii, MetadataValue};
-use tonic::transport::{Certificate, ClientTlsConfig, Endpoint, Identity, ServerTlsConfig};
+use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
 use tonic::{Code, Request};
 use tonic_health::pb::{HealthCheckRequest, health_client::HealthClient};
-use vrdp::api::{Security, Tokens, v1};
+use vrdp::api::{Security, Tls, Tokens, v1};
 
 const TOKENS: &str = "secret-of-lab-a-00 = lab-a\nsecret-of-lab-b-00 = lab-b";
 
@@ -91,11 +94,17 @@ impl Authority {
         Certificate::from_pem(self.0.pem())
     }
 
-    fn signs(&self) -> Identity {
+    /// A certificate and its key.
+    fn pair(&self) -> (String, String) {
         let key = KeyPair::generate().unwrap();
         let params = CertificateParams::new(vec!["localhost".into()]).unwrap();
         let signed = params.signed_by(&key, &self.0).unwrap();
-        Identity::from_pem(signed.pem(), key.serialize_pem())
+        (signed.pem(), key.serialize_pem())
+    }
+
+    fn signs(&self) -> Identity {
+        let (certificate, key) = self.pair();
+        Identity::from_pem(certificate, key)
     }
 }
 
@@ -103,7 +112,8 @@ impl Authority {
 async fn tls_accepts_clients_with_a_certificate_of_the_authority() {
     let folder = tempfile::tempdir().unwrap();
     let (ours, other) = (Authority::new(), Authority::new());
-    let tls = ServerTlsConfig::new().identity(ours.signs()).client_ca_root(ours.certificate());
+    let (certificate, key) = ours.pair();
+    let tls = Tls::from_pem(&certificate, &key, Some(&ours.0.pem())).unwrap();
     let security = Security { tls: Some(tls), tokens: None };
     let mut address = String::new();
     let trusting = |authority: &Authority| {
@@ -131,4 +141,103 @@ async fn tls_accepts_clients_with_a_certificate_of_the_authority() {
     }
     service.create(video("still", 20)).await.unwrap();
     service.stop().await;
+}
+
+/// Makes certificates with the program itself.
+fn certificates(folder: &Path) {
+    let made = Command::new(env!("CARGO_BIN_EXE_vrdp"))
+        .args(["certs", "--host", "localhost", "--out"])
+        .arg(folder)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{made:?}");
+}
+
+/// A new connection that trusts the authority of a folder.
+async fn connected(service: &Served, folder: &Path) -> Result<Channel, tonic::transport::Error> {
+    let authority = std::fs::read_to_string(folder.join("ca.pem")).unwrap();
+    let trusting =
+        ClientTlsConfig::new().ca_certificate(Certificate::from_pem(authority)).domain_name("localhost");
+    plainly(format!("https://{}", service.grpc)).tls_config(trusting)?.connect().await
+}
+
+async fn list(channel: &Channel, lab: &str) -> Result<(), Code> {
+    let asked = of(lab, v1::ListVideosRequest::default());
+    let listed = VideosClient::new(channel.clone()).list_videos(asked).await;
+    listed.map(|_| ()).map_err(|status| status.code())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tokens_and_certificates_change_without_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let (old, new) = (folder.path().join("old"), folder.path().join("new"));
+    [&old, &new].map(|folder| certificates(folder));
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    for name in ["cert.pem", "key.pem"] {
+        std::fs::copy(old.join(name), file(name)).unwrap();
+    }
+    std::fs::write(file("tokens"), TOKENS).unwrap();
+    let (certificate, key, tokens) = (file("cert.pem"), file("key.pem"), file("tokens"));
+    let settings =
+        [("VRDP_TLS_CERT", certificate.as_str()), ("VRDP_TLS_KEY", &key), ("VRDP_TOKENS", &tokens)];
+    let mut service = Served::start(&folder.path().join("data"), &settings);
+    let channel = connected(&service, &old).await.unwrap();
+    assert_eq!((list(&channel, "lab-a").await, list(&channel, "lab-b").await), (Ok(()), Ok(())));
+
+    // A file that cannot be read changes nothing.
+    std::fs::write(&tokens, "nonsense").unwrap();
+    service.logged("the old ones hold on");
+    assert_eq!(list(&channel, "lab-a").await, Ok(()));
+    // A revoked token is refused on the open connection, and a new one is taken.
+    std::fs::write(&tokens, "secret-of-lab-b-00 = lab-b\nsecret-of-lab-c-00 = lab-c").unwrap();
+    service.logged("were read again");
+    assert_eq!(list(&channel, "lab-a").await, Err(Code::Unauthenticated));
+    assert_eq!((list(&channel, "lab-b").await, list(&channel, "lab-c").await), (Ok(()), Ok(())));
+
+    for name in ["cert.pem", "key.pem"] {
+        std::fs::copy(new.join(name), file(name)).unwrap();
+    }
+    service.signal("HUP");
+    let renewed = loop {
+        match connected(&service, &new).await {
+            Ok(renewed) => break renewed,
+            Err(_) => tokio::time::sleep(std::time::Duration::from_millis(50)).await,
+        }
+    };
+    assert!(connected(&service, &old).await.is_err(), "the old certificate is still shown");
+    assert_eq!((list(&renewed, "lab-b").await, list(&channel, "lab-b").await), (Ok(()), Ok(())));
+    assert!(service.is_running());
+    service.signal("TERM");
+    assert_eq!(service.ended(), Some(0));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_call_has_one_line_in_the_log() {
+    let folder = tempfile::tempdir().unwrap();
+    let tokens = folder.path().join("tokens");
+    std::fs::write(&tokens, TOKENS).unwrap();
+    let settings = [("VRDP_TOKENS", tokens.to_str().unwrap()), ("VRDP_LOG", "info")];
+    let mut service = Served::start(&folder.path().join("data"), &settings);
+    let channel = plainly(format!("http://{}", service.grpc)).connect().await.unwrap();
+    let mut asked = of("lab-a", v1::ListVideosRequest::default());
+    asked.metadata_mut().insert("x-request-id", "mine-7".parse().unwrap());
+    VideosClient::new(channel.clone()).list_videos(asked).await.unwrap();
+    let long = "x".repeat(100_000);
+    let post = v1::CreateVideoRequest { request_id: long.clone(), ..Default::default() };
+    let refused = VideosClient::new(channel.clone()).create_video(of("lab-b", post)).await.unwrap_err();
+    assert_eq!(fields(&refused), ["request_id"]);
+    let health = HealthCheckRequest::default();
+    HealthClient::new(channel.clone()).check(health).await.unwrap();
+    drop(channel);
+    service.signal("TERM");
+    assert_eq!(service.ended(), Some(0));
+    service.logged("stopped");
+    let log = service.log();
+    let lines: Vec<&str> = log.lines().filter(|line| line.contains("call ended")).collect();
+    let one =
+        |words: &[&str]| lines.iter().filter(|line| words.iter().all(|word| line.contains(word))).count();
+    let words = ["vrdp.v1.Videos/ListVideos", "mine-7", "code=\"Ok\"", "seconds=", "tenant=\"lab-a\""];
+    assert_eq!(one(&words), 1, "{log}");
+    assert_eq!(one(&["CreateVideo", "code=\"InvalidArgument\"", "tenant=\"lab-b\""]), 1, "{log}");
+    assert!(lines.len() == 2 && log.contains("draining") && !log.contains(&long[..1000]), "{log}");
 }

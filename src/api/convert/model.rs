@@ -16,6 +16,7 @@ pub fn fit_request(
     given: v1::FitModelRequest,
 ) -> Result<(String, JointVideos, ModelSource, FitOptions), EngineError> {
     let mut violations = Violations::default();
+    violations.request_id(&given.request_id);
     let video = violations.id("parent", &given.parent, "videos");
     let source = violations.source("start", given.start, &video);
     if given.whole_setup && !given.others.is_empty() {

@@ -14,9 +14,6 @@ use crate::engine::{
 use prost::Message;
 use tonic::Code;
 
-/// Longest request id (bytes).
-const MAX_REQUEST_ID: usize = 128;
-
 const KINDS: [(OperationKind, v1::OperationKind); 8] = [
     (OperationKind::FitModel, v1::OperationKind::FitModel),
     (OperationKind::CompareModels, v1::OperationKind::CompareModels),
@@ -39,10 +36,7 @@ const STATES: [(OperationState, v1::OperationState); 5] = [
 /// What a new operation is about, and its work; the work's own fields are checked when it starts.
 pub fn start(given: v1::StartOperationRequest) -> Result<(NewOperation, Work), EngineError> {
     let mut violations = Violations::default();
-    if given.request_id.len() > MAX_REQUEST_ID {
-        violations
-            .add("request_id", format!("has {} bytes; at most {MAX_REQUEST_ID}", given.request_id.len()));
-    }
+    violations.request_id(&given.request_id);
     let Some(work) = given.work else {
         violations.add("work", "is missing; give the request of the call that does the same");
         return Err(EngineError::Invalid(violations.0));

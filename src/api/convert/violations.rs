@@ -18,6 +18,16 @@ const MAX_TEXT: usize = 2000;
 /// Longest token of a program (bytes): the words of questions are shorter.
 const MAX_TOKEN: usize = 100;
 
+/// Longest request id (bytes).
+const MAX_REQUEST_ID: usize = 128;
+
+/// Refuses a name of a request that is too long.
+pub fn check_request_id(id: &str) -> Result<(), EngineError> {
+    let mut violations = Violations::default();
+    violations.request_id(id);
+    violations.finish(())
+}
+
 /// The violations of one request. A method that finds one returns a placeholder, so that the others are found too;
 /// [`Violations::finish`] then refuses the request.
 #[derive(Default)]
@@ -32,6 +42,13 @@ impl Violations {
 
     pub fn finish<T>(self, value: T) -> Result<T, EngineError> {
         if self.0.is_empty() { Ok(value) } else { Err(EngineError::Invalid(self.0)) }
+    }
+
+    /// Refuses a name of a request that is too long; it is not repeated.
+    pub fn request_id(&mut self, id: &str) {
+        if id.len() > MAX_REQUEST_ID {
+            self.add("request_id", format!("has {} bytes; at most {MAX_REQUEST_ID}", id.len()));
+        }
     }
 
     pub fn range(&mut self, path: &str, value: f64, [low, high]: [f64; 2], unit: &str) -> f64 {

@@ -1,4 +1,7 @@
-//! The HTTP port: health, metrics, dashboard, reports and trace files.
+//! The HTTP port: health, metrics, dashboard, reports and trace files; a login for browsers.
 
+mod login;
 mod pages;
-pub mod router;
+mod router;
+pub mod serve_http;
+mod visitor;

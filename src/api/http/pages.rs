@@ -1,36 +1,49 @@
 //! The pages that a browser opens: the dashboard, the report of a video, a trace file.
 
+use super::visitor::Visitor;
 use crate::api::convert::names::{is_id, video_name};
 use crate::api::convert::study;
-use crate::api::status::status;
+use crate::api::server::byte_budget::OverBudget;
+use crate::api::server::reply_body::counted;
+use crate::api::server::sessions::random_name;
+use crate::api::status::{busy, status};
 use crate::api::v1;
-use crate::engine::{Engine, EngineError};
+use crate::engine::{EngineError, Tenant};
 use crate::report::dashboard::dashboard;
+use axum::Extension;
 use axum::body::Body;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, Query};
 use axum::http::StatusCode;
-use axum::http::header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, RETRY_AFTER};
-use axum::response::{Html, IntoResponse, Response};
+use axum::http::header::{
+    CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderName,
+    RETRY_AFTER,
+};
+use axum::response::{IntoResponse, Response};
 use futures_util::{StreamExt, stream};
 use serde::Deserialize;
-use std::sync::Arc;
-use tonic::Code;
+use tonic::{Code, Status};
 
 /// The prefix of a report's links to traces.
 const TRACE_PREFIX: &str = "/traces/";
 
-/// An error as an HTTP response.
-pub struct Refusal(EngineError);
+/// A status as an HTTP response.
+pub struct Refusal(Status);
 
 impl From<EngineError> for Refusal {
     fn from(error: EngineError) -> Self {
-        Refusal(error)
+        Refusal(status(error))
+    }
+}
+
+impl From<OverBudget> for Refusal {
+    fn from(over: OverBudget) -> Self {
+        Refusal(busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))
     }
 }
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        let status = status(self.0);
+        let status = self.0;
         let code = match status.code() {
             Code::InvalidArgument | Code::OutOfRange => StatusCode::BAD_REQUEST,
             Code::NotFound => StatusCode::NOT_FOUND,
@@ -47,6 +60,35 @@ impl IntoResponse for Refusal {
     }
 }
 
+/// A page of ours. It runs its own script only, which this response names, and loads nothing from elsewhere.
+pub fn page(html: String) -> Response {
+    let (head, html) = headed(html);
+    (head, html).into_response()
+}
+
+fn headed(html: String) -> ([(HeaderName, String); 3], String) {
+    let own = random_name().unwrap_or_default();
+    let script = if own.is_empty() { "'none'".to_string() } else { format!("'nonce-{own}'") };
+    let policy = format!(
+        "default-src 'none'; style-src 'unsafe-inline'; script-src {script}; img-src data:; connect-src 'self'; \
+         form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    );
+    let head = [
+        (CONTENT_TYPE, "text/html; charset=utf-8".to_string()),
+        (CONTENT_SECURITY_POLICY, policy),
+        (CACHE_CONTROL, "no-store".to_string()),
+    ];
+    // Texts in it have no tags: the one script is ours.
+    (head, html.replace("<script>", &format!("<script nonce=\"{own}\">")))
+}
+
+/// A page whose bytes are counted until they are sent.
+fn counted_page(visitor: &Visitor, html: String) -> Result<Response, Refusal> {
+    let (head, html) = headed(html);
+    let reserved = visitor.context.budgets.replies.reserve(&visitor.holder, html.len())?;
+    Ok((head, Body::from(counted(html.into(), reserved))).into_response())
+}
+
 #[derive(Deserialize)]
 pub struct PageAfter {
     #[serde(default)]
@@ -54,14 +96,15 @@ pub struct PageAfter {
 }
 
 pub async fn home(
-    State(engine): State<Arc<Engine>>,
+    Extension(visitor): Extension<Visitor>,
     Query(PageAfter { after }): Query<PageAfter>,
 ) -> Result<impl IntoResponse, Refusal> {
     if !after.is_empty() && !is_id(&after) {
         return Err(EngineError::invalid("after", format!("is {after:?}; must be a video's id")).into());
     }
-    let shown = engine.overview(&after).await?;
-    Ok(([(CACHE_CONTROL, "no-store")], Html(dashboard(&shown))))
+    let shown = visitor.engine.overview(&after).await?;
+    let tenant = visitor.tenant.as_ref().map(Tenant::name);
+    counted_page(&visitor, dashboard(&shown, tenant))
 }
 
 #[derive(Deserialize)]
@@ -73,7 +116,7 @@ pub struct ReportVideos {
 
 /// The report of a discovery with default options. It is computed once and stored; a caller who leaves early stops it.
 pub async fn report(
-    State(engine): State<Arc<Engine>>,
+    Extension(visitor): Extension<Visitor>,
     Path(video): Path<String>,
     Query(ReportVideos { with }): Query<ReportVideos>,
 ) -> Result<impl IntoResponse, Refusal> {
@@ -82,20 +125,20 @@ pub async fn report(
     let study = Some(v1::StudyRequest { videos, ..Default::default() });
     let search = v1::DiscoverEffectsRequest { study, ..Default::default() };
     let (videos, start, kind) = study::discovery(search)?;
-    let found = engine.study(&videos, &start, kind).await?.finish().await?;
-    let page = engine.page(&found, vec![], Some(TRACE_PREFIX.into())).await?;
-    Ok(([(CACHE_CONTROL, "no-cache")], Html(page.html)))
+    let found = visitor.engine.study(&videos, &start, kind).await?.finish().await?;
+    let written = visitor.engine.page(&found, vec![], Some(TRACE_PREFIX.into())).await?;
+    counted_page(&visitor, written.html)
 }
 
 /// The MCAP file of a trace: `{id}.mcap`.
 pub async fn trace(
-    State(engine): State<Arc<Engine>>,
+    Extension(visitor): Extension<Visitor>,
     Path(file): Path<String>,
 ) -> Result<impl IntoResponse, Refusal> {
     let id = file.strip_suffix(".mcap").unwrap_or(&file);
     let missing = || EngineError::NotFound { name: format!("traces/{file}") };
     let id = Some(id).filter(|id| is_id(id)).ok_or_else(missing)?;
-    let mut download = engine.download(id).await?;
+    let mut download = visitor.engine.download(id).await?;
     let size = download.record().size_bytes;
     // The first bytes are read here, while the response can still be an error.
     let (_, first) = download.next().await?;

@@ -1,15 +1,15 @@
 //! Authentication: bearer tokens, each of one tenant. Without tokens all callers are the same, unnamed tenant.
 
+use super::connections::tls::Tls;
 use crate::api::status::plain;
 use crate::engine::Tenant;
 use futures_util::future::{Either, Ready, ready};
 use http::header::AUTHORIZATION;
 use http::{HeaderMap, Request, Response};
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock, PoisonError, RwLock};
 use std::task::{Context, Poll};
 use tonic::body::Body;
-use tonic::transport::ServerTlsConfig;
 use tonic::{Code, Status};
 use tower::{Layer, Service};
 
@@ -22,13 +22,42 @@ const OPEN_PREFIX: &str = "/grpc.health.v1.Health/";
 #[derive(Clone, Default)]
 pub struct Security {
     /// Certificate and key, and the authority that signs clients' certificates, if they need one.
-    pub tls: Option<ServerTlsConfig>,
+    pub tls: Option<Tls>,
     pub tokens: Option<Arc<Tokens>>,
 }
 
+/// The security of a running service: its certificate and its tokens may be replaced while it runs.
+#[derive(Clone, Default)]
+pub struct LiveSecurity(Arc<RwLock<Arc<Security>>>);
+
+impl From<Security> for LiveSecurity {
+    fn from(security: Security) -> Self {
+        LiveSecurity(Arc::new(RwLock::new(Arc::new(security))))
+    }
+}
+
+impl LiveSecurity {
+    /// What holds now.
+    pub fn current(&self) -> Arc<Security> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// What holds for every later call and connection.
+    pub fn replace(&self, security: Security) {
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(security);
+    }
+}
+
+/// The tenant of a call, once it is known; whoever logs the call has the other end.
+#[derive(Clone, Default)]
+pub struct KnownTenant(pub Arc<OnceLock<Tenant>>);
+
+/// The digest of a token.
+pub type TokenDigest = [u8; 32];
+
 /// Tenants by the digests of their tokens: the duration of a look-up reveals nothing about a token.
 #[derive(Default)]
-pub struct Tokens(BTreeMap<[u8; 32], Tenant>);
+pub struct Tokens(BTreeMap<TokenDigest, Tenant>);
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line} {problem}; write lines of TOKEN = TENANT")]
@@ -72,30 +101,36 @@ impl Tokens {
         if !scheme.eq_ignore_ascii_case("bearer") {
             return None;
         }
-        self.0.get(&digest(token.trim()))
+        self.of_digest(&digest(token.trim()))
+    }
+
+    /// The tenant of the token with this digest.
+    pub fn of_digest(&self, digest: &TokenDigest) -> Option<&Tenant> {
+        self.0.get(digest)
     }
 }
 
-fn digest(token: &str) -> [u8; 32] {
+/// The digest by which a token is known.
+pub fn digest(token: &str) -> TokenDigest {
     blake3::hash(token.as_bytes()).into()
 }
 
 /// The layer: hands the caller's tenant to the services, or refuses the call.
 #[derive(Clone)]
-pub struct AuthLayer(pub Option<Arc<Tokens>>);
+pub struct AuthLayer(pub LiveSecurity);
 
 impl<S> Layer<S> for AuthLayer {
     type Service = Authenticated<S>;
 
     fn layer(&self, inner: S) -> Authenticated<S> {
-        Authenticated { inner, tokens: self.0.clone() }
+        Authenticated { inner, security: self.0.clone() }
     }
 }
 
 #[derive(Clone)]
 pub struct Authenticated<S> {
     inner: S,
-    tokens: Option<Arc<Tokens>>,
+    security: LiveSecurity,
 }
 
 impl<S, B> Service<Request<B>> for Authenticated<S>
@@ -111,13 +146,19 @@ where
     }
 
     fn call(&mut self, mut request: Request<B>) -> Self::Future {
-        if let Some(tokens) = &self.tokens
+        if let Some(tokens) = &self.security.current().tokens
             && !request.uri().path().starts_with(OPEN_PREFIX)
         {
             match tokens.tenant(request.headers()).cloned() {
-                Some(tenant) => request.extensions_mut().insert(tenant),
+                Some(tenant) => {
+                    if let Some(known) = request.extensions().get::<KnownTenant>() {
+                        // Set once: a call has one token.
+                        let _ = known.0.set(tenant.clone());
+                    }
+                    request.extensions_mut().insert(tenant);
+                }
                 None => return Either::Right(ready(Ok(refusal().into_http()))),
-            };
+            }
         }
         Either::Left(self.inner.call(request))
     }

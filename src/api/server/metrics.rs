@@ -1,14 +1,21 @@
 //! The metrics of the process for Prometheus: names, meanings and buckets.
 
+use super::byte_budget::Budgets;
+use super::process_metrics::process_metrics;
 use crate::api::DESCRIPTORS;
 use crate::engine::{Engine, metric_names};
 use metrics::{Unit, describe_counter, describe_gauge, describe_histogram, gauge};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
 use prost::Message;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
 
 pub const CALLS: &str = "vrdp_calls_total";
+pub const REFUSED_CONNECTIONS: &str = "vrdp_connections_refused_total";
+pub const REQUEST_BYTES: &str = "vrdp_request_bytes_in_flight";
+pub const REPLY_BYTES: &str = "vrdp_reply_bytes_in_flight";
+pub const READY: &str = "vrdp_ready";
+pub const FREE_BYTES: &str = "vrdp_data_free_bytes";
 pub const CALL_SECONDS: &str = "vrdp_call_seconds";
 
 /// Seconds: from a cached answer to the longest discovery.
@@ -36,6 +43,14 @@ fn describe() {
         "Calls that ended, by method and code; Cancelled: the caller left or its deadline passed"
     );
     describe_histogram!(CALL_SECONDS, Unit::Seconds, "Duration of calls, to the end of their streams");
+    describe_counter!(
+        REFUSED_CONNECTIONS,
+        "Connections closed at once: all places of the port had running calls"
+    );
+    describe_gauge!(REQUEST_BYTES, "Bytes of requests that arrive or wait");
+    describe_gauge!(REPLY_BYTES, "Bytes of replies that are not sent yet");
+    describe_gauge!(READY, "1 if the service is ready for calls, else 0");
+    describe_gauge!(FREE_BYTES, "Free bytes on the disk of the data folder");
     for (name, meaning) in metric_names::COUNTERS {
         describe_counter!(name, meaning);
     }
@@ -48,7 +63,7 @@ fn describe() {
 }
 
 /// All metrics in Prometheus' text format; empty without a recorder.
-pub fn render(engine: &Engine) -> String {
+pub fn render(engine: &Engine, budgets: &Budgets) -> String {
     let Some(Some(recorder)) = RECORDER.get() else { return String::new() };
     let load = engine.load();
     gauge!(metric_names::WAITING).set(load.waiting as f64);
@@ -57,7 +72,9 @@ pub fn render(engine: &Engine) -> String {
     if let Some(free) = engine.storage().free_bytes {
         gauge!(metric_names::FREE_BYTES).set(free as f64);
     }
-    recorder.render()
+    gauge!(REQUEST_BYTES).set((budgets.requests.used() + budgets.imports.used()) as f64);
+    gauge!(REPLY_BYTES).set(budgets.replies.used() as f64);
+    recorder.render() + &process_metrics()
 }
 
 /// Empties the buffers of the histograms; to be called every few seconds.
@@ -67,37 +84,93 @@ pub fn upkeep() {
     }
 }
 
-/// The paths of all methods (`/vrdp.v1.Videos/GetVideo`); other paths of a request never become a label.
-pub fn methods() -> BTreeSet<String> {
-    let mut found = BTreeSet::new();
-    for bytes in [DESCRIPTORS, tonic_health::pb::FILE_DESCRIPTOR_SET] {
-        let Ok(set) = prost_types::FileDescriptorSet::decode(bytes) else { continue };
-        for file in set.file {
-            for service in &file.service {
-                let path = |m: &prost_types::MethodDescriptorProto| {
-                    format!("/{}.{}/{}", file.package(), service.name(), m.name())
-                };
-                found.extend(service.method.iter().map(path));
+/// The methods of all services, by path (`/vrdp.v1.Videos/GetVideo`). Other paths never become a label.
+pub struct Methods(BTreeMap<String, MethodShape>);
+
+#[derive(Clone, Copy)]
+struct MethodShape {
+    streams_requests: bool,
+    streams_replies: bool,
+}
+
+impl Methods {
+    pub fn new() -> Methods {
+        let mut found = BTreeMap::new();
+        for bytes in [DESCRIPTORS, tonic_health::pb::FILE_DESCRIPTOR_SET] {
+            let Ok(set) = prost_types::FileDescriptorSet::decode(bytes) else { continue };
+            for file in set.file {
+                for service in &file.service {
+                    let one = |m: &prost_types::MethodDescriptorProto| {
+                        let path = format!("/{}.{}/{}", file.package(), service.name(), m.name());
+                        let (streams_requests, streams_replies) =
+                            (m.client_streaming(), m.server_streaming());
+                        (path, MethodShape { streams_requests, streams_replies })
+                    };
+                    found.extend(service.method.iter().map(one));
+                }
             }
         }
+        Methods(found)
     }
-    found
+
+    /// The method of a path without its first slash, or `other`.
+    pub fn name(&self, path: &str) -> &str {
+        self.0.get_key_value(path).map_or("other", |(path, _)| path.trim_start_matches('/'))
+    }
+
+    /// Whether a call may send several messages; so may one of an unknown method.
+    pub fn streams_requests(&self, path: &str) -> bool {
+        self.0.get(path).is_none_or(|shape| shape.streams_requests)
+    }
+
+    /// Whether a call may get several messages; so may one of an unknown method.
+    pub fn streams_replies(&self, path: &str) -> bool {
+        self.0.get(path).is_none_or(|shape| shape.streams_replies)
+    }
+
+    /// The names of the services, such as `vrdp.v1.Videos`.
+    pub fn services(&self) -> BTreeSet<&str> {
+        self.0.keys().filter_map(|path| path.trim_start_matches('/').split('/').next()).collect()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::api::server::process_metrics::PROCESS_METRICS;
+
+    fn names_in(text: &str) -> BTreeSet<&str> {
+        let words = text.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
+        words
+            .filter(|w| w.starts_with("vrdp_") || w.starts_with("process_"))
+            .map(|w| w.trim_end_matches("_bucket"))
+            .collect()
+    }
 
     #[test]
-    fn the_dashboard_uses_metrics_that_exist() {
-        let names = [CALLS, CALL_SECONDS].into_iter();
+    fn the_dashboard_and_the_alerts_use_metrics_that_exist() {
+        let ours = [CALLS, CALL_SECONDS, REFUSED_CONNECTIONS, REQUEST_BYTES, REPLY_BYTES, READY, FREE_BYTES];
+        let names = ours.into_iter().chain(PROCESS_METRICS);
         let names = names.chain(metric_names::COUNTERS.map(|(name, _)| name));
         let names = names.chain(metric_names::HISTOGRAMS.map(|(name, _)| name));
         let known: BTreeSet<&str> = names.chain(metric_names::GAUGES.map(|(name, _)| name)).collect();
-        let dashboard = include_str!("../../../deploy/grafana/dashboards/vrdp.json");
-        let words = dashboard.split(|c: char| !c.is_ascii_alphanumeric() && c != '_');
-        let used: BTreeSet<&str> =
-            words.filter(|w| w.starts_with("vrdp_")).map(|w| w.trim_end_matches("_bucket")).collect();
-        assert!(used.len() > 5 && used.is_subset(&known), "{used:?}");
+        for (file, least) in [
+            (include_str!("../../../deploy/grafana/dashboards/vrdp.json"), 5),
+            (include_str!("../../../deploy/alerts.yml"), 5),
+        ] {
+            let used = names_in(file);
+            assert!(used.len() > least && used.is_subset(&known), "{used:?}");
+        }
+    }
+
+    #[test]
+    fn every_service_is_known_by_its_methods() {
+        let methods = Methods::new();
+        assert!(methods.services().contains("vrdp.v1.Videos"), "{:?}", methods.services());
+        assert_eq!(methods.name("/vrdp.v1.Videos/GetVideo"), "vrdp.v1.Videos/GetVideo");
+        assert_eq!(methods.name("/nothing"), "other");
+        assert!(methods.streams_requests("/vrdp.v1.Reasoning/AskMany"));
+        assert!(!methods.streams_requests("/vrdp.v1.Videos/CreateVideo"));
+        assert!(!methods.streams_replies("/vrdp.v1.Videos/GetVideo"));
     }
 }

@@ -1,8 +1,16 @@
-//! The gRPC server: connections, authentication, request ids and metrics around the services.
+//! The gRPC server: connections, encryption, authentication, limits, request ids and metrics around the services.
 
-mod accept;
 pub mod auth;
+pub mod byte_budget;
+mod call;
+pub mod connections;
 pub mod metrics;
-mod request_layer;
+pub mod port_context;
+mod process_metrics;
+pub mod readiness;
+pub mod reply_body;
+pub mod request_body;
+pub mod request_layer;
 pub mod serve;
 mod services;
+pub mod sessions;

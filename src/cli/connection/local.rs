@@ -1,7 +1,7 @@
 //! Starts the service inside this process.
 
 use super::data_socket::serve_data_socket;
-use crate::api;
+use crate::api::{self, LiveSecurity, PortContext};
 use crate::cli::error::Failure;
 use crate::config::{Config, DEFAULT_HTTP};
 use crate::engine::{ChatParser, Engine, EngineError};
@@ -13,6 +13,8 @@ use tokio_util::sync::CancellationToken;
 
 /// The service running inside this process.
 pub struct LocalService {
+    /// What holds now; it may be replaced.
+    pub security: LiveSecurity,
     pub address: SocketAddr,
     pub http: Option<SocketAddr>,
     shutdown: CancellationToken,
@@ -67,7 +69,9 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
     };
     let engine = engine.with_retention(config.retention()).with_quota(config.quota());
     let engine = Arc::new(with_parser(config, engine)?);
+    let context = PortContext::new(security, config.port_limits());
     let (shutdown, limits) = (CancellationToken::new(), config.limits());
+    let security = context.security.clone();
     let stop = shutdown.clone().cancelled_owned();
     let housekeeping =
         tokio::spawn(shutdown.clone().run_until_cancelled_owned(engine.clone().enforce_retention()));
@@ -77,10 +81,10 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
     let http_address = http.as_ref().and_then(|listener| listener.local_addr().ok());
     let pages = http.map(|listener| {
         let stop = shutdown.clone().cancelled_owned();
-        tokio::spawn(api::serve_http(listener, engine.clone(), security.tokens.clone(), stop))
+        tokio::spawn(api::serve_http(listener, engine.clone(), context.clone(), stop))
     });
     let task = tokio::spawn(async move {
-        let served = api::serve(listener, engine, limits, security, stop).await.map_err(Failure::other);
+        let served = api::serve(listener, engine, limits, context, stop).await.map_err(Failure::other);
         housekeeping.abort();
         socket.abort();
         if let Some(pages) = pages {
@@ -88,7 +92,7 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
         }
         served
     });
-    Ok(LocalService { address, http: http_address, shutdown, task })
+    Ok(LocalService { security, address, http: http_address, shutdown, task })
 }
 
 /// Binds the HTTP port. The default port may be in use by another service: then there is no HTTP port.

@@ -37,6 +37,10 @@ pub enum SyntaxError {
     Arguments { name: &'static str, wanted: usize, found: usize },
     #[error("{name} is given twice")]
     Twice { name: &'static str },
+    #[error(
+        "{name} has a constant that is infinite, undefined or beyond any acceleration; write smaller numbers"
+    )]
+    RunawayConstant { name: &'static str },
     #[error("parameter {name}: {problem}")]
     Parameter { name: String, problem: &'static str },
 }

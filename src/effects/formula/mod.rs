@@ -231,6 +231,29 @@ mod tests {
     }
 
     #[test]
+    fn a_constant_without_a_finite_value_is_refused_when_it_is_given() {
+        for text in [
+            "ax = 9^9^9",
+            "ax = x + exp(9^9)",
+            "fx = vx / (1 - 1)",
+            "torque = sqrt(-2)",
+            "ay = 9^9",
+            "ax = ln(0)*x",
+        ] {
+            let refused = Formula::new(text, vec![]).expect_err(text).to_string();
+            assert!(
+                refused.starts_with("line 1, column ") && refused.contains("constant"),
+                "{text}: {refused}"
+            );
+        }
+        for text in
+            ["ax = 9^9 * x / 9^9", "ax = -(2^3)", "ay = 1/x", "fx = max(1, min(x, 2))", "ax = exp(-9^9) * vx"]
+        {
+            Formula::new(text, vec![]).expect(text);
+        }
+    }
+
+    #[test]
     fn what_is_not_finite_is_no_value() {
         for text in ["1 / (x - 0.4)", "ln(y)", "sqrt(y)", "exp(1000)", "y ^ 0.5", "1e5 * 1e5", "0 / 0"] {
             let program = formula(&format!("fy = 3; fx = {text}")).read().expect(text);

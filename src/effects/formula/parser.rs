@@ -3,7 +3,7 @@
 use super::error::{DEEPEST, SyntaxError, known_units};
 use super::hint;
 use super::parameter::FormulaParameter;
-use super::program::{FUNCTIONS, FormulaProgram, Instruction, TARGETS, VARIABLES};
+use super::program::{FUNCTIONS, FormulaProgram, Instruction, TARGETS, VARIABLES, has_runaway_constant};
 use super::unit::is_unit;
 
 pub(super) struct Parser<'a> {
@@ -13,7 +13,7 @@ pub(super) struct Parser<'a> {
     /// Given, then those that the text declares and that were not given.
     parameters: Vec<FormulaParameter>,
     declared: Vec<FormulaParameter>,
-    /// Whether units must be known ones.
+    /// Whether units must be known ones, and constants finite.
     strict: bool,
 }
 
@@ -54,7 +54,11 @@ impl<'a> Parser<'a> {
             }
             self.take('=', "'='")?;
             let mut steps = vec![];
+            let start = self.at;
             self.expression(0, 0, &mut steps)?;
+            if self.strict && has_runaway_constant(&steps, TARGETS[target].starts_with('a')) {
+                return Err((start, SyntaxError::RunawayConstant { name: TARGETS[target] }));
+            }
             program.steps[target] = steps;
             self.end()?;
         }

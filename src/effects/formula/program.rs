@@ -207,6 +207,41 @@ fn run<T: Real, O: Operand<T>>(steps: &[Instruction], variables: &[O], parameter
     stack.pop().unwrap_or_else(|| O::constant(T::zero()))
 }
 
+/// Whether a part of the steps that no variable and no parameter enters has no finite value, such as 9^9^9, or the whole of an
+/// acceleration is a constant beyond [`LARGEST`].
+pub(super) fn has_runaway_constant(steps: &[Instruction], is_acceleration: bool) -> bool {
+    let mut stack = SmallVec::<[Option<f64>; 8]>::new();
+    for step in steps {
+        let value = match *step {
+            Instruction::Variable(_) | Instruction::Parameter(_) => None,
+            Instruction::Number(v) => Some(v),
+            step => {
+                let two = matches!(
+                    step,
+                    Instruction::Add
+                        | Instruction::Subtract
+                        | Instruction::Multiply
+                        | Instruction::Divide
+                        | Instruction::Power
+                        | Instruction::Min
+                        | Instruction::Max
+                );
+                let last = stack.pop().flatten();
+                let first = if two { stack.pop().flatten() } else { Some(0.0) };
+                first.zip(last).map(|(a, b)| {
+                    let given: &[Instruction] = &[Instruction::Number(a), Instruction::Number(b), step];
+                    run(given, &[], &[])
+                })
+            }
+        };
+        if value.is_some_and(|v: f64| !v.is_finite()) {
+            return true;
+        }
+        stack.push(value);
+    }
+    is_acceleration && stack.pop().flatten().is_some_and(|v| v.abs() > LARGEST)
+}
+
 /// A function of one argument.
 fn of_one<T: Real>(function: Instruction, v: T) -> T {
     match function {

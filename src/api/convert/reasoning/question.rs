@@ -14,6 +14,7 @@ pub fn ask_request(
     request: v1::AskRequest,
 ) -> Result<(String, ModelSource, AskedQuestion, AskOptions), EngineError> {
     let mut r = Violations::default();
+    r.request_id(&request.request_id);
     let video = r.id("video", &request.video, "videos");
     let source = r.source("model", request.model, &video);
     let options = AskOptions { rollouts: r.rollouts(request.rollouts), seed: request.seed };

@@ -14,6 +14,7 @@ pub fn simulate_request(
     request: v1::SimulateRequest,
 ) -> Result<(String, ModelSource, SimulateOptions), EngineError> {
     let mut violations = Violations::default();
+    violations.request_id(&request.request_id);
     let video = violations.id("video", &request.video, "videos");
     let source = violations.source("model", request.model, &video);
     let rollouts = violations.rollouts(request.rollouts);

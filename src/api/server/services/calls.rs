@@ -5,7 +5,9 @@ use super::{comparison, report};
 use crate::api::convert::ingest::detections::linking_message;
 use crate::api::convert::ingest::new_video::{NewVideo, new_video};
 use crate::api::convert::video::video_message;
+use crate::api::convert::violations::check_request_id;
 use crate::api::convert::{findings, model, study};
+use crate::api::server::byte_budget::HeldBytes;
 use crate::api::v1;
 use crate::engine::{Engine, EngineError, StoredFit, Study, StudyKind};
 use crate::num::Stop;
@@ -83,10 +85,10 @@ pub async fn write_report(owner: &Owner, given: v1::WriteReportRequest) -> Start
 }
 
 /// Stores a video, without samples in its result.
-pub async fn import(owner: &Owner, given: v1::CreateVideoRequest) -> Started<v1::Video> {
+pub async fn import(owner: &Owner, given: v1::CreateVideoRequest, held: HeldBytes) -> Started<v1::Video> {
     let owner = owner.clone();
     long_call_of(async move {
-        let mut video = create_video(&owner, given).await?;
+        let mut video = create_video(&owner, given, held).await?;
         video.times.clear();
         video.objects.iter_mut().for_each(|object| object.samples.clear());
         Ok(video)
@@ -94,11 +96,18 @@ pub async fn import(owner: &Owner, given: v1::CreateVideoRequest) -> Started<v1:
     .await
 }
 
-pub async fn create_video(owner: &Owner, given: v1::CreateVideoRequest) -> Result<v1::Video, EngineError> {
+/// Stores a video. The work holds the reservation of its bytes, as it goes on for a moment where its caller leaves.
+pub async fn create_video(
+    owner: &Owner,
+    given: v1::CreateVideoRequest,
+    held: HeldBytes,
+) -> Result<v1::Video, EngineError> {
+    check_request_id(&given.request_id)?;
     let request_id = given.request_id.clone();
     let made = Arc::new(OnceLock::new());
     let report_to = made.clone();
     let make = move |stop: Stop| {
+        let _held = held;
         let NewVideo { scene, stills, report } = new_video(given, stop)?;
         // The closure runs once, so the cell is empty.
         let _ = report_to.set(report);

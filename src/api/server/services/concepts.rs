@@ -3,6 +3,7 @@
 use super::updates::{LongCall, long_call, replies};
 use super::{RpcResult, RpcStream, Services, cut_page};
 use crate::api::convert::reasoning::concepts;
+use crate::api::convert::violations::check_request_id;
 use crate::api::status::status;
 use crate::api::v1;
 use crate::concepts::{Lexicon, describe};
@@ -90,6 +91,7 @@ async fn learn(
     owner: &Arc<Engine>,
     given: v1::LearnConceptsRequest,
 ) -> Result<LongCall<v1::Lexicon>, EngineError> {
+    check_request_id(&given.request_id)?;
     let request_id = given.request_id.clone();
     let (base, request, seed) = concepts::learn_request(given)?;
     let job = owner.learn(base.as_deref(), request, seed).await?;

@@ -4,7 +4,9 @@ use super::{RpcResult, RpcStream};
 use crate::api::convert::ingest::video_file;
 use crate::api::convert::progress::progress_message;
 use crate::api::convert::video::video_message;
-use crate::api::status::status;
+use crate::api::convert::violations::check_request_id;
+use crate::api::server::byte_budget::{ByteBudget, HeldBytes, Holder};
+use crate::api::status::{busy, status};
 use crate::api::v1;
 use crate::engine::{Engine, EngineError, JobProgress};
 use crate::media::MAX_VIDEO_BYTES;
@@ -28,13 +30,22 @@ struct GivenFile {
     bytes: Vec<u8>,
     options: (Option<String>, PerceptionOptions),
     request_id: String,
+    /// Of its bytes.
+    held: HeldBytes,
+}
+
+/// Where the bytes of a file are counted, and for whom.
+pub struct ImportRoom {
+    pub budget: ByteBudget,
+    pub holder: Holder,
 }
 
 pub async fn import_video(
     owner: Arc<Engine>,
     parts: Streaming<v1::ImportVideoRequest>,
+    room: ImportRoom,
 ) -> RpcResult<RpcStream<v1::ImportVideoResponse>> {
-    let file = received(parts).await?;
+    let file = received(parts, room).await?;
     let (sender, receiver) = mpsc::channel(WAITING);
     let token = CancellationToken::new();
     let stopped = token.clone().drop_guard();
@@ -50,8 +61,16 @@ pub async fn import_video(
     Ok(Response::new(replies.boxed()))
 }
 
-async fn received(mut parts: Streaming<v1::ImportVideoRequest>) -> Result<GivenFile, Status> {
+async fn received(
+    mut parts: Streaming<v1::ImportVideoRequest>,
+    room: ImportRoom,
+) -> Result<GivenFile, Status> {
     let (mut options, mut bytes, mut background) = (None, vec![], vec![]);
+    let held = HeldBytes::default();
+    let hold = |part: &[u8]| match room.budget.reserve(&room.holder, part.len()) {
+        Ok(reserved) => Ok(held.add(reserved)),
+        Err(over) => Err(busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT")),
+    };
     while let Some(message) = parts.message().await? {
         let (place, most) = match message.part {
             Some(Part::Options(given)) => {
@@ -59,10 +78,12 @@ async fn received(mut parts: Streaming<v1::ImportVideoRequest>) -> Result<GivenF
                 continue;
             }
             Some(Part::Data(part)) => {
+                hold(&part)?;
                 bytes.extend(part);
                 (("data", bytes.len()), MAX_VIDEO_BYTES)
             }
             Some(Part::Background(part)) => {
+                hold(&part)?;
                 background.extend(part);
                 (("background", background.len()), MAX_BACKGROUND)
             }
@@ -74,9 +95,10 @@ async fn received(mut parts: Streaming<v1::ImportVideoRequest>) -> Result<GivenF
         }
     }
     let given = options.unwrap_or_default();
+    check_request_id(&given.request_id).map_err(status)?;
     let request_id = given.request_id.clone();
     let options = video_file::options(given, &background).map_err(status)?;
-    Ok(GivenFile { bytes, options, request_id })
+    Ok(GivenFile { bytes, options, request_id, held })
 }
 
 async fn perceived(
@@ -93,6 +115,7 @@ async fn perceived(
             let _ = sender.try_send(Ok(v1::ImportVideoResponse { event }));
         }
     });
+    let _held = file.held;
     let (id, scene, report) = owner.import_video(file.bytes, file.options, token, report).await?;
     tracing::info!(video = id, request_id = file.request_id, "video imported");
     let video = Some(video_message(&id, &scene, true));

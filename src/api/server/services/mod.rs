@@ -15,6 +15,7 @@ mod videos;
 
 pub use operations::resume_operations;
 
+use super::byte_budget::{ByteBudget, HeldBytes};
 use crate::engine::{Engine, Tenant};
 use futures_util::stream::BoxStream;
 use std::sync::Arc;
@@ -25,16 +26,25 @@ type RpcStream<T> = BoxStream<'static, Result<T, Status>>;
 
 /// All services over one engine.
 #[derive(Clone)]
-pub struct Services(pub Arc<Engine>);
+pub struct Services {
+    pub engine: Arc<Engine>,
+    /// Bytes of files of videos in flight.
+    pub imports: ByteBudget,
+}
 
 impl Services {
     /// The engine as the caller's tenant sees it; the authentication layer has set the tenant.
     fn owner<T>(&self, request: &Request<T>) -> Arc<Engine> {
         match request.extensions().get::<Tenant>() {
-            Some(tenant) => self.0.of(tenant),
-            None => self.0.clone(),
+            Some(tenant) => self.engine.of(tenant),
+            None => self.engine.clone(),
         }
     }
+}
+
+/// The reservation of the bytes of a call; work that holds them holds it too.
+fn held<T>(request: &Request<T>) -> HeldBytes {
+    request.extensions().get::<HeldBytes>().cloned().unwrap_or_default()
 }
 
 /// Cuts the rows to a page and returns the token of the next page; it is empty on the last page.

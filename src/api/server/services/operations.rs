@@ -1,8 +1,9 @@
 //! The service `Operations`.
 
 use super::updates::{CallUpdate, LongCall};
-use super::{RpcResult, RpcStream, Services, calls, cut_page};
+use super::{RpcResult, RpcStream, Services, calls, cut_page, held};
 use crate::api::convert::operation;
+use crate::api::server::byte_budget::HeldBytes;
 use crate::api::status::{error, status};
 use crate::api::v1;
 use crate::api::v1::operation::Result as OperationResult;
@@ -19,12 +20,13 @@ const HEARTBEAT: Duration = Duration::from_secs(1);
 #[tonic::async_trait]
 impl v1::operations_server::Operations for Services {
     async fn start_operation(&self, request: Request<v1::StartOperationRequest>) -> RpcResult<v1::Operation> {
-        let owner = self.owner(&request);
+        let (owner, held) = (self.owner(&request), held(&request));
         let (new, work) = operation::start(request.into_inner()).map_err(status)?;
         let engine = owner.clone();
         // In a task of its own, so that a caller who leaves now does not leave a half of it.
-        let start = async move { engine.start_operation(new, async |engine| open(engine, work).await).await };
-        let started = tokio::spawn(start).await.map_err(|error| Status::internal(error.to_string()))?;
+        let start =
+            async move { engine.start_operation(new, async |engine| open(engine, work, held).await).await };
+        let started = tokio::spawn(start).await.map_err(failed)?;
         Ok(Response::new(whole(&owner, &started.map_err(status)?).await?))
     }
 
@@ -120,8 +122,17 @@ async fn whole(owner: &Engine, found: &OperationStatus) -> Result<v1::Operation,
     operation::ended(found, &bytes).map_err(status)
 }
 
+/// The status of a task that panicked.
+fn failed(error: tokio::task::JoinError) -> Status {
+    status(EngineError::Internal { id: "operation".into(), message: error.to_string() })
+}
+
 /// Starts the work of an operation.
-async fn open(owner: &Arc<Engine>, work: Work) -> Result<BoxStream<'static, OperationUpdate>, EngineError> {
+async fn open(
+    owner: &Arc<Engine>,
+    work: Work,
+    held: HeldBytes,
+) -> Result<BoxStream<'static, OperationUpdate>, EngineError> {
     Ok(match work {
         Work::FitModel(given) => updates(calls::fit(owner, given).await?, OperationResult::Fitted),
         Work::CompareModels(given) => {
@@ -138,7 +149,7 @@ async fn open(owner: &Arc<Engine>, work: Work) -> Result<BoxStream<'static, Oper
         Work::WriteReport(given) => {
             updates(calls::write_report(owner, given).await?, OperationResult::Report)
         }
-        Work::CreateVideo(given) => updates(calls::import(owner, given).await?, OperationResult::Video),
+        Work::CreateVideo(given) => updates(calls::import(owner, given, held).await?, OperationResult::Video),
     })
 }
 

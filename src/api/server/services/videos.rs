@@ -1,12 +1,13 @@
 //! The service `Videos`.
 
-use super::import::import_video;
-use super::{RpcResult, RpcStream, Services, calls, cut_page};
+use super::import::{ImportRoom, import_video};
+use super::{RpcResult, RpcStream, Services, calls, cut_page, held};
 use crate::api::convert::ingest::camera::{calibration, pairs, uncalibrated};
 use crate::api::convert::ingest::stills::still_message;
 use crate::api::convert::video::video_message;
 use crate::api::convert::violations::video_id;
 use crate::api::convert::{listing, trace::timestamp};
+use crate::api::server::request_body::holder;
 use crate::api::status::status;
 use crate::api::v1;
 use crate::engine::JobKind;
@@ -18,7 +19,8 @@ use tonic::{Request, Response, Streaming};
 impl v1::videos_server::Videos for Services {
     async fn create_video(&self, request: Request<v1::CreateVideoRequest>) -> RpcResult<v1::Video> {
         let owner = self.owner(&request);
-        let video = calls::create_video(&owner, request.into_inner()).await.map_err(status)?;
+        let held = held(&request);
+        let video = calls::create_video(&owner, request.into_inner(), held).await.map_err(status)?;
         Ok(Response::new(video))
     }
 
@@ -29,7 +31,8 @@ impl v1::videos_server::Videos for Services {
         request: Request<Streaming<v1::ImportVideoRequest>>,
     ) -> RpcResult<Self::ImportVideoStream> {
         let owner = self.owner(&request);
-        import_video(owner, request.into_inner()).await
+        let room = ImportRoom { budget: self.imports.clone(), holder: holder(request.extensions()) };
+        import_video(owner, request.into_inner(), room).await
     }
 
     async fn get_video(&self, request: Request<v1::GetVideoRequest>) -> RpcResult<v1::Video> {

@@ -61,7 +61,9 @@ pub fn run(args: TraceArgs) -> Result<(), Failure> {
 pub fn failure(path: &Path, error: RecordingError) -> Failure {
     let message = format!("{}: {error}", path.display());
     match error {
-        RecordingError::NoTrace | RecordingError::Missing { .. } => Failure::input(message),
+        RecordingError::NoTrace | RecordingError::Missing { .. } | RecordingError::TooMuchWork { .. } => {
+            Failure::input(message)
+        }
         _ => Failure::other(message),
     }
 }

@@ -4,7 +4,7 @@ use crate::cli::connection::Target;
 use crate::cli::connection::{Announcement, start};
 use crate::cli::error::Failure;
 use crate::cli::output::print;
-use crate::config::{Config, Flags};
+use crate::config::{Config, Flags, reload_security};
 use crate::telemetry;
 use std::path::PathBuf;
 
@@ -51,13 +51,21 @@ pub async fn run(target: &Target, args: ServeArgs) -> Result<(), Failure> {
         return print(&toml::to_string(&config).map_err(Failure::other)?);
     }
     tracing::info!(?config, "effective configuration");
+    for address in config.exposed() {
+        tracing::warn!(%address, "--insecure: other machines reach this address, and not everything is encrypted and authenticated");
+    }
     let service = start(&config).await?;
+    let reloading = tokio::spawn(reload_security(config.clone(), service.security.clone()));
     let _announcement = Announcement::new(&config, service.address);
+    let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
     let http =
-        service.http.map(|address| format!("vrdp serves HTTP on http://{address}\n")).unwrap_or_default();
+        service.http.map(|address| format!("vrdp serves HTTP on {scheme}://{address}\n")).unwrap_or_default();
     print(&format!("vrdp serves gRPC on {}\n{http}", service.address))?;
     interrupted().await?;
-    service.stop().await
+    let stopped = service.stop().await;
+    // Until the end SIGHUP must not end the process.
+    reloading.abort();
+    stopped
 }
 
 /// Waits for SIGTERM or Ctrl-C.
