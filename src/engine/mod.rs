@@ -47,7 +47,7 @@ pub use operations::{
 pub use pool::{Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
 pub use progress::{JobProgress, Phase};
-pub use report_page::{ReportPage, ReportQuestion};
+pub use report_page::{ReportContents, ReportPage, ReportQuestion};
 pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,
     Study, TrajectoryPair,

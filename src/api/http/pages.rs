@@ -4,7 +4,7 @@ use crate::api::convert::names::{is_id, video_name};
 use crate::api::convert::study;
 use crate::api::status::status;
 use crate::api::v1;
-use crate::engine::{Engine, EngineError};
+use crate::engine::{Engine, EngineError, ReportContents};
 use crate::report::dashboard::dashboard;
 use axum::body::Body;
 use axum::extract::{Path, Query, State};
@@ -83,7 +83,8 @@ pub async fn report(
     let search = v1::DiscoverEffectsRequest { study, ..Default::default() };
     let (videos, start, kind) = study::discovery(search)?;
     let found = engine.study(&videos, &start, kind).await?.finish().await?;
-    let page = engine.page(&found, vec![], Some(TRACE_PREFIX.into())).await?;
+    let contents = ReportContents { prefix: Some(TRACE_PREFIX.into()), ..Default::default() };
+    let page = engine.page(&found, contents).await?;
     Ok(([(CACHE_CONTROL, "no-cache")], Html(page.html)))
 }
 

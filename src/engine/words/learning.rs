@@ -12,7 +12,7 @@ use crate::engine::pool::JobContext;
 use crate::engine::progress::{Phase, Report};
 use crate::engine::results::{StoredFit, result_digest};
 use crate::engine::state::Engine;
-use crate::num::Stop;
+use crate::num::{Stop, progress_within};
 use crate::reason::ChangedQuantity;
 use crate::scene::Scene;
 use serde::Serialize;
@@ -32,11 +32,11 @@ pub struct VideoLessons {
     pub lessons: Vec<Lesson>,
 }
 
-/// Where an example is: an object, or a collision of it with another about a frame. Ids are those of the video.
+/// Where an example is: an object, or an encounter of it with another about a frame. Ids are those of the video.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum ExamplePlace {
     Object(u32),
-    Collision { objects: [u32; 2], frame: usize },
+    Encounter { objects: [u32; 2], frame: usize },
 }
 
 /// An example of a word in a stored video.
@@ -105,7 +105,7 @@ impl Engine {
                 let options = LearnOptions { seed, ..LearnOptions::default() };
                 Box::new(move |stop| {
                     let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
-                    learn(&lessons, &options, &|_| {}, stop)
+                    learn(&lessons, &options, &|_| {}, &progress_within(stop, [FITS_SHARE, 1.0]))
                 })
             }
             LearnRequest::Change { name, quantity, videos } => {
@@ -113,7 +113,7 @@ impl Engine {
                 let options = ChangeOptions { quantity, rollouts: 0, seed };
                 Box::new(move |stop| {
                     let lessons: Vec<LessonVideo> = prepared.iter().map(FittedVideo::lesson).collect();
-                    learn_change(&base, &name, &lessons, &options, stop)
+                    learn_change(&base, &name, &lessons, &options, &progress_within(stop, [FITS_SHARE, 1.0]))
                 })
             }
             LearnRequest::Word { name, kind, yes, no } => {
@@ -126,8 +126,12 @@ impl Engine {
                 })
             }
         };
-        report(Report::Phase(Phase::Learning));
-        let (lexicon, _slot) = self.pool.run(context, move |stop: Stop| Ok(job(stop)?)).await?;
+        let learning = report.clone();
+        let job = move |stop: Stop| {
+            learning(Report::Phase(Phase::Learning));
+            Ok(job(stop)?)
+        };
+        let (lexicon, _slot) = self.pool.run(context, job).await?;
         report(Report::Phase(Phase::Storing));
         self.store.put_lexicon(&lexicon.digest(), &lexicon).await?;
         Ok(lexicon)
@@ -171,8 +175,8 @@ impl Engine {
             };
             let of = match place {
                 ExamplePlace::Object(id) => ExampleOf::Object(index(id)?),
-                ExamplePlace::Collision { objects: [a, b], frame } => {
-                    ExampleOf::Collision { objects: [index(a)?, index(b)?], frame }
+                ExamplePlace::Encounter { objects: [a, b], frame } => {
+                    ExampleOf::Encounter { objects: [index(a)?, index(b)?], frame }
                 }
             };
             let fitted = match kind {

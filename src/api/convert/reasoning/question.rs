@@ -4,7 +4,7 @@ use crate::api::convert::names::{model_name, trace_name};
 use crate::api::convert::violations::{MAX_LIST, Violations};
 use crate::api::v1;
 use crate::engine::{EngineError, ModelSource, PublishedAnswer};
-use crate::reason::{AskOptions, ChoiceAnswer, DerivationStep, Question};
+use crate::reason::{AskOptions, ChoiceAnswer, DerivationStep, Question, WordOfObject};
 
 /// Id of the lexicon whose words answer, if one is named.
 pub fn lexicon(request: &v1::AskRequest) -> Result<Option<String>, EngineError> {
@@ -84,6 +84,17 @@ pub fn answer(video: &str, done: &PublishedAnswer) -> v1::AskResponse {
         traces: done.traces.iter().map(|id| trace_name(id)).collect(),
         model: model_name(video, &done.model),
         reading: answer.reading.clone(),
+        words: answer.words.iter().map(word_of_object).collect(),
+    }
+}
+
+/// How probable a word is of one object.
+pub fn word_of_object(found: &WordOfObject) -> v1::WordOfObject {
+    v1::WordOfObject {
+        word: found.word.clone(),
+        object_id: found.object_id,
+        probability: found.probability,
+        cosine_score: found.cosine_score,
     }
 }
 

@@ -128,6 +128,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         "program": reply.program.as_ref().map(|p| &p.tokens),
         "reading": reply.reading,
         "explanation": reply.explanation,
+        "words": crate::cli::commands::words::show::objects(&reply.words),
         "traces": reply.traces,
     })
 }
