@@ -135,6 +135,8 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
         ConceptError::Contradiction { .. } => ("examples", "CONTRADICTION"),
         ConceptError::NotSeparable { .. } => ("examples", "NOT_SEPARABLE"),
+        ConceptError::NoEncounter { .. } => ("examples", "NO_ENCOUNTER"),
+        ConceptError::NoSuchObject { .. } | ConceptError::NoFit { .. } => ("examples", "INVALID"),
         _ => ("lessons", "INVALID"),
     };
     refused(reason, vec![Violation { path: path.into(), message }])

@@ -3,7 +3,7 @@
 use super::error::ConceptError;
 use super::features::{FeatureLayout, MOTION};
 use super::lexicon::{LearnedWord, Lexicon, Meaning, WordCalibration, WordKind};
-use crate::reason::{IMPACT_FEATURES, WordFamily};
+use crate::reason::{ENCOUNTER_FEATURES, WordFamily};
 use serde::{Deserialize, Serialize};
 
 /// Features that a description lists.
@@ -79,7 +79,7 @@ fn feature_names(lexicon: &Lexicon, word: &LearnedWord) -> Vec<String> {
     match word.kind {
         WordKind::Static => lexicon.layout.as_ref().map_or(vec![], FeatureLayout::names),
         WordKind::Dynamic => owned(&MOTION),
-        WordKind::Event | WordKind::Change => owned(&IMPACT_FEATURES),
+        WordKind::Event | WordKind::Change => owned(&ENCOUNTER_FEATURES),
     }
 }
 

@@ -6,14 +6,12 @@ use crate::reason::ReasonError;
 /// Why a lexicon is refused, or cannot be learned.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConceptError {
+    #[error("{video} has no features of its objects; perceive the video, or give `features` for each object")]
+    NoFeatures { video: String },
     #[error(
-        "videos[{video}].scene has no features of its objects; perceive the video, or give `features` for each object"
+        "{video} has features of layout {found}, but {expected} was expected; use one layout, or learn the lexicon again from videos of this layout"
     )]
-    NoFeatures { video: usize },
-    #[error(
-        "videos[{video}].scene has features of layout {found}, but {expected} was expected; use one layout, or learn the lexicon again from videos of this layout"
-    )]
-    Layout { video: usize, found: String, expected: String },
+    Layout { video: String, found: String, expected: String },
     #[error(
         "the lexicon has version {found}, this program reads {expected}; learn it again with this program"
     )]
@@ -40,6 +38,12 @@ pub enum ConceptError {
     NotSeparable { name: String, nearest: String },
     #[error("examples[{index}] is of object {object}, but the scene has {objects}")]
     NoSuchObject { index: usize, object: usize, objects: usize },
+    #[error("examples[{index}] has no fit, which says how objects meet; fit its video")]
+    NoFit { index: usize },
+    #[error(
+        "examples[{index}]: objects {} and {} neither collide nor come near each other; take two that do", .objects[0], .objects[1]
+    )]
+    NoEncounter { index: usize, objects: [usize; 2] },
     #[error(
         "the answers say nothing of the size of \"{name}\": every factor from {least} to {most} gives them; give more questions"
     )]

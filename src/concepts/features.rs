@@ -88,19 +88,19 @@ impl FeatureLayout {
         (length > 0).then_some(FeatureLayout { name, length, version: FEATURES_VERSION })
     }
 
-    /// The layout of video `video`, which must be the expected one where there is such.
+    /// The layout of a scene, which must be the expected one where there is such; `video` names it in errors.
     pub fn of_video(
-        video: usize,
+        video: &dyn Fn() -> String,
         scene: &Scene,
         expected: Option<&FeatureLayout>,
     ) -> Result<FeatureLayout, ConceptError> {
-        let found = FeatureLayout::of(scene).ok_or(ConceptError::NoFeatures { video })?;
+        let found = FeatureLayout::of(scene).ok_or_else(|| ConceptError::NoFeatures { video: video() })?;
         match expected.filter(|expected| **expected != found) {
             None => Ok(found),
             Some(expected) => {
                 let text = |l: &FeatureLayout| format!("\"{}\" ({} numbers)", l.name, l.length);
                 let (found, expected) = (text(&found), text(expected));
-                Err(ConceptError::Layout { video, found, expected })
+                Err(ConceptError::Layout { video: video(), found, expected })
             }
         }
     }

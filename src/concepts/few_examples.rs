@@ -16,7 +16,7 @@ use crate::reason::FUTURE_FRAMES;
 use crate::reason::simulated;
 use crate::scene::Scene;
 
-/// An object or a collision of a scene that fits a word, or does not.
+/// An object of a scene, or an encounter of two, that fits a word, or does not.
 #[derive(Debug, Clone, Copy)]
 pub struct Example<'a> {
     pub scene: &'a Scene,
@@ -29,8 +29,8 @@ pub struct Example<'a> {
 pub enum ExampleOf {
     /// Index of the object.
     Object(usize),
-    /// Indices of two objects, and about which frame they collide.
-    Collision { objects: [usize; 2], frame: usize },
+    /// Indices of two objects, and about which frame they collide, or come closest to each other.
+    Encounter { objects: [usize; 2], frame: usize },
 }
 
 /// Log odds against the bias alone that a word needs (nat): twenty to one, where evidence is strong (Jeffreys, Theory of
@@ -50,6 +50,9 @@ const APPEARANCE_GROUPS: [&[usize]; 7] = [
     &[19, 20, 21],
     &[22, 23, 24, 25, 26, 27],
 ];
+
+/// Of an encounter: how the objects meet, and how fast they are.
+const ENCOUNTER_GROUPS: [&[usize]; 2] = [&[2, 4], &[0, 1, 3]];
 
 /// The lexicon with a new word from examples that fit and examples that do not. Deterministic.
 pub fn learn_word(
@@ -72,8 +75,11 @@ pub fn learn_word(
     let fits: Vec<bool> = (0..all.len()).map(|k| k < yes.len()).collect();
     let labels: Vec<String> = all.iter().map(|e| label(e)).collect();
     contradictions(name, &rows, &fits, &labels)?;
-    let groups: &[&[usize]] =
-        if kind == WordKind::Static && is_perceived(all[0]) { &APPEARANCE_GROUPS } else { &[] };
+    let groups: &[&[usize]] = match kind {
+        WordKind::Static if is_perceived(all[0]) => &APPEARANCE_GROUPS,
+        WordKind::Event => &ENCOUNTER_GROUPS,
+        _ => &[],
+    };
     let (best, gain) = best_columns(&rows, &fits, groups);
     if gain < LEAST_EVIDENCE {
         let nearest = nearest_word(lexicon, &all, &fits);
@@ -114,8 +120,8 @@ fn label(example: &Example) -> String {
     let scene = &example.scene.name;
     match example.of {
         ExampleOf::Object(object) => format!("object {object} of {scene}"),
-        ExampleOf::Collision { objects: [a, b], frame } => {
-            format!("collision of {a} and {b} near frame {frame} of {scene}")
+        ExampleOf::Encounter { objects: [a, b], frame } => {
+            format!("encounter of {a} and {b} near frame {frame} of {scene}")
         }
     }
 }
@@ -126,22 +132,40 @@ fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>,
     match (kind, example.of) {
         (WordKind::Static, ExampleOf::Object(object)) => {
             let row = appearance(example.scene).get(object).cloned().ok_or_else(|| missing(object))?;
-            if row.is_empty() { Err(ConceptError::NoFeatures { video: index }) } else { Ok(row) }
+            if row.is_empty() {
+                Err(ConceptError::NoFeatures { video: format!("examples[{index}]") })
+            } else {
+                Ok(row)
+            }
         }
         (_, ExampleOf::Object(object)) => {
             motion(example.scene, example.fit).get(object).cloned().ok_or_else(|| missing(object))
         }
-        (_, ExampleOf::Collision { objects: [a, b], frame }) => {
-            let wanted = if a < b { vec![a, b] } else { vec![b, a] };
-            let Some(fit) = example.fit else { return Err(missing(a)) };
-            let frames = example.scene.times.len() + FUTURE_FRAMES;
-            let (scenario, _) = simulated(example.scene, fit, &best_rollout(&[], frames), &never)?;
-            let impacts = scenario.rollouts.first().map_or(&[][..], |r| &r.impacts);
-            let own = impacts.iter().filter(|i| i.objects == wanted);
-            let nearest = own.min_by_key(|i| i.frame.abs_diff(frame));
-            nearest.map(|i| i.features.to_vec()).ok_or_else(|| missing(a))
-        }
+        (_, ExampleOf::Encounter { objects, frame }) => encounter_features(example, index, objects, frame),
     }
+}
+
+/// Features of the encounter of two objects that is nearest to a frame.
+fn encounter_features(
+    example: &Example,
+    index: usize,
+    objects: [usize; 2],
+    frame: usize,
+) -> Result<Vec<f64>, ConceptError> {
+    let count = example.scene.objects.len();
+    if let Some(object) = objects.into_iter().find(|o| *o >= count) {
+        return Err(ConceptError::NoSuchObject { index, object, objects: count });
+    }
+    let Some(fit) = example.fit else { return Err(ConceptError::NoFit { index }) };
+    let mut wanted = objects.to_vec();
+    wanted.sort_unstable();
+    let frames = example.scene.times.len() + FUTURE_FRAMES;
+    let (scenario, _) = simulated(example.scene, fit, &best_rollout(&[], frames), &never)?;
+    let met = scenario.rollouts.first().map_or(&[][..], |r| &r.encounters);
+    let own = met.iter().filter(|e| e.objects == wanted);
+    let nearest = own.min_by_key(|e| e.frame.abs_diff(frame));
+    let features = nearest.map(|e| e.features.to_vec());
+    features.ok_or(ConceptError::NoEncounter { index, objects })
 }
 
 /// Refuses examples that look alike but disagree.
@@ -195,7 +219,7 @@ fn nearest_word(lexicon: &Lexicon, examples: &[&Example], fits: &[bool]) -> Stri
         .zip(fits)
         .filter_map(|(e, fit)| match e.of {
             ExampleOf::Object(object) => Some((*e, object, *fit)),
-            ExampleOf::Collision { .. } => None,
+            ExampleOf::Encounter { .. } => None,
         })
         .collect();
     let mut best: Option<(usize, String)> = None;

@@ -3,6 +3,7 @@
 use super::error::ConceptError;
 use super::features::{FeatureLayout, appearance};
 use super::observed::observed_scenario;
+use super::tape::{Tape, Variable};
 use crate::fit::Fit;
 use crate::num::Stop;
 use crate::reason::{
@@ -60,6 +61,31 @@ pub(super) struct PreparedVideo<'a> {
     /// The fitted model, if there is one.
     pub models: Vec<Model>,
     pub effects: Vec<String>,
+    /// Its last run on a tape, to be replayed with other words.
+    pub recorded: Option<RecordedLoss>,
+}
+
+/// Which items of a video are run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum RunItems {
+    /// Those about observed events.
+    Observed,
+    All,
+    /// All but those whose simulations are not there.
+    Simulated,
+}
+
+/// The items of a video on a tape.
+pub(super) struct RecordedLoss {
+    pub tape: Tape,
+    pub items: RunItems,
+    /// Logits of the words: family by family, object by object.
+    pub logits: Vec<Variable>,
+    pub loss: Variable,
+    /// Weight of the items on it.
+    pub questions: f64,
+    /// Probability of the right answer of each item.
+    pub answers: Vec<Variable>,
 }
 
 /// The words of each family that the lessons name or answer, sorted, with how often.
@@ -156,7 +182,7 @@ pub(super) fn prepare<'a>(
     let mut layout: Option<FeatureLayout> = None;
     let mut prepared = vec![];
     for (v, (video, tokens)) in videos.iter().zip(tokens).enumerate() {
-        layout = Some(FeatureLayout::of_video(v, video.scene, layout.as_ref())?);
+        layout = Some(FeatureLayout::of_video(&|| format!("videos[{v}]"), video.scene, layout.as_ref())?);
         let mut items = vec![];
         for (q, (lesson, tokens)) in video.lessons.iter().zip(tokens).enumerate() {
             let at = |source| ConceptError::Question { video: v, question: q, source };
@@ -179,6 +205,7 @@ pub(super) fn prepare<'a>(
             simulations: vec![],
             models: vec![],
             effects: vec![],
+            recorded: None,
         };
         match video.fit {
             None => ready.scenarios.push(observed_scenario(video.scene)),

@@ -9,8 +9,8 @@ use super::features::{FEATURES_VERSION, FeatureLayout, appearance, motion, speed
 use crate::fit::Fit;
 use crate::num::elementary::exp;
 use crate::reason::{
-    ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, FamilyProbabilities, LogisticWord,
-    WordFamily, WordProbabilities,
+    ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, FamilyProbabilities, LexiconWord,
+    LogisticWord, WordFamily, WordProbabilities, WordUse,
 };
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,20 @@ pub struct WordCalibration {
     pub log_loss: f64,
     /// Share of them whose most probable answer was right.
     pub accuracy: f64,
+    /// By how probable the program was that the answer is right or wrong, whichever it took for true.
+    #[serde(default)]
+    pub bins: Vec<CalibrationBin>,
+}
+
+/// Left-out answers of about one probability.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CalibrationBin {
+    pub answers: usize,
+    /// Mean probability of the verdicts.
+    pub probability: f64,
+    /// Share of the verdicts that are right, and its 95 % interval (Wilson, J. Am. Stat. Assoc. 22 (1927) 209).
+    pub accuracy: f64,
+    pub interval: [f64; 2],
 }
 
 /// What a word from examples is of.
@@ -142,6 +156,21 @@ impl Lexicon {
     pub fn names(&self) -> Vec<String> {
         let families = self.families.iter().flat_map(|f| f.words.iter().cloned());
         families.chain(self.words.iter().map(|w| w.name.clone())).collect()
+    }
+
+    /// All words with how they are used in questions.
+    pub fn uses(&self) -> Vec<LexiconWord> {
+        let families =
+            self.families.iter().flat_map(|f| f.words.iter().map(|w| (w, WordUse::Family(f.family))));
+        let words = self.words.iter().map(|w| {
+            let of = match w.kind {
+                WordKind::Static | WordKind::Dynamic => WordUse::Objects,
+                WordKind::Event => WordUse::Encounters,
+                WordKind::Change => WordUse::Change,
+            };
+            (&w.name, of)
+        });
+        families.chain(words).map(|(word, of)| LexiconWord { word: word.clone(), of }).collect()
     }
 
     /// Refuses a lexicon that another version of the program made, or whose numbers do not fit together.
@@ -253,7 +282,8 @@ pub fn word_probabilities(
 ) -> Result<WordProbabilities, ConceptError> {
     lexicon.check()?;
     if lexicon.layout.is_some() {
-        FeatureLayout::of_video(0, scene, lexicon.layout.as_ref())?;
+        let video = || format!("video \"{}\"", scene.name);
+        FeatureLayout::of_video(&video, scene, lexicon.layout.as_ref())?;
     }
     let looks = appearance(scene);
     let standard: Vec<Vec<f64>> = looks.iter().map(|f| lexicon.standardised(f)).collect();
@@ -261,6 +291,7 @@ pub fn word_probabilities(
         family: f.family,
         words: f.words.clone(),
         probabilities: standard.iter().map(|x| f.probabilities(x)).collect(),
+        cosine_scores: standard.iter().map(|x| f.cosine_scores(x)).collect(),
     };
     let mut words = WordProbabilities {
         families: lexicon.families.iter().map(family).collect(),
@@ -285,7 +316,7 @@ pub fn word_probabilities(
                 whole: moves.iter().map(|x| model.probability(x)).collect(),
                 frames: at_frames(scene, model, &moves),
             },
-            (Meaning::Logistic(model), _) => ConceptTruth::Impacts(model.clone()),
+            (Meaning::Logistic(model), _) => ConceptTruth::Encounters(model.clone()),
         };
         words.concepts.push(ConceptProbabilities { name: word.name.clone(), holds });
     }

@@ -35,7 +35,7 @@ pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};
 pub use few_examples::{Example, ExampleOf, learn_word};
 pub use lessons::{Lesson, LessonAnswer, LessonVideo};
 pub use lexicon::{
-    LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordCalibration, WordKind,
+    CalibrationBin, LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordCalibration, WordKind,
     word_probabilities,
 };
 pub use observed::observed_scenario;

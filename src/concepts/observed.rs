@@ -35,7 +35,7 @@ pub fn observed_scenario(scene: &Scene) -> Scenario {
     }
     events.sort_by_key(|e| e.frame);
     let moving = scene.tracks.iter().map(|t| moving(scene, t)).collect();
-    let rollouts = vec![RolloutEvents { events, moving, impacts: vec![] }];
+    let rollouts = vec![RolloutEvents { events, moving, encounters: vec![] }];
     Scenario { interventions: vec![], frames: scene.times.len(), rollouts }
 }
 

@@ -91,8 +91,8 @@ impl SoftRun<'_> {
         match op.token {
             "filter_color" | "filter_material" | "filter_shape" => self.filter_word(op),
             "filter_moving" | "filter_stationary" => self.filter_motion(op),
-            "filter_in" | "filter_out" | "filter_stop" | "filter_collision" | "filter_side"
-            | "filter_sides" | "filter_contact" => self.filter_kind(op),
+            "filter_in" | "filter_out" | "filter_stop" | "filter_collision" | "filter_approach"
+            | "filter_side" | "filter_sides" | "filter_contact" => self.filter_kind(op),
             "filter_partner" => self.filter_partner(op),
             "filter_before" | "filter_after" => self.filter_time(op),
             "filter_start" | "filter_end" => self.exact_edge(op),
@@ -292,6 +292,7 @@ impl SoftRun<'_> {
             "filter_in" => KindFilter::Kind(SceneEventKind::In),
             "filter_out" => KindFilter::Kind(SceneEventKind::Out),
             "filter_stop" => KindFilter::Kind(SceneEventKind::Stop),
+            "filter_approach" => KindFilter::Kind(SceneEventKind::Approach),
             "filter_sides" => KindFilter::Sides,
             "filter_contact" => KindFilter::Contacts,
             "filter_side" => match &self.choices(op)?[..] {
@@ -408,8 +409,12 @@ impl SoftRun<'_> {
         }
         let (of, sum) = normalised(self.tape, of);
         self.presupposed = self.tape.mul(self.presupposed, sum);
-        let likely = events.iter().filter(|(_, p)| self.tape.value(*p) > 0.5);
-        let likely: Vec<SceneEvent> = likely.map(|(e, _)| e.clone()).collect();
+        let mut likely: Vec<SceneEvent> = vec![];
+        for (event, p) in &events {
+            if self.tape.is_above(*p, 0.5) {
+                likely.push(event.clone());
+            }
+        }
         let mut sums = vec![ZERO; events.len()];
         for (value, p) in &of {
             let ProgramValue::Event(event) = value else { continue };
@@ -530,7 +535,7 @@ impl SoftRun<'_> {
         let mut events: Vec<(SceneEvent, Variable)> = vec![];
         for (change, p) in changes {
             // An unlikely object's counterfactual would only cost its simulation.
-            if self.tape.value(p) < LEAST_CHANGE {
+            if !self.tape.is_above(p, LEAST_CHANGE) {
                 continue;
             }
             let ProgramValue::Events(under) = self.value(op, change)? else {
@@ -554,9 +559,13 @@ impl SoftRun<'_> {
         let SoftValue::Objects(members) = self.stack.remove(at) else {
             return Err(self.mismatch(op));
         };
-        let likely = members.iter().enumerate().rev();
-        let most = likely.max_by(|a, b| self.tape.value(*a.1).total_cmp(&self.tape.value(*b.1)));
-        let alike: Vec<usize> = most.map(|(k, _)| k).into_iter().collect();
+        let mut alike: Vec<usize> = vec![];
+        for (k, p) in members.iter().enumerate() {
+            let more = alike.first().map_or(ONE, |best| self.tape.sub(*p, members[*best]));
+            if self.tape.is_above(more, 0.0) {
+                alike = vec![k];
+            }
+        }
         let (direction, length, beside) = (self.choices(op)?, self.choices(op)?, self.choices(op)?);
         let [(way, _), (far, _)] = [direction.first(), length.first()]
             .map(|c| c.cloned().unwrap_or((ProgramValue::Bool(false), ZERO)));

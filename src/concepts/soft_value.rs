@@ -51,7 +51,7 @@ pub fn normalised(
 ) -> (Vec<(ProgramValue, Variable)>, Variable) {
     let all: Vec<Variable> = choices.iter().map(|c| c.1).collect();
     let sum = tape.sum(&all);
-    if (tape.value(sum) - 1.0).abs() < LEAST {
+    if tape.is_above(sum, 1.0 - LEAST) && !tape.is_above(sum, 1.0 + LEAST) {
         return (choices, sum);
     }
     (choices.into_iter().map(|(v, p)| (v, tape.div(p, sum))).collect(), sum)

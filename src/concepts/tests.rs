@@ -80,7 +80,7 @@ fn scenario() -> Scenario {
         event(SceneEventKind::Collision, 24, &[2, 3]),
     ];
     let moving = (0..4).map(|k| (0..20).map(|f| (f >= 3 * (k % 2)).then_some(k > 0)).collect()).collect();
-    let rollouts = vec![RolloutEvents { events, moving, impacts: vec![] }];
+    let rollouts = vec![RolloutEvents { events, moving, encounters: vec![] }];
     Scenario { interventions: vec![], frames: 20 + FUTURE_FRAMES, rollouts }
 }
 
@@ -325,6 +325,11 @@ fn a_lexicon_that_lacks_numbers_is_refused() {
 
 /// A disc that strikes one at rest, and a third one `gap` beyond it, which is reached only if the push is strong enough; with its fit.
 fn chain(gap: f64) -> (Scene, crate::fit::Fit) {
+    chain_on_ground(gap, None)
+}
+
+/// The same on a ground with this coefficient of friction; `None`: the preset's.
+fn chain_on_ground(gap: f64, friction: Option<f64>) -> (Scene, crate::fit::Fit) {
     let mut random = ChaCha8Rng::seed_from_u64(3);
     let looks = [("red", "rubber", "disc"), ("blue", "rubber", "disc"), ("green", "rubber", "disc")];
     let mut scene = scene("chain", &looks, &mut random);
@@ -334,6 +339,12 @@ fn chain(gap: f64) -> (Scene, crate::fit::Fit) {
     for (body, (x, v)) in model.bodies.iter_mut().zip(starts) {
         (body.start.time, body.start.state.position) = (0.0, vec2(x, 0.0));
         body.start.state.velocity = vec2(v, 0.0);
+    }
+    for active in &mut model.effects {
+        let role = Some(crate::effects::ParamRole::GroundFriction);
+        let is_friction: Vec<bool> = active.parameters.iter().map(|p| active.role_of(p) == role).collect();
+        let own = active.parameters.iter_mut().zip(is_friction).filter(|(_, is)| *is);
+        own.flat_map(|(p, _)| &mut p.values).for_each(|v| *v = friction.unwrap_or(*v));
     }
     let run = crate::world::trace(&model, &scene.times);
     for (k, track) in scene.tracks.iter_mut().enumerate() {
@@ -350,8 +361,12 @@ fn chain(gap: f64) -> (Scene, crate::fit::Fit) {
     (scene, fit)
 }
 
-/// What happens if each object that meets another is as many times as heavy: which pairs collide.
-fn mass_lessons(scene: &Scene, fit: &crate::fit::Fit, factor: f64) -> Vec<Lesson> {
+/// What happens under a change of each object that meets another, which is called "ponderous": which pairs collide.
+fn change_lessons(
+    scene: &Scene,
+    fit: &crate::fit::Fit,
+    change: &dyn Fn(u32) -> crate::world::Intervention,
+) -> Vec<Lesson> {
     let events = |interventions: Vec<crate::world::Intervention>| {
         let frames = scene.times.len();
         let request = PredictionRequest { interventions, frames, rollouts: 0, seed: 0 };
@@ -363,8 +378,7 @@ fn mass_lessons(scene: &Scene, fit: &crate::fit::Fit, factor: f64) -> Vec<Lesson
     };
     let (all, colour) = (events(vec![]), |o: usize| scene.objects[o].color.as_str());
     let lesson = |o: usize| {
-        let heavier = crate::world::Intervention::ScaleMass { id: scene.objects[o].id, factor };
-        let changed = events(vec![heavier]);
+        let changed = events(vec![change(scene.objects[o].id)]);
         let pairs = (0..scene.objects.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
         let choice = |[a, b]: [usize; 2]| {
             let of = |o| format!("objects {} filter_color unique filter_collision", colour(o));
@@ -385,26 +399,157 @@ fn mass_lessons(scene: &Scene, fit: &crate::fit::Fit, factor: f64) -> Vec<Lesson
     (0..scene.objects.len()).filter(|o| meets(&all, &[*o])).map(lesson).collect()
 }
 
+/// The factor of a change that is learned from the answers under the true one, with its interval.
+fn learned_factor(
+    videos: &[(Scene, crate::fit::Fit)],
+    quantity: ChangedQuantity,
+    change: &dyn Fn(u32) -> crate::world::Intervention,
+) -> [f64; 3] {
+    let lessons: Vec<Vec<Lesson>> = videos.iter().map(|(s, f)| change_lessons(s, f, change)).collect();
+    let all = videos.iter().zip(&lessons);
+    let all = all.map(|((scene, fit), lessons)| LessonVideo { scene, fit: Some((fit, 0)), lessons });
+    let options = ChangeOptions { quantity, rollouts: 0, seed: 0 };
+    let lexicon = learn_change(&Lexicon::default(), "ponderous", &all.collect::<Vec<_>>(), &options, &never);
+    describe(&lexicon.expect("the answers tell it"), "ponderous")
+        .expect("it is there")
+        .factor
+        .expect("a change")
+}
+
 #[test]
 fn the_factor_of_a_change_is_learned_from_what_would_happen() {
     let videos: Vec<_> = (0..4).map(|k| chain(0.15 + 0.3 * f64::from(k))).collect();
-    let options = ChangeOptions { quantity: ChangedQuantity::Mass, rollouts: 0, seed: 0 };
-    let learned = |factor: f64| {
-        let lessons: Vec<Vec<Lesson>> = videos.iter().map(|(s, f)| mass_lessons(s, f, factor)).collect();
-        let all = videos.iter().zip(&lessons);
-        let all = all.map(|((scene, fit), lessons)| LessonVideo { scene, fit: Some((fit, 0)), lessons });
-        let all: Vec<LessonVideo> = all.collect();
-        learn_change(&Lexicon::default(), "ponderous", &all, &options, &never)
-    };
-    for truth in [5.0, 0.2] {
-        let lexicon = learned(truth).expect("the answers tell it");
-        let [factor, low, high] =
-            describe(&lexicon, "ponderous").expect("it is there").factor.expect("a change");
-        assert!(low <= truth && truth <= high, "{truth}: {factor} ({low} to {high})");
-        assert!((factor / truth).ln().abs() < 0.7, "{truth}: {factor}");
+    for factor in [5.0, 0.2] {
+        let heavier = |id| crate::world::Intervention::ScaleMass { id, factor };
+        let [found, low, high] = learned_factor(&videos, ChangedQuantity::Mass, &heavier);
+        assert!(low <= factor && factor <= high, "{factor}: {found} ({low} to {high})");
+        assert!((found / factor).ln().abs() < 0.7, "{factor}: {found}");
     }
     // What meets nothing says nothing.
     let alone = LessonVideo { scene: &videos[0].0, fit: Some((&videos[0].1, 0)), lessons: &[] };
+    let options = ChangeOptions { quantity: ChangedQuantity::Mass, rollouts: 0, seed: 0 };
     let refused = learn_change(&Lexicon::default(), "ponderous", &[alone], &options, &never);
     assert_eq!(refused, Err(ConceptError::NoQuestions));
+}
+
+/// "Slippery": the ground brakes an object less.
+#[test]
+fn the_factor_of_friction_is_learned_from_what_would_happen() {
+    let videos: Vec<_> = (0..4).map(|k| chain_on_ground(0.1 + 0.18 * f64::from(k), Some(0.1))).collect();
+    for factor in [0.3, 2.5] {
+        let slippery = |id| crate::world::Intervention::ScaleFriction { id, factor };
+        let [found, low, high] = learned_factor(&videos, ChangedQuantity::Friction, &slippery);
+        assert!(low <= factor && factor <= high, "{factor}: {found} ({low} to {high})");
+        assert!((found / factor).ln().abs() < 0.7, "{factor}: {found}");
+    }
+}
+
+/// A disc that passes a second one at rest, `offset` beside its centre, at a speed: with its fit, in which the model is exact.
+fn passing(like: &(Scene, crate::fit::Fit), offset: f64, speed: f64) -> (Scene, crate::fit::Fit) {
+    let (mut scene, mut fit) = like.clone();
+    let model = &mut fit.scenes[0].model;
+    let starts = [(vec2(-1.0, offset), speed), (vec2(0.0, 0.0), 0.0), (vec2(0.0, 5.0), 0.0)];
+    for (body, (position, v)) in model.bodies.iter_mut().zip(starts) {
+        body.start.state = crate::world::State { position, velocity: vec2(v, 0.0), ..Default::default() };
+    }
+    let run = crate::world::trace(model, &scene.times);
+    for (k, track) in scene.tracks.iter_mut().enumerate() {
+        let position = |row: &[Option<crate::world::State>]| row[k].expect("it is there").position;
+        let sample = |(frame, row): (usize, &Vec<Option<crate::world::State>>)| Sample {
+            frame,
+            position: position(row),
+            yaw: Some(0.0),
+            covariance: None,
+        };
+        track.samples = run.states.iter().enumerate().map(sample).collect();
+    }
+    (scene, fit)
+}
+
+/// Learns a word of events from five examples and five counter-examples at these offsets (in sums of radii); gives which of a hundred
+/// fresh events at random offsets it fits: `(offset, P(word))`.
+fn word_of_offsets(name: &str, yes: [f64; 5], no: [f64; 5], fresh: [f64; 2]) -> Vec<(f64, f64)> {
+    const RADII: f64 = 0.4;
+    let like = chain(5.0);
+    let mut random = ChaCha8Rng::seed_from_u64(21);
+    let mut between = |a: f64, b: f64| {
+        let u = 0.5 * (1.0 + libm::erf(standard_normal(&mut random) / std::f64::consts::SQRT_2));
+        a + (b - a) * u
+    };
+    let mut all = |offsets: [f64; 5]| offsets.map(|x| passing(&like, RADII * x, between(0.9, 2.0)));
+    let (yes, no) = (all(yes), all(no));
+    let of = ExampleOf::Encounter { objects: [1, 0], frame: 20 };
+    let example = |(scene, fit)| Example { scene, fit: Some((fit, 0)), of };
+    let yes: Vec<Example> = yes.iter().map(|(s, f)| example((s, f))).collect();
+    let no: Vec<Example> = no.iter().map(|(s, f)| example((s, f))).collect();
+    let lexicon = learn_word(&Lexicon::default(), name, WordKind::Event, &yes, &no).expect("they differ");
+    let probability = |offset: f64, speed: f64| {
+        let (scene, fit) = passing(&like, RADII * offset, speed);
+        let words = word_probabilities(&lexicon, &scene, Some((&fit, 0))).expect("it has no words of looks");
+        let request = PredictionRequest { interventions: vec![], frames: 80, rollouts: 0, seed: 0 };
+        let (found, _) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
+        let ConceptTruth::Encounters(word) = &words.concepts[0].holds else { panic!("a word of events") };
+        let met = &found.rollouts[0].encounters;
+        assert_eq!(met.len(), 1, "at {offset}: {met:?}");
+        word.probability(&met[0].features)
+    };
+    let draws: Vec<(f64, f64)> = (0..100).map(|_| (between(fresh[0], fresh[1]), between(0.9, 2.0))).collect();
+    draws.into_iter().map(|(offset, speed)| (offset, probability(offset, speed))).collect()
+}
+
+/// A collision is glancing from an angle of 45 degrees on: sqrt(1/2) of the radii beside the centre.
+#[test]
+fn glancing_collisions_are_learned() {
+    let found =
+        word_of_offsets("glancing", [0.8, 0.85, 0.9, 0.93, 0.96], [0.05, 0.2, 0.3, 0.45, 0.6], [0.0, 0.98]);
+    let right = found.iter().filter(|(x, p)| (*p > 0.5) == (*x > 0.5f64.sqrt())).count();
+    println!("glancing: {right} of {}", found.len());
+    assert!(right >= 90, "{right} of 100: {found:?}");
+}
+
+/// Pairs that pass each other without touching: near ones have a gap below 0.275 of their width.
+#[test]
+fn near_misses_are_learned() {
+    let found = word_of_offsets(
+        "near-miss",
+        [1.03, 1.06, 1.1, 1.15, 1.2],
+        [1.35, 1.45, 1.6, 1.75, 1.9],
+        [1.02, 1.98],
+    );
+    let right = found.iter().filter(|(x, p)| (*p > 0.5) == (*x < 1.275)).count();
+    println!("near-miss: {right} of {}", found.len());
+    assert!(right >= 90, "{right} of 100: {found:?}");
+}
+
+/// A pair beyond its own width is not near, one that touches collides, and one at rest does not come nearer.
+#[test]
+fn approaches_are_passes_within_the_width_of_the_objects() {
+    let like = chain(5.0);
+    let request = PredictionRequest { interventions: vec![], frames: 80, rollouts: 0, seed: 0 };
+    let collides = |offset: f64, speed: f64| -> Vec<bool> {
+        let (scene, fit) = passing(&like, 0.4 * offset, speed);
+        let (found, _) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
+        found.rollouts[0].encounters.iter().map(|e| e.is_collision).collect()
+    };
+    assert_eq!(collides(0.5, 1.5), [true]);
+    assert_eq!(collides(1.5, 1.5), [false]);
+    assert!(collides(2.05, 1.5).is_empty());
+    assert!(collides(1.5, 0.0).is_empty());
+    // The programs see them, and no other operation does.
+    let (scene, fit) = passing(&like, 0.6, 1.5);
+    let asked = |text: &str| {
+        let question = Question::Program { program: tokens(text), choices: vec![] };
+        let options = AskOptions { rollouts: 0, seed: 0 };
+        ask(&scene, &fit, 0, &question, &options, &never).expect(text).answer.expect(text)
+    };
+    assert_eq!(asked("video approaches objects red filter_color filter_approach count"), "1");
+    assert_eq!(asked("video approaches objects green filter_color filter_approach count"), "0");
+    assert_eq!(asked("video approaches objects filter_collision count"), "0");
+    assert_eq!(asked("events objects filter_approach count"), "0");
+    assert_eq!(asked("objects red filter_color unique 0 scale_velocity suppose video approaches count"), "0");
+    let near = "video approaches objects filter_approach first filter_order";
+    assert_eq!(
+        asked(&format!("{near} objects red filter_color unique query_collision_partner query_color")),
+        "blue"
+    );
 }

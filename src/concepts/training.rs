@@ -14,14 +14,16 @@
 
 use super::error::ConceptError;
 use super::features::standard;
-use super::lessons::{FamilyWords, LessonItem, LessonVideo, PreparedVideo, family_words, prepare, read};
-use super::lexicon::{LearnedFamily, Lexicon, WordCalibration};
+use super::lessons::{
+    FamilyWords, LessonItem, LessonVideo, PreparedVideo, RecordedLoss, RunItems, family_words, prepare, read,
+};
+use super::lexicon::{CalibrationBin, LearnedFamily, Lexicon, WordCalibration};
 use super::soft::{SoftContext, SoftFamily, SoftRun};
 use super::soft_value::SoftValue;
 use super::tape::{ONE, Tape, Variable, ZERO};
-use crate::num::Stop;
 use crate::num::elementary::{cos, ln};
 use crate::num::standard_normal;
+use crate::num::{NINETY_FIVE, Stop, progress_within};
 use crate::reason::{FUTURE_FRAMES, Halt, ProgramValue, RolloutContext};
 use crate::world::Intervention;
 use rand_chacha::ChaCha8Rng;
@@ -95,12 +97,15 @@ pub fn learn(
     lexicon.families = start(&words, lexicon.mean.len(), options.seed);
     let blank = lexicon.families.clone();
     let trainer = Trainer { options };
-    let families = trainer.train(&mut prepared, &all, blank.clone(), &report, stop)?;
+    let folds = if options.folds >= 2 { options.folds.min(prepared.len()) } else { 0 };
+    // The whole and each fold are trained alike.
+    let share = |k: usize| k as f64 / (1 + folds) as f64;
+    let within = |k: usize| progress_within(stop, [share(k), share(k + 1)]);
+    let families = trainer.train(&mut prepared, &all, blank.clone(), &report, &within(0))?;
     let mut left_out = vec![];
-    let folds = options.folds.min(prepared.len());
-    for fold in (0..folds).filter(|_| folds >= 2) {
+    for fold in 0..folds {
         let used: Vec<usize> = all.iter().copied().filter(|v| v % folds != fold).collect();
-        let families = trainer.train(&mut prepared, &used, blank.clone(), &|_, _| {}, stop)?;
+        let families = trainer.train(&mut prepared, &used, blank.clone(), &|_, _| {}, &within(fold + 1))?;
         left_out.push((fold, families));
     }
     let calibrated = trainer.calibrated(&prepared, families, &left_out, folds);
@@ -145,8 +150,60 @@ struct Trainer<'a> {
 struct VideoLoss {
     loss: f64,
     questions: f64,
-    /// By family, object and word: derivative by the logit.
-    logits: Vec<Vec<Vec<f64>>>,
+    /// Derivatives by the logits: family by family, object by object.
+    logits: Vec<f64>,
+}
+
+impl VideoLoss {
+    fn of(run: &RecordedLoss) -> VideoLoss {
+        VideoLoss {
+            loss: run.tape.value(run.loss),
+            questions: run.questions,
+            logits: run.tape.gradient(run.loss, &run.logits),
+        }
+    }
+}
+
+/// E W of a family, words x features, and E u: the logits of its words are linear in the features.
+struct LogitMap {
+    words: usize,
+    weights: Vec<f64>,
+    offsets: Vec<f64>,
+}
+
+impl LogitMap {
+    fn of(family: &LearnedFamily, length: usize) -> LogitMap {
+        let (n, words) = (family.dimension, family.words.len());
+        let (mut weights, mut offsets) = (vec![0.0; words * length], vec![0.0; words]);
+        for w in 0..words {
+            let row = &mut weights[w * length..(w + 1) * length];
+            for (c, e) in family.vectors[w * n..(w + 1) * n].iter().enumerate() {
+                offsets[w] += e * family.offset[c];
+                let map = &family.map[c * length..(c + 1) * length];
+                row.iter_mut().zip(map).for_each(|(slot, x)| *slot += e * x);
+            }
+        }
+        LogitMap { words, weights, offsets }
+    }
+
+    fn logit(&self, word: usize, features: &[f64]) -> f64 {
+        let row = &self.weights[word * features.len()..(word + 1) * features.len()];
+        self.offsets[word] + row.iter().zip(features).map(|(w, f)| w * f).sum::<f64>()
+    }
+}
+
+/// Logits of all words of a video over a temperature: family by family, object by object.
+fn logits(maps: &[LogitMap], video: &PreparedVideo, temperature: f64) -> Vec<f64> {
+    let of_family = |m: &LogitMap| -> Vec<f64> {
+        let of = |f: &Vec<f64>| (0..m.words).map(|w| m.logit(w, f) / temperature).collect::<Vec<f64>>();
+        video.features.iter().flat_map(of).collect()
+    };
+    maps.iter().flat_map(of_family).collect()
+}
+
+fn logit_maps(families: &[LearnedFamily], videos: &[PreparedVideo]) -> Vec<LogitMap> {
+    let length = videos.iter().flat_map(|v| v.features.first()).map(Vec::len).next().unwrap_or(0);
+    families.iter().map(|f| LogitMap::of(f, length)).collect()
 }
 
 impl Trainer<'_> {
@@ -167,7 +224,8 @@ impl Trainer<'_> {
         let mut at = order.len();
         for step in 0..self.options.steps {
             stop(step as f64 / self.options.steps as f64)?;
-            let only_observed = has_simulated && (step as f64) < OBSERVED_SHARE * self.options.steps as f64;
+            let is_first = has_simulated && (step as f64) < OBSERVED_SHARE * self.options.steps as f64;
+            let items = if is_first { RunItems::Observed } else { RunItems::All };
             let mut batch = vec![];
             while batch.len() < BATCH.min(order.len()) {
                 if at >= order.len() {
@@ -177,13 +235,11 @@ impl Trainer<'_> {
                 batch.push(order[at]);
                 at += 1;
             }
-            let losses = self.batch(videos, &batch, &families, only_observed, stop)?;
+            let losses = self.batch(videos, &batch, &families, items, stop)?;
             let questions: f64 = losses.iter().map(|l| l.questions).sum();
             let loss: f64 = losses.iter().map(|l| l.loss).sum();
             let mut gradient = adam.zeros();
-            for (v, loss) in batch.iter().zip(&losses) {
-                self.add_gradient(&families, &videos[*v], loss, &mut gradient);
-            }
+            self.add_gradient(&families, videos, (&batch, &losses), &mut gradient);
             // The mean over the questions of the batch; the prior counts once for all questions.
             let scale = 1.0 / questions.max(1e-9);
             gradient.iter_mut().flatten().for_each(|g| *g *= scale);
@@ -201,27 +257,41 @@ impl Trainer<'_> {
         videos: &mut [PreparedVideo],
         batch: &[usize],
         families: &[LearnedFamily],
-        only_observed: bool,
+        items: RunItems,
         stop: Stop,
     ) -> Result<Vec<VideoLoss>, ConceptError> {
+        let maps = logit_maps(families, videos);
         loop {
+            let recorded: Vec<Option<RecordedLoss>> =
+                batch.iter().map(|v| videos[*v].recorded.take()).collect();
             let ready: &[PreparedVideo] = videos;
-            let losses: Vec<Result<VideoLoss, Halt>> =
-                batch.par_iter().map(|v| self.loss(&ready[*v], families, only_observed)).collect();
-            let mut done = vec![];
-            let mut needs = vec![];
-            for (v, loss) in batch.iter().zip(losses) {
-                match loss {
-                    Ok(loss) => done.push(loss),
+            let runs: Vec<Result<(RecordedLoss, VideoLoss), Halt>> = batch
+                .par_iter()
+                .zip(recorded)
+                .map(|(v, last)| {
+                    let logits = logits(&maps, &ready[*v], 1.0);
+                    let run = self.run(&ready[*v], families, &logits, (items, last))?;
+                    let loss = VideoLoss::of(&run);
+                    Ok((run, loss))
+                })
+                .collect();
+            let (mut done, mut losses, mut needs) = (vec![], vec![], vec![]);
+            for (v, run) in batch.iter().zip(runs) {
+                match run {
+                    Ok((run, loss)) => {
+                        done.push((*v, run));
+                        losses.push(loss);
+                    }
                     Err(Halt::NeedsSimulation(interventions, frames)) => {
                         needs.push((*v, interventions, frames));
                     }
-                    Err(Halt::Undetermined(_)) => done.push(VideoLoss::default()),
+                    Err(Halt::Undetermined(_)) => losses.push(VideoLoss::default()),
                     Err(Halt::Error(error)) => return Err(error.into()),
                 }
             }
             if needs.is_empty() {
-                return Ok(done);
+                keep(videos, done);
+                return Ok(losses);
             }
             for (v, interventions, frames) in needs {
                 videos[v].simulate(&interventions, frames, stop)?;
@@ -229,55 +299,61 @@ impl Trainer<'_> {
         }
     }
 
-    /// Loss of one video and its derivatives by the logits of its objects.
-    fn loss(
+    /// The items of a video for these logits: the last run again if it took the path that this one takes, else on a new tape.
+    fn run(
         &self,
         video: &PreparedVideo,
         families: &[LearnedFamily],
-        only_observed: bool,
-    ) -> Result<VideoLoss, Halt> {
+        logits: &[f64],
+        (items, last): (RunItems, Option<RecordedLoss>),
+    ) -> Result<RecordedLoss, Halt> {
+        if let Some(mut last) = last.filter(|l| l.items == items) {
+            let inputs = last.logits.iter().copied().zip(logits.iter().copied());
+            if last.tape.replay(inputs) {
+                return Ok(last);
+            }
+        }
         let mut tape = Tape::default();
-        let (soft, inputs) = self.soft_families(video, families, &mut tape);
+        let (soft, inputs) = self.soft_families(video, families, logits, &mut tape);
         let context = self.context(video, &soft);
-        let (mut loss, mut questions) = (ZERO, 0.0);
-        for item in video.items.iter().filter(|i| !(only_observed && i.needs_simulation)) {
-            let Some((answer, presupposed)) = answer_probability(&context, item, &mut tape)? else {
-                continue;
+        let (mut loss, mut questions, mut answers) = (ZERO, 0.0, vec![]);
+        let left_out = |i: &LessonItem| items == RunItems::Observed && i.needs_simulation;
+        for item in video.items.iter().filter(|i| !left_out(i)) {
+            let found = match answer_probability(&context, item, &mut tape) {
+                Err(Halt::NeedsSimulation(..)) if items == RunItems::Simulated => None,
+                found => found?,
             };
+            let Some((answer, presupposed)) = found else { continue };
             let (log_answer, log_presupposed) = (tape.ln(answer), tape.ln(presupposed));
             let given = tape.scale(log_presupposed, PRESUPPOSED_WEIGHT);
             let both = tape.add(log_answer, given);
             let weighted = tape.scale(both, -item.weight);
             loss = tape.add(loss, weighted);
             questions += item.weight;
+            answers.push(answer);
         }
-        let flat: Vec<Variable> = inputs.iter().flatten().flatten().copied().collect();
-        let mut derivatives = tape.gradient(loss, &flat).into_iter();
-        let logits = inputs
-            .iter()
-            .map(|family| family.iter().map(|row| derivatives.by_ref().take(row.len()).collect()).collect())
-            .collect();
-        Ok(VideoLoss { loss: tape.value(loss), questions, logits })
+        tape.finish();
+        Ok(RecordedLoss { tape, items, logits: inputs, loss, questions, answers })
     }
 
-    /// Probabilities of words on the tape, and the logits that they come from: `[family][object][word]`.
+    /// Probabilities of words on the tape, and the logits that they come from.
     fn soft_families<'f>(
         &self,
         video: &PreparedVideo,
         families: &'f [LearnedFamily],
+        logits: &[f64],
         tape: &mut Tape,
-    ) -> (Vec<SoftFamily<'f>>, Vec<Vec<Vec<Variable>>>) {
-        let (mut soft, mut inputs) = (vec![], vec![]);
+    ) -> (Vec<SoftFamily<'f>>, Vec<Variable>) {
+        let inputs: Vec<Variable> = logits.iter().map(|l| tape.input(*l)).collect();
+        let (mut soft, mut rest) = (vec![], &inputs[..]);
         for family in families {
-            let (mut rows, mut probabilities) = (vec![], vec![]);
-            for features in &video.features {
-                let logits = family.logits(features);
-                let row: Vec<Variable> = logits.iter().map(|l| tape.input(l / family.temperature)).collect();
-                probabilities.push(tape.softmax(&row));
-                rows.push(row);
+            let mut probabilities = vec![];
+            for _ in &video.features {
+                let (row, others) = rest.split_at(family.words.len().min(rest.len()));
+                probabilities.push(tape.softmax(row));
+                rest = others;
             }
             soft.push(SoftFamily { family: family.family, words: &family.words, probabilities });
-            inputs.push(rows);
         }
         (soft, inputs)
     }
@@ -300,29 +376,39 @@ impl Trainer<'_> {
         SoftContext { exact, families: soft }
     }
 
-    /// Adds dL/dW = sum_o E^T g_o f_o^T, dL/du = sum_o E^T g_o, dL/dE = sum_o g_o z_o^T.
+    /// Adds dL/dW = E^T G, dL/du = E^T h and dL/dE = G W^T + h u^T, with G = sum_o g_o f_o^T and h = sum_o g_o over all objects.
     fn add_gradient(
         &self,
         families: &[LearnedFamily],
-        video: &PreparedVideo,
-        loss: &VideoLoss,
+        videos: &[PreparedVideo],
+        (batch, losses): (&[usize], &[VideoLoss]),
         gradient: &mut [Vec<f64>],
     ) {
-        for (k, (family, objects)) in families.iter().zip(&loss.logits).enumerate() {
-            for (f, g) in video.features.iter().zip(objects) {
-                let z = family.place(f);
-                let n = family.dimension;
-                let mut back = vec![0.0; n];
-                for (w, gw) in g.iter().enumerate() {
-                    for c in 0..n {
-                        back[c] += gw * family.vectors[w * n + c];
-                        gradient[3 * k + 2][w * n + c] += gw * z[c];
+        let mut first: Vec<usize> = vec![0; batch.len()];
+        for (k, family) in families.iter().enumerate() {
+            let (words, n) = (family.words.len(), family.dimension);
+            let length = family.map.len() / n.max(1);
+            let (mut of_features, mut of_words) = (vec![0.0; words * length], vec![0.0; words]);
+            for ((v, loss), first) in batch.iter().zip(losses).zip(&mut first) {
+                for f in &videos[*v].features {
+                    let own = loss.logits.get(*first..*first + words).unwrap_or_default();
+                    for (w, g) in own.iter().enumerate().filter(|(_, g)| **g != 0.0) {
+                        of_words[w] += g;
+                        let row = &mut of_features[w * length..(w + 1) * length];
+                        row.iter_mut().zip(f).for_each(|(slot, x)| *slot += g * x);
                     }
+                    *first += words;
                 }
+            }
+            for w in 0..words {
+                let row = &of_features[w * length..(w + 1) * length];
                 for c in 0..n {
-                    gradient[3 * k + 1][c] += back[c];
-                    let row = &mut gradient[3 * k][c * f.len()..(c + 1) * f.len()];
-                    row.iter_mut().zip(f).for_each(|(slot, x)| *slot += back[c] * x);
+                    let (e, map) = (family.vectors[w * n + c], &family.map[c * length..(c + 1) * length]);
+                    gradient[3 * k + 1][c] += e * of_words[w];
+                    let of_map = &mut gradient[3 * k][c * length..(c + 1) * length];
+                    of_map.iter_mut().zip(row).for_each(|(slot, g)| *slot += e * g);
+                    let along: f64 = row.iter().zip(map).map(|(g, x)| g * x).sum();
+                    gradient[3 * k + 2][w * n + c] += along + of_words[w] * family.offset[c];
                 }
             }
         }
@@ -339,46 +425,66 @@ impl Trainer<'_> {
         if left_out.is_empty() {
             return families;
         }
-        let score = |temperature: f64| -> (f64, usize, usize) {
-            let per_video = videos.par_iter().enumerate().map(|(v, video)| {
-                let Some((_, learned)) = left_out.iter().find(|(fold, _)| v % folds == *fold) else {
-                    return (0.0, 0, 0);
-                };
-                let mut learned = learned.clone();
-                learned.iter_mut().for_each(|f| f.temperature = temperature);
-                self.held_out(video, &learned)
+        let maps: Vec<Vec<LogitMap>> = left_out.iter().map(|(_, f)| logit_maps(f, videos)).collect();
+        let mut runs: Vec<Option<RecordedLoss>> = videos.iter().map(|_| None).collect();
+        let mut answers = |temperature: f64| -> Vec<f64> {
+            let each = videos.par_iter().zip(&mut runs).enumerate().map(|(v, (video, run))| {
+                let fold = left_out.iter().zip(&maps).find(|((fold, _), _)| v % folds == *fold);
+                let Some(((_, learned), maps)) = fold else { return vec![] };
+                let logits = logits(maps, video, temperature);
+                *run = self.run(video, learned, &logits, (RunItems::Simulated, run.take())).ok();
+                run.as_ref().map_or(vec![], |r| r.answers.iter().map(|a| r.tape.value(*a)).collect())
             });
-            let all: Vec<(f64, usize, usize)> = per_video.collect();
-            all.iter().fold((0.0, 0, 0), |s, x| (s.0 + x.0, s.1 + x.1, s.2 + x.2))
+            each.collect::<Vec<_>>().concat()
         };
-        let scored = TEMPERATURES.map(|t| (t, score(t)));
-        let best = scored.iter().min_by(|a, b| a.1.0.total_cmp(&b.1.0));
-        if let Some((temperature, (loss, right, answers))) = best {
-            let n = (*answers).max(1) as f64;
-            let calibration =
-                WordCalibration { answers: *answers, log_loss: loss / n, accuracy: *right as f64 / n };
+        let loss = |answers: &[f64]| -> f64 { answers.iter().map(|p| -ln(p.max(LEAST_PROBABILITY))).sum() };
+        let scored = TEMPERATURES.map(|t| (t, answers(t)));
+        let best = scored.iter().min_by(|a, b| loss(&a.1).total_cmp(&loss(&b.1)));
+        if let Some((temperature, answers)) = best {
+            let calibration = calibration(answers, loss(answers));
             for family in &mut families {
                 (family.temperature, family.calibration) = (*temperature, Some(calibration.clone()));
             }
         }
         families
     }
+}
 
-    /// Negative log probability of the answers of a video, how many are right, and how many there are.
-    fn held_out(&self, video: &PreparedVideo, families: &[LearnedFamily]) -> (f64, usize, usize) {
-        let mut tape = Tape::default();
-        let (soft, _) = self.soft_families(video, families, &mut tape);
-        let context = self.context(video, &soft);
-        let (mut loss, mut right, mut answers) = (0.0, 0, 0);
-        for item in &video.items {
-            // What needs a simulation that training did not need is left out.
-            let Ok(Some((answer, _))) = answer_probability(&context, item, &mut tape) else { continue };
-            let p = tape.value(answer);
-            loss -= ln(p.max(LEAST_PROBABILITY));
-            right += usize::from(p > 0.5);
-            answers += 1;
-        }
-        (loss, right, answers)
+/// Verdicts of about one probability, from a coin's to a certain one.
+const BINS: [f64; 6] = [0.5, 0.6, 0.7, 0.8, 0.9, 0.97];
+
+/// The 95 % interval of a share (Wilson, J. Am. Stat. Assoc. 22 (1927) 209).
+fn share_interval(right: usize, count: usize) -> [f64; 2] {
+    let (n, z) = (count as f64, NINETY_FIVE);
+    let p = right as f64 / n;
+    let scale = 1.0 + z * z / n;
+    let centre = (p + z * z / (2.0 * n)) / scale;
+    let half = z / scale * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    [(centre - half).max(0.0), (centre + half).min(1.0)]
+}
+
+/// Figures of left-out answers, from the probabilities of the right ones and their log loss.
+fn calibration(answers: &[f64], log_loss: f64) -> WordCalibration {
+    let n = answers.len().max(1) as f64;
+    let is_right = |p: &f64| *p > 0.5;
+    let bin = |k: usize| -> Option<CalibrationBin> {
+        let to = BINS.get(k + 1).copied().unwrap_or(f64::INFINITY);
+        let own = answers.iter().filter(|p| (BINS[k]..to).contains(&p.max(1.0 - **p)));
+        let own: Vec<f64> = own.copied().collect();
+        let count = Some(own.len()).filter(|n| *n > 0)?;
+        let right = own.iter().filter(|p| is_right(p)).count();
+        Some(CalibrationBin {
+            answers: count,
+            probability: own.iter().map(|p| p.max(1.0 - p)).sum::<f64>() / count as f64,
+            accuracy: right as f64 / count as f64,
+            interval: share_interval(right, count),
+        })
+    };
+    WordCalibration {
+        answers: answers.len(),
+        log_loss: log_loss / n,
+        accuracy: answers.iter().filter(|p| is_right(p)).count() as f64 / n,
+        bins: (0..BINS.len()).filter_map(bin).collect(),
     }
 }
 
@@ -416,6 +522,20 @@ fn answer_probability(
     let answer = choices.iter().find(|(value, _)| is_answer(value)).map_or(ZERO, |c| c.1);
     Ok(Some((answer, presupposed)))
 }
+
+/// Keeps runs to be replayed, up to [`MOST_KEPT`] entries.
+fn keep(videos: &mut [PreparedVideo], runs: Vec<(usize, RecordedLoss)>) {
+    let mut kept: usize = videos.iter().filter_map(|v| v.recorded.as_ref()).map(|r| r.tape.length()).sum();
+    for (v, run) in runs {
+        kept += run.tape.length();
+        if kept <= MOST_KEPT {
+            videos[v].recorded = Some(run);
+        }
+    }
+}
+
+/// Most entries of all tapes that are kept: 20 bytes each.
+const MOST_KEPT: usize = 8 << 20;
 
 fn shuffle(order: &mut [usize], random: &mut ChaCha8Rng) {
     for k in (1..order.len()).rev() {

@@ -41,6 +41,8 @@ pub enum ParamRole {
     PairRestitution,
     /// Restitution at something that is no object of the scene: a wall, a hidden obstacle.
     WallRestitution,
+    /// Friction of the ground is proportional to it.
+    GroundFriction,
     /// It moves no centre of mass, or another parameter compensates it: free motion does not determine it.
     UnseenInFreeMotion,
 }

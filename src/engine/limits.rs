@@ -116,6 +116,7 @@ fn refused_edit(index: usize, intervention: &Intervention, error: &InterventionE
         Intervention::Remove { .. } => "remove",
         Intervention::ScaleMass { .. } => "scale_mass",
         Intervention::ScaleRestitution { .. } => "scale_restitution",
+        Intervention::ScaleFriction { .. } => "scale_friction",
         Intervention::SetVelocity { .. } => "set_velocity",
         Intervention::ScaleVelocity { .. } => "scale_velocity",
         Intervention::Shift { .. } => "shift",

@@ -51,7 +51,7 @@ pub use pool::{JobKind, Load, panic_message};
 pub use predictions::{DEFAULT_FUTURE_FRAMES, DEFAULT_ROLLOUTS, SimulateOptions};
 pub use progress::{JobProgress, Phase};
 pub use questions::{AskedQuestion, ChatParser, ChatSettings, Parsed};
-pub use report_page::{ReportPage, ReportQuestion};
+pub use report_page::{ReportContents, ReportPage, ReportQuestion};
 pub use results::{
     Discovered, Findings, OptionalPose, PublishedAnswer, PublishedSimulation, RevisionRecord, StoredFit,
     Study, TrajectoryPair,

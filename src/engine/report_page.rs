@@ -24,6 +24,16 @@ pub struct ReportQuestion {
     pub options: AskOptions,
 }
 
+/// What a page shows beside its models.
+#[derive(Debug, Clone, Default)]
+pub struct ReportContents {
+    pub questions: Vec<ReportQuestion>,
+    /// Traces are linked as `{prefix}{id}.mcap`; without it they are only named.
+    pub prefix: Option<String>,
+    /// Id of the lexicon whose words the page shows, and with which its questions are answered.
+    pub lexicon: Option<String>,
+}
+
 /// A page with its pictures and traces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportPage {
@@ -40,8 +50,7 @@ impl Engine {
         self: &Arc<Self>,
         models: Vec<StoredFit>,
         against: Option<Vec<StoredFit>>,
-        queries: Vec<ReportQuestion>,
-        prefix: Option<String>,
+        contents: ReportContents,
     ) -> Result<ReportPage, EngineError> {
         let beside = against.is_some();
         let mut chain = vec![models];
@@ -67,7 +76,7 @@ impl Engine {
             Discovery { effects: effects_of(&chain, beside), noise_sigma, revisions, ..no_discovery() };
         let models = last.iter().map(|f| f.id.clone()).collect();
         let subject = ReportSubject { videos, models, discovery, steps, kept: Some(kept) };
-        self.subject_page(subject, queries, prefix).await
+        self.subject_page(subject, contents).await
     }
 
     /// The models of the parent revision, if it is kept.
@@ -129,12 +138,11 @@ impl Engine {
         })
     }
 
-    /// The page of a discovery. Traces are linked as `{prefix}{id}.mcap`; without a prefix they are only named.
+    /// The page of a discovery.
     pub async fn page(
         self: &Arc<Self>,
         study: &Study,
-        queries: Vec<ReportQuestion>,
-        prefix: Option<String>,
+        contents: ReportContents,
     ) -> Result<ReportPage, EngineError> {
         let Findings::Discovery(found) = &study.findings else {
             return Err(EngineError::invalid("study", "is no discovery"));
@@ -144,15 +152,15 @@ impl Engine {
         let steps = found.discovery.revisions.iter().map(step).collect();
         let (videos, discovery) = (study.videos.clone(), found.discovery.clone());
         let subject = ReportSubject { videos, models, discovery, steps, kept: None };
-        self.subject_page(subject, queries, prefix).await
+        self.subject_page(subject, contents).await
     }
 
     async fn subject_page(
         self: &Arc<Self>,
         subject: ReportSubject,
-        queries: Vec<ReportQuestion>,
-        prefix: Option<String>,
+        contents: ReportContents,
     ) -> Result<ReportPage, EngineError> {
+        let ReportContents { questions, prefix, lexicon } = contents;
         let last = &subject.models;
         let (mut scenes, mut stills) = (vec![], vec![]);
         let (mut ids, mut links) = (vec![], vec![]);
@@ -170,7 +178,13 @@ impl Engine {
             scenes.push(scene);
         }
         let mut answers = vec![];
-        for query in queries {
+        let mut words = vec![];
+        if let Some(lexicon) = &lexicon {
+            for video in &subject.videos {
+                words.push(self.words_of_video(lexicon, video).await?.1);
+            }
+        }
+        for query in questions {
             let video = query.video;
             let ours = subject.videos.iter().position(|v| *v == video).and_then(|k| last.get(k));
             let source = match (&query.source.kind, ours) {
@@ -183,7 +197,9 @@ impl Engine {
                 Question::English { question, .. } => question.clone(),
                 Question::Program { program, .. } => program.join(" "),
             };
-            let done = self.ask(&video, &source, query.asked, query.options).await?;
+            let mut asked = query.asked;
+            asked.lexicon = asked.lexicon.or_else(|| lexicon.clone());
+            let done = self.ask(&video, &source, asked, query.options).await?;
             let model = self.model(&video, &done.model).await?;
             links.extend(done.traces.iter().map(|id| (id.clone(), format!("“{text}”"))));
             answers.push((text, self.video(&video).await?, model, done));
@@ -210,6 +226,7 @@ impl Engine {
                 steps: &subject.steps,
                 kept: subject.kept.as_ref(),
                 answers: &answers,
+                words: &words,
                 traces: &linked,
             });
             Ok(ReportPage { html, pictures, traces: ids })

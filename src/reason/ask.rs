@@ -16,12 +16,12 @@ use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, simulated};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest};
-use super::reader::{Conversation, read_choice, read_question};
+use super::reader::{Conversation, ReadingContext, read_choice_in, read_question_in};
 use super::run::{DerivationStep, run};
 use super::summary::{Sampling, estimated_probability, summary};
 use super::types::Type;
 use super::value::ProgramValue;
-use super::words::{DrawnWords, WordDraw, WordFamily, WordProbabilities};
+use super::words::{DrawnWords, LexiconWord, WordDraw, WordFamily, WordOfObject, WordProbabilities};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -70,6 +70,9 @@ pub struct Answer {
     pub reading: String,
     /// One or two sentences.
     pub explanation: String,
+    /// How probable the words of the lexicon that the question names are of each object.
+    #[serde(default)]
+    pub words: Vec<WordOfObject>,
     /// The simulations that the answer is based on.
     pub simulations: Vec<Prediction>,
 }
@@ -163,9 +166,10 @@ pub fn ask_in(
     }
     let worded = words.map(|words| with_best_words(scene, words));
     let scene = worded.as_ref().unwrap_or(scene);
-    let vocabulary = words.map_or(vec![], WordProbabilities::vocabulary);
+    let lexicon = words.map_or(vec![], WordProbabilities::lexicon_words);
+    let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
     let Understood { mut program, choices, reading } =
-        understand(Some(scene), question, conversation, &vocabulary)?;
+        understand(Some(scene), question, conversation, &lexicon)?;
     let open_list = choices.is_empty() && program.calls(&["belong_to"]);
     let changed = open_list && program.calls(&["filter_counterfact"]);
     if open_list {
@@ -174,6 +178,7 @@ pub fn ask_in(
     check(&program, &choices)?;
     let all = || std::iter::once(&program).chain(choices.iter().map(|(_, c)| c));
     check_words(words, all())?;
+    let named = named_words(all());
     let options = AskOptions { rollouts: options.rollouts.min(fit.draws()), ..*options };
     let fitted = fit.scenes.get(index).map(|s| s.model.clone());
     let effects = fitted.as_ref().map_or(vec![], active_effects);
@@ -202,6 +207,7 @@ pub fn ask_in(
     } else if answer.answer.as_deref() == Some("no") {
         answer.explanation += &session.later(&program);
     }
+    answer.words = words.map_or(vec![], |words| words.of_objects(scene, &named));
     answer.program = program.tokens;
     if answer.probability < CERTAIN {
         let met = session.colliding_objects();
@@ -222,16 +228,17 @@ pub struct ParsedQuestion {
     pub reading: String,
 }
 
-/// Reads a question and checks its types, and its objects where there is a scene. Nothing is simulated. `vocabulary`: words of a lexicon.
+/// Reads a question and checks its types, and its objects where there is a scene. Nothing is simulated.
 pub fn dry_run(
     scene: Option<&Scene>,
     question: &Question,
     conversation: &Conversation,
-    vocabulary: &[String],
+    lexicon: &[LexiconWord],
 ) -> Result<ParsedQuestion, ReasonError> {
-    let Understood { mut program, choices, reading } = understand(scene, question, conversation, vocabulary)?;
+    let Understood { mut program, choices, reading } = understand(scene, question, conversation, lexicon)?;
     if choices.is_empty() && program.calls(&["belong_to"]) {
-        program = list_program(&program, vocabulary)?;
+        let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+        program = list_program(&program, &vocabulary)?;
     }
     check(&program, &choices)?;
     if let Some(scene) = scene {
@@ -310,6 +317,19 @@ fn check_words<'a>(
     Ok(())
 }
 
+/// The words that programs name, each once.
+fn named_words<'a>(programs: impl Iterator<Item = &'a QuestionProgram>) -> Vec<String> {
+    let mut named: Vec<String> = vec![];
+    for op in programs.flat_map(|p| &p.ops) {
+        if let Op::Push(_, ProgramValue::Word(word)) = op
+            && !named.contains(word)
+        {
+            named.push(word.clone());
+        }
+    }
+    named
+}
+
 /// Whether a program looks beyond the video.
 fn looks_ahead(program: &QuestionProgram) -> bool {
     const AHEAD: [&str; 5] = ["unseen_events", "whole_events", "prediction", "video_and_prediction", "later"];
@@ -349,15 +369,17 @@ fn understand(
     scene: Option<&Scene>,
     question: &Question,
     conversation: &Conversation,
-    vocabulary: &[String],
+    lexicon: &[LexiconWord],
 ) -> Result<Understood, ReasonError> {
-    let parse = |tokens: &[String]| QuestionProgram::parse_with(tokens, vocabulary);
+    let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+    let parse = |tokens: &[String]| QuestionProgram::parse_with(tokens, &vocabulary);
     match question {
         Question::English { question, choices } => {
-            let read = read_question(question, scene, conversation)?;
+            let about = ReadingContext { scene, lexicon };
+            let read = read_question_in(question, about, conversation)?;
             let observed = read.is_explanatory();
             let choices = choices.iter().map(|c| {
-                let read = read_choice(c, observed, scene, conversation)?;
+                let read = read_choice_in(c, observed, about, conversation)?;
                 Ok((c.clone(), parse(&read.program)?))
             });
             let choices = choices.collect::<Result<_, ReasonError>>()?;

@@ -1,7 +1,8 @@
 //! What a program is run against: a scene, its fitted model, and one rollout of each simulated scenario.
 
 use super::ReasonError;
-use super::events::{FUTURE_FRAMES, RolloutEvents, Scenario, SceneEvent};
+use super::encounters::Encounter;
+use super::events::{FUTURE_FRAMES, RolloutEvents, Scenario, SceneEvent, SceneEventKind};
 use super::predict::Prediction;
 use super::value::SpanKind;
 use super::words::{DrawnWords, WordFamily};
@@ -80,11 +81,40 @@ impl<'a> RolloutContext<'a> {
         Some(self.words.and_then(|w| w.of_family(family, object)).unwrap_or(own))
     }
 
-    /// The features of a collision in the rollouts of this number.
-    pub(super) fn impact(&self, event: &SceneEvent) -> Option<[f64; 4]> {
+    /// A collision or an approach in the rollouts of this number, with its features.
+    pub(super) fn encounter(&self, event: &SceneEvent) -> Option<&'a Encounter> {
         let rollouts = self.scenarios.iter().filter_map(|s| s.rollouts.get(self.rollout));
-        let mut impacts = rollouts.flat_map(|r| &r.impacts);
-        impacts.find(|i| i.frame == event.frame && i.objects == event.objects).map(|i| i.features)
+        let is_collision = event.kind == SceneEventKind::Collision;
+        let same = |e: &&Encounter| {
+            e.is_collision == is_collision && e.time == event.time && e.objects == event.objects
+        };
+        rollouts.flat_map(|r| &r.encounters).find(same)
+    }
+
+    /// The approaches under these interventions in a span.
+    pub(super) fn approaches(
+        &self,
+        interventions: &[Intervention],
+        span: SpanKind,
+    ) -> Result<Vec<SceneEvent>, Halt> {
+        let encounters = &self.rollout(interventions, self.frames(span))?.encounters;
+        let approaches = encounters.iter().filter(|e| !e.is_collision && self.is_in(span, e.frame));
+        let event = |e: &Encounter| SceneEvent {
+            kind: SceneEventKind::Approach,
+            frame: e.frame,
+            time: e.time,
+            objects: e.objects.clone(),
+        };
+        Ok(approaches.map(event).collect())
+    }
+
+    fn is_in(&self, span: SpanKind, frame: usize) -> bool {
+        let (end, until) = (self.scene.times.len(), self.frames(span));
+        match span {
+            SpanKind::Video => frame < end,
+            SpanKind::Prediction => frame >= end && frame < until,
+            SpanKind::Both => frame < until,
+        }
     }
 
     /// Whether these interventions are simulated for this number of frames.
@@ -128,12 +158,7 @@ impl<'a> RolloutContext<'a> {
         interventions: &[Intervention],
         span: SpanKind,
     ) -> Result<Vec<SceneEvent>, Halt> {
-        let (end, until) = (self.scene.times.len(), self.frames(span));
-        let fits = |e: &&SceneEvent| match span {
-            SpanKind::Video => e.frame < end,
-            SpanKind::Prediction => e.frame >= end && e.frame < until,
-            SpanKind::Both => e.frame < until,
-        };
-        Ok(self.rollout(interventions, until)?.events.iter().filter(fits).cloned().collect())
+        let events = &self.rollout(interventions, self.frames(span))?.events;
+        Ok(events.iter().filter(|e| self.is_in(span, e.frame)).cloned().collect())
     }
 }

@@ -90,6 +90,9 @@ fn describe_change(scene: &Scene, change: &Intervention) -> String {
         Intervention::ScaleRestitution { id, factor } => {
             format!("the restitution of {} times {factor}", name(id).unwrap_or_default())
         }
+        Intervention::ScaleFriction { id, factor } => {
+            format!("the friction of {} times {factor}", name(id).unwrap_or_default())
+        }
         Intervention::Shift { id, by } => {
             format!("{} moved by ({}, {}) m", name(id).unwrap_or_default(), by.x, by.y)
         }
@@ -107,6 +110,7 @@ pub fn event_words(scene: &Scene, event: &SceneEvent) -> String {
     let name = |k: usize| event.objects.get(k).map(|i| ops::name(scene, *i)).unwrap_or_default();
     match event.kind {
         SceneEventKind::Collision => format!("{} collides with {}", name(0), name(1)),
+        SceneEventKind::Approach => format!("{} comes close to {} without touching it", name(0), name(1)),
         SceneEventKind::In => format!("{} enters the scene", name(0)),
         SceneEventKind::Out => format!("{} exits the scene", name(0)),
         SceneEventKind::Side(side) => format!("{} collides with the {side} side", name(0)),

@@ -4,8 +4,8 @@
 //! exits are known to the frame.
 
 use super::ReasonError;
+use super::encounters::{Encounter, encounters};
 use super::predict::{Prediction, PredictionRequest, predict};
-use super::words::impact_features;
 use crate::fit::Fit;
 use crate::num::Stop;
 use crate::scene::{Scene, WorldKind};
@@ -31,6 +31,8 @@ pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SceneEventKind {
     Collision,
+    /// Two objects come closest to each other without touching: see [`encounters`].
+    Approach,
     /// One object collides with this side of the table.
     Side(&'static str),
     In,
@@ -72,7 +74,13 @@ impl SceneEvent {
     /// Whether it happens before the other: by time if both are exact, else by frame. Simultaneous events are not.
     pub fn is_before(&self, other: &SceneEvent) -> bool {
         let is_exact = |e: &SceneEvent| {
-            matches!(e.kind, SceneEventKind::Collision | SceneEventKind::Side(_) | SceneEventKind::Stop)
+            matches!(
+                e.kind,
+                SceneEventKind::Collision
+                    | SceneEventKind::Approach
+                    | SceneEventKind::Side(_)
+                    | SceneEventKind::Stop
+            )
         };
         match is_exact(self) && is_exact(other) {
             true => self.time + SIMULTANEOUS < other.time,
@@ -97,17 +105,8 @@ pub struct RolloutEvents {
     pub events: Vec<SceneEvent>,
     /// `moving[object][frame]` of the observed frames; `None` where the object has no sample.
     pub moving: Vec<Vec<Option<bool>>>,
-    /// How objects met.
-    pub impacts: Vec<Impact>,
-}
-
-/// The features of one collision: see [`impact_features`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct Impact {
-    pub frame: usize,
-    /// Indices of the scene's objects, sorted.
-    pub objects: Vec<usize>,
-    pub features: [f64; 4],
+    /// How two objects met, by time: all their collisions, and their approaches, which are no events of the list above.
+    pub encounters: Vec<Encounter>,
 }
 
 /// A simulation of scene `index` of a fit, and its events.
@@ -130,23 +129,13 @@ pub fn scenario(scene: &Scene, prediction: &Prediction, noise: f64) -> Scenario 
     let rollouts = traces.map(|trace| RolloutEvents {
         events: events(scene, trace, is_factual),
         moving: if is_factual { moving(scene, trace, noise) } else { vec![] },
-        impacts: impacts(scene, trace),
+        encounters: encounters(scene, trace, MOTION_DEVIATIONS * noise),
     });
     Scenario {
         interventions: prediction.interventions.clone(),
         frames: prediction.best.times.len(),
         rollouts: rollouts.collect(),
     }
-}
-
-fn impacts(scene: &Scene, trace: &Trace) -> Vec<Impact> {
-    let collisions = trace.events.iter().filter(|e| e.kind == EventKind::Collision);
-    let of = |event: &crate::world::Event| {
-        let mut objects: Vec<usize> = event.objects.iter().filter_map(|id| scene.object_index(*id)).collect();
-        objects.sort_unstable();
-        Some(Impact { frame: scene.frame_at(event.time), objects, features: impact_features(trace, event)? })
-    };
-    collisions.filter_map(of).collect()
 }
 
 /// The events of a trace. In a CLEVRER scene a pair of objects collides once: CLEVRER's annotations have the first contact only.

@@ -7,6 +7,7 @@
 mod ask;
 mod context;
 mod describe;
+mod encounters;
 mod events;
 mod language;
 mod operations;
@@ -25,16 +26,17 @@ pub use ask::{
     dry_run, with_best_words,
 };
 pub use context::{Halt, RolloutContext, active_effects};
+pub use encounters::{ENCOUNTER_FEATURES, Encounter};
 pub use events::{
-    FUTURE_FRAMES, Impact, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent,
-    SceneEventKind, scenario, simulated,
+    FUTURE_FRAMES, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind,
+    scenario, simulated,
 };
 pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, operand_count, read_back};
 pub use operations::{OPERATIONS, Operation, OperationInfo, ops};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 pub use reader::{
-    Conversation, OwnWord, QuestionReading, choice_program, examples, list_operations, question_program,
-    read_choice, read_question,
+    Conversation, OwnWord, QuestionReading, ReadingContext, choice_program, examples, list_operations,
+    question_program, read_choice, read_choice_in, read_question, read_question_in,
 };
 pub use run::{DerivationStep, step};
 pub use summary::estimated_share;
@@ -42,7 +44,7 @@ pub use types::{Gives, Type};
 pub use value::{ProgramValue, SpanKind};
 pub use words::{
     ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, DrawnWords, FamilyProbabilities,
-    IMPACT_FEATURES, LogisticWord, WordDraw, WordFamily, WordProbabilities, impact_features, logistic,
+    LexiconWord, LogisticWord, WordDraw, WordFamily, WordOfObject, WordProbabilities, WordUse, logistic,
 };
 
 use crate::num::Stopped;

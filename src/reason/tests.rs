@@ -271,7 +271,7 @@ fn true_events(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> R
                 .collect()
         })
         .collect();
-    RolloutEvents { events, moving, impacts: vec![] }
+    RolloutEvents { events, moving, encounters: vec![] }
 }
 
 #[test]
@@ -896,11 +896,16 @@ fn learned_words(scene: &Scene) -> WordProbabilities {
     };
     let concept = |name: &str, holds| ConceptProbabilities { name: name.into(), holds };
     WordProbabilities {
-        families: vec![FamilyProbabilities { family: WordFamily::Color, words, probabilities }],
+        families: vec![FamilyProbabilities {
+            family: WordFamily::Color,
+            words,
+            probabilities,
+            cosine_scores: vec![],
+        }],
         concepts: vec![
             concept("shiny", ConceptTruth::Objects(only(0))),
             concept("fast", ConceptTruth::Motion { whole: only(1), frames: (0..n).map(frames).collect() }),
-            concept("hard", ConceptTruth::Impacts(hard)),
+            concept("hard", ConceptTruth::Encounters(hard)),
         ],
         changes: vec![ChangeWord { name: "heavy".into(), quantity: ChangedQuantity::Mass, factor: 5.0 }],
     }
@@ -957,6 +962,19 @@ fn words_of_a_lexicon_select_objects_and_collisions_and_stand_for_changes() {
     let question = Question::English { question, choices: vec![] };
     let answer = ask_with_words(worded, &fit, 0, &question, &options, &never).unwrap();
     assert_eq!(answer.answer, Some(alike));
+    let in_english = |text: &str| {
+        let question = Question::English { question: text.to_string(), choices: vec![] };
+        ask_with_words(worded, &fit, 0, &question, &options, &never).unwrap_or_else(|e| panic!("{text}: {e}"))
+    };
+    assert_eq!(in_english("How many shiny objects are there?").answer.as_deref(), Some("1"));
+    let hard = in_english("How many hard collisions are there?");
+    assert_eq!(hard.answer, Some(collisions));
+    // An answer says how probable the words that it uses are.
+    let shiny = in_english("Which shape is the shiny object?").words;
+    let expected: Vec<(u32, f64)> =
+        scene.objects.iter().enumerate().map(|(k, o)| (o.id, f64::from(u8::from(k == 0)))).collect();
+    assert_eq!(shiny.iter().map(|w| (w.object_id, w.probability)).collect::<Vec<_>>(), expected);
+    assert!(shiny.iter().all(|w| w.word == "shiny") && hard.words.is_empty());
     assert_eq!(
         asked("objects fast 30 filter_concept count").unwrap().reading,
         "number of: fast objects at 30"
@@ -980,4 +998,87 @@ fn words_of_a_lexicon_have_a_type_of_their_own() {
     assert_eq!(checked("red"), Ok(vec![Type::Color]));
     assert!(matches!(checked("objects 3 filter_concept"), Err(ReasonError::ProgramType { .. })));
     assert!(matches!(checked("shiny filter_moving"), Err(ReasonError::ProgramType { .. })));
+}
+
+#[test]
+fn english_has_the_words_of_a_lexicon() {
+    let word = |word: &str, of| LexiconWord { word: word.into(), of };
+    let lexicon = [
+        word("shiny", WordUse::Objects),
+        word("fast", WordUse::Objects),
+        word("teal", WordUse::Family(WordFamily::Color)),
+        word("glancing", WordUse::Encounters),
+        word("nearly-touches", WordUse::Encounters),
+        word("slippery", WordUse::Change),
+        word("heavier", WordUse::Change),
+    ];
+    let about = ReadingContext { scene: None, lexicon: &lexicon };
+    let read = |text: &str| {
+        let read = read_question_in(text, about, &Conversation::default());
+        read.unwrap_or_else(|e| panic!("{text}: {e}"))
+    };
+    // As with a word of the table.
+    for (text, known, own, own_program) in [
+        ("Is the shiny ball moving?", "red", "shiny", "shiny filter_concept"),
+        ("What shape is the teal object?", "red", "teal", "color:teal filter_color"),
+        ("How many shiny objects are there?", "red", "shiny", "shiny filter_concept"),
+        ("If the shiny ball is removed, what will happen?", "red", "shiny", "shiny filter_concept"),
+    ] {
+        let expected = question_program(&text.replace(own, known)).unwrap().join(" ");
+        let expected = expected.replace("red filter_color", own_program);
+        assert_eq!(read(text).program.join(" "), expected, "{text}");
+    }
+    let ball = "objects red filter_color sphere filter_shape unique";
+    let cube = "objects blue filter_color cube filter_shape unique";
+    let pass = format!("{ball} filter_approach {cube} filter_approach nearly-touches filter_concept");
+    for (text, expected) in [
+        ("Is the red ball fast?", format!("{ball} fast has_word")),
+        ("Is the red ball not shiny?", format!("{ball} shiny has_word negate")),
+        ("Is the red ball fast at the end of the video?", format!("{ball} fast end has_word")),
+        (
+            "Which color is the shiny fast object?",
+            "objects shiny filter_concept fast filter_concept unique query_color".to_string(),
+        ),
+        (
+            "Are there any glancing collisions?",
+            "events objects filter_collision glancing filter_concept exist".to_string(),
+        ),
+        (
+            "How many glancing collisions are there?",
+            "events objects filter_collision glancing filter_concept count".to_string(),
+        ),
+        (
+            "Is the collision between the red ball and the blue cube glancing?",
+            format!("events {ball} filter_collision {cube} filter_collision glancing filter_concept exist"),
+        ),
+        ("Does the red ball nearly touch the blue cube?", format!("video approaches {pass} exist")),
+        (
+            "If the blue cube were slippery, would the red ball nearly touch it?",
+            format!("{cube} slippery apply suppose video approaches {pass} exist"),
+        ),
+        (
+            "If the red ball were slippery, would it collide with the blue cube?",
+            format!(
+                "{ball} slippery apply filter_counterfact {ball} filter_collision {cube} filter_collision exist"
+            ),
+        ),
+        (
+            "If the red ball were heavier, would it collide with the blue cube?",
+            format!(
+                "{ball} heavier apply filter_counterfact {ball} filter_collision {cube} filter_collision exist"
+            ),
+        ),
+        ("How fast is the red ball at the end?", format!("{ball} end speed")),
+    ] {
+        let found = read(text);
+        assert_eq!(found.program.join(" "), expected, "{text}");
+        assert!(!found.reading.is_empty(), "{text}");
+        let words: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+        let parsed = QuestionProgram::parse_with(&found.program, &words).unwrap();
+        parsed.check(&mut vec![]).unwrap_or_else(|e| panic!("{text}: {e}"));
+    }
+    // Without the lexicon they are refused.
+    for text in ["Is the red ball shiny?", "Does the red ball nearly touch the blue cube?"] {
+        assert!(read_question(text, None, &Conversation::default()).is_err(), "{text}");
+    }
 }

@@ -9,7 +9,7 @@
 //! standardised features and s^2 the posterior variance of m (MacKay, Neural Computation 4 (1992) 720).
 
 use crate::num::elementary::exp;
-use crate::world::{Event, Trace};
+use crate::scene::Scene;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -35,12 +35,50 @@ impl WordFamily {
         }
     }
 
+    pub fn name(self) -> &'static str {
+        match self {
+            WordFamily::Color => "color",
+            WordFamily::Material => "material",
+            WordFamily::Shape => "shape",
+        }
+    }
+
     /// The operation that filters by a word of this family.
     pub fn filter(self) -> &'static str {
         match self {
             WordFamily::Color => "filter_color",
             WordFamily::Material => "filter_material",
             WordFamily::Shape => "filter_shape",
+        }
+    }
+}
+
+/// How a word of the lexicon is used in a question.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WordUse {
+    Family(WordFamily),
+    /// It describes objects.
+    Objects,
+    /// It describes collisions or approaches.
+    Encounters,
+    /// It stands for a change of an object.
+    Change,
+}
+
+/// A word of the lexicon, and how it is used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LexiconWord {
+    pub word: String,
+    pub of: WordUse,
+}
+
+impl LexiconWord {
+    /// The token and the operation that filters objects by it, if it describes objects.
+    pub fn description(&self) -> Option<(String, &'static str)> {
+        match self.of {
+            WordUse::Family(family) => Some((format!("{}:{}", family.name(), self.word), family.filter())),
+            WordUse::Objects => Some((self.word.clone(), "filter_concept")),
+            WordUse::Encounters | WordUse::Change => None,
         }
     }
 }
@@ -52,6 +90,20 @@ pub struct FamilyProbabilities {
     pub words: Vec<String>,
     /// `probabilities[object][word]`; each row sums to one.
     pub probabilities: Vec<Vec<f64>>,
+    /// The paper's score of the same words, which answers do not use; may be empty.
+    #[serde(default)]
+    pub cosine_scores: Vec<Vec<f64>>,
+}
+
+/// How probable a word is of one object.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WordOfObject {
+    pub word: String,
+    /// The scene's id of the object.
+    pub object_id: u32,
+    pub probability: f64,
+    /// The paper's cosine score, of a word of a family.
+    pub cosine_score: Option<f64>,
 }
 
 /// A word that an object, a moment of an object, or an event has or lacks.
@@ -68,8 +120,8 @@ pub enum ConceptTruth {
     Objects(Vec<f64>),
     /// `whole[object]` over the video, and `frames[object][frame]`; 0 where the object is not seen.
     Motion { whole: Vec<f64>, frames: Vec<Vec<f64>> },
-    /// Of the [`IMPACT_FEATURES`] of a collision.
-    Impacts(LogisticWord),
+    /// Of the [`ENCOUNTER_FEATURES`](super::ENCOUNTER_FEATURES) of a collision or an approach.
+    Encounters(LogisticWord),
 }
 
 /// What a change multiplies.
@@ -79,6 +131,8 @@ pub enum ChangedQuantity {
     Mass,
     Velocity,
     Restitution,
+    /// Friction of the ground.
+    Friction,
 }
 
 /// A change that a word stands for: "heavier" multiplies the mass.
@@ -105,29 +159,52 @@ impl WordProbabilities {
         families.chain(concepts).chain(self.changes.iter().map(|c| c.name.clone())).collect()
     }
 
+    /// How probable words are of the objects of their scene: of those words that describe objects over the whole video.
+    pub fn of_objects(&self, scene: &Scene, words: &[String]) -> Vec<WordOfObject> {
+        let mut found = vec![];
+        for word in words {
+            for (k, object) in scene.objects.iter().enumerate() {
+                let Some((probability, cosine_score)) = self.of_object(word, k) else { continue };
+                let (word, object_id) = (word.clone(), object.id);
+                found.push(WordOfObject { word, object_id, probability, cosine_score });
+            }
+        }
+        found
+    }
+
+    fn of_object(&self, word: &str, object: usize) -> Option<(f64, Option<f64>)> {
+        for family in &self.families {
+            if let Some(w) = family.words.iter().position(|known| known == word) {
+                let at = |rows: &[Vec<f64>]| rows.get(object).and_then(|row| row.get(w)).copied();
+                return Some((at(&family.probabilities)?, at(&family.cosine_scores)));
+            }
+        }
+        let concept = self.concepts.iter().find(|c| c.name == word)?;
+        let probability = match &concept.holds {
+            ConceptTruth::Objects(p) | ConceptTruth::Motion { whole: p, .. } => p.get(object)?,
+            ConceptTruth::Encounters(_) => return None,
+        };
+        Some((*probability, None))
+    }
+
+    /// All words with their uses, in the order of [`WordProbabilities::vocabulary`].
+    pub fn lexicon_words(&self) -> Vec<LexiconWord> {
+        let word = |word: &String, of| LexiconWord { word: word.clone(), of };
+        let families = self.families.iter();
+        let families = families.flat_map(|f| f.words.iter().map(move |w| word(w, WordUse::Family(f.family))));
+        let concepts = self.concepts.iter().map(|c| {
+            let of = match c.holds {
+                ConceptTruth::Encounters(_) => WordUse::Encounters,
+                _ => WordUse::Objects,
+            };
+            word(&c.name, of)
+        });
+        families.chain(concepts).chain(self.changes.iter().map(|c| word(&c.name, WordUse::Change))).collect()
+    }
+
     pub fn family(&self, family: WordFamily) -> Option<&FamilyProbabilities> {
         self.families.iter().find(|f| f.family == family)
     }
-}
-
-/// Names of the features of a collision: see [`impact_features`].
-pub const IMPACT_FEATURES: [&str; 4] = ["relative_speed", "normal_speed", "impact_angle", "slower_speed"];
-
-/// Features of a collision of two objects just before it: relative speed (m/s), its part along the normal (m/s), the angle
-/// between both (0 head-on, pi/2 glancing; rad), and the speed of the slower object (m/s). Velocities are those of the last frame
-/// before the event.
-pub fn impact_features(trace: &Trace, event: &Event) -> Option<[f64; 4]> {
-    let (&[a, b], normal) = (&event.objects[..], event.normal?) else { return None };
-    let before = trace.times.partition_point(|t| *t < event.time).checked_sub(1)?;
-    let velocity = |id: u32| {
-        let body = trace.ids.iter().position(|i| *i == id)?;
-        Some(trace.states.get(before)?.get(body).copied().flatten()?.velocity)
-    };
-    let (va, vb) = (velocity(a)?, velocity(b)?);
-    let relative = (va - vb).norm();
-    let along = (va - vb).dot(normal).abs();
-    let angle = crate::num::elementary::acos((along / relative.max(1e-9)).clamp(0.0, 1.0));
-    Some([relative, along, angle, va.norm().min(vb.norm())])
 }
 
 /// A word as a logistic regression with the posterior of its weights.
@@ -267,16 +344,16 @@ impl<'a> DrawnWords<'a> {
             (ConceptTruth::Motion { frames, .. }, Some(f)) => {
                 frames.get(object).and_then(|p| p.get(f)).copied()
             }
-            (ConceptTruth::Impacts(_), _) => None,
+            (ConceptTruth::Encounters(_), _) => None,
         };
         probability.is_some_and(|p| p > self.uniform(k, object))
     }
 
-    /// Whether a word holds for a collision with these features of these objects.
-    pub fn holds_for_impact(&self, name: &str, objects: &[usize], features: &[f64]) -> bool {
+    /// Whether a word holds for a collision or an approach of these objects with these features.
+    pub fn holds_for_encounter(&self, name: &str, objects: &[usize], features: &[f64]) -> bool {
         let Some(k) = self.words.concepts.iter().position(|c| c.name == name) else { return false };
         match &self.words.concepts[k].holds {
-            ConceptTruth::Impacts(word) => {
+            ConceptTruth::Encounters(word) => {
                 word.probability(features) > self.uniform(k, objects.first().copied().unwrap_or(0))
             }
             _ => false,

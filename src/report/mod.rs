@@ -12,12 +12,13 @@ mod stills;
 mod tests;
 mod top_view;
 mod views;
+mod words;
 
 pub use numbers::step_words;
 
 use crate::discover::Discovery;
 use crate::media::Still;
-use crate::reason::Answer;
+use crate::reason::{Answer, WordProbabilities};
 use crate::scene::Scene;
 use crate::world::Model;
 
@@ -33,6 +34,8 @@ pub struct ReportData<'a> {
     /// Where the page is of kept models and not of a search: its words.
     pub kept: Option<&'a KeptModels>,
     pub answers: &'a [AnsweredQuestion<'a>],
+    /// How probable the words of a lexicon are, for each video; empty without a lexicon.
+    pub words: &'a [WordProbabilities],
     pub traces: &'a [TraceLink],
 }
 

@@ -7,6 +7,7 @@ use super::plots::{class, word};
 use super::stills;
 use super::top_view::{self, PlayerSide, name, player};
 use super::views::{ReportViews, direction, label};
+use super::words as lexicon_words;
 use super::{AnsweredQuestion, ReportData};
 use crate::discover::{FAST, FAST_FREE, FoundEffect, SLOW_FREE, Verdict};
 use crate::effects::effect;
@@ -27,6 +28,7 @@ pub fn html(report: &ReportData, views: &ReportViews, pictures: &[Picture]) -> S
         (ranked(report, pictures))
         (parameters(report))
         @if !report.answers.is_empty() { (answers(report)) }
+        @if !report.words.is_empty() { (lexicon_words::words(report.scenes, report.words)) }
         @if !report.traces.is_empty() { (traces(report)) }
     };
     // A picture becomes a PNG by way of an image of its own text.

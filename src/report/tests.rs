@@ -6,7 +6,10 @@ use crate::discover::{FoundEffect, ParameterEstimate, ParameterValue, RankedEffe
 use crate::fit::{FitOptions, fit};
 use crate::media::VideoFrame;
 use crate::num::{never, vec2};
-use crate::reason::{AskOptions, Question, ask};
+use crate::reason::{
+    AskOptions, ChangeWord, ChangedQuantity, FamilyProbabilities, Question, WordFamily, WordProbabilities,
+    ask,
+};
 use crate::scene::{Object, Sample, Shape, Track, WorldKind};
 use crate::world::Preset;
 use maud::Render;
@@ -117,6 +120,20 @@ fn made_of(
         ask(&scenes[0], &fitted, 0, &question, &AskOptions { rollouts: 2, seed: 0 }, &never).unwrap();
     let model = &fitted.scenes[0].model;
     let answers = [AnsweredQuestion { question: HOSTILE, scene: &scenes[0], model, answer: &answer }];
+    let words = [WordProbabilities {
+        families: vec![FamilyProbabilities {
+            family: WordFamily::Color,
+            words: vec!["reddish".into(), HOSTILE.into()],
+            probabilities: scenes[0].objects.iter().map(|_| vec![0.83, f64::NAN]).collect(),
+            cosine_scores: vec![],
+        }],
+        concepts: vec![],
+        changes: vec![ChangeWord {
+            name: "slippery".into(),
+            quantity: ChangedQuantity::Friction,
+            factor: 0.25,
+        }],
+    }];
     let href = Some(HOSTILE.to_string());
     let traces = [TraceLink { name: HOSTILE.into(), href, about: HOSTILE.into() }];
     let steps: Vec<String> =
@@ -130,6 +147,7 @@ fn made_of(
         steps,
         kept,
         answers: &answers,
+        words: &words,
         traces: &traces,
     })
 }
@@ -147,6 +165,8 @@ fn a_page_says_what_was_missing_and_shows_both_models() {
     assert_eq!(html.matches("class=\"dots thin measured\"").count(), 2 * 3);
     assert_eq!(html.matches("class=\"ghost\"").count(), 2 * 3);
     assert_eq!(html.matches("type=\"range\"").count(), 2);
+    assert_eq!(html.matches("aria-label=\"83 %\"").count(), 2);
+    assert!(html.contains("<th>slippery</th><td>friction</td><td>0.250</td>"));
     for name in [
         "ladder",
         "residual-time-1",

@@ -2,7 +2,7 @@
 
 use crate::effects::{ParamRole, Scope, parameter_with};
 use crate::num::Vec2;
-use crate::world::model::{BodySpec, Model};
+use crate::world::model::{ActiveEffect, BodySpec, Model};
 use serde::{Deserialize, Serialize};
 
 /// A change of the model before it is simulated.
@@ -19,6 +19,11 @@ pub enum Intervention {
     },
     /// Multiplies the object's own factor in the restitution of its contacts, if the model has one.
     ScaleRestitution {
+        id: u32,
+        factor: f64,
+    },
+    /// Multiplies the friction between the ground and the object, whatever its forms: sliding, rolling, spin.
+    ScaleFriction {
         id: u32,
         factor: f64,
     },
@@ -118,6 +123,25 @@ fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), Inte
     Ok(())
 }
 
+fn scale_friction(model: &mut Model, id: u32, factor: f64) -> Result<(), InterventionError> {
+    let body = model.bodies[find_index(model, id)?].clone();
+    check(factor.is_finite() && factor >= 0.0, "friction factor", factor, " and at least 0")?;
+    let mut found = false;
+    for active in model.effects.iter_mut().filter(|e| e.on) {
+        let is_friction =
+            |a: &ActiveEffect, k: usize| a.role_of(&a.parameters[k]) == Some(ParamRole::GroundFriction);
+        for k in (0..active.parameters.len()).filter(|k| is_friction(active, *k)).collect::<Vec<_>>() {
+            let mut own = active.parameters[k].of_each_object(&model.bodies);
+            if let Some(at) = own.index(&body, &body) {
+                own.values[at] *= factor;
+            }
+            active.parameters[k] = own;
+            found = true;
+        }
+    }
+    if found { Ok(()) } else { Err(unknown_effect(model, "friction")) }
+}
+
 impl Intervention {
     /// The changed model.
     ///
@@ -135,6 +159,7 @@ impl Intervention {
                 find_body(&mut changed, *id)?.mass *= factor;
             }
             Intervention::ScaleRestitution { id, factor } => scale_restitution(&mut changed, *id, *factor)?,
+            Intervention::ScaleFriction { id, factor } => scale_friction(&mut changed, *id, *factor)?,
             Intervention::SetVelocity { id, velocity } => {
                 check_vector("velocity", *velocity)?;
                 find_body(&mut changed, *id)?.set_velocity(*velocity);
@@ -181,6 +206,7 @@ impl Intervention {
             Intervention::Remove { id }
             | Intervention::ScaleMass { id, .. }
             | Intervention::ScaleRestitution { id, .. }
+            | Intervention::ScaleFriction { id, .. }
             | Intervention::SetVelocity { id, .. }
             | Intervention::ScaleVelocity { id, .. }
             | Intervention::Shift { id, .. }

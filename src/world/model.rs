@@ -380,6 +380,18 @@ impl Parameter {
         }
     }
 
+    /// This parameter with a value for each body of its own, which at first is the one that applies to it.
+    pub(in crate::world) fn of_each_object(&self, bodies: &[BodySpec]) -> Parameter {
+        let mut own = Parameter::new(&self.name, Scope::Object, self.prior, bodies);
+        for body in bodies {
+            let shared = self.index(body, body).and_then(|k| self.values.get(k));
+            if let (Some(to), Some(value)) = (own.index(body, body), shared) {
+                own.values[to] = *value;
+            }
+        }
+        own
+    }
+
     /// Name of one value in reports: `sliding_friction.mu[rubber]`.
     pub fn full_name(&self, of: &ActiveEffect, label: &str) -> String {
         ParamId { effect: &of.name, parameter: &self.name, label }.to_string()

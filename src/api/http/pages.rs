@@ -8,7 +8,7 @@ use crate::api::server::reply_body::counted;
 use crate::api::server::sessions::random_name;
 use crate::api::status::{busy, status};
 use crate::api::v1;
-use crate::engine::{EngineError, Tenant};
+use crate::engine::{EngineError, ReportContents, Tenant};
 use crate::report::dashboard::dashboard;
 use axum::Extension;
 use axum::body::Body;
@@ -126,7 +126,8 @@ pub async fn report(
     let search = v1::DiscoverEffectsRequest { study, ..Default::default() };
     let (videos, start, kind) = study::discovery(search)?;
     let found = visitor.engine.study(&videos, &start, kind).await?.finish().await?;
-    let written = visitor.engine.page(&found, vec![], Some(TRACE_PREFIX.into())).await?;
+    let contents = ReportContents { prefix: Some(TRACE_PREFIX.into()), ..Default::default() };
+    let written = visitor.engine.page(&found, contents).await?;
     counted_page(&visitor, written.html)
 }
 

@@ -1,7 +1,7 @@
 //! A ball's spin about the horizontal axes: it slides on the ground until it rolls.
 
 use crate::body::{Body, GRAVITY, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamRole, ParamSpec, Profile, Scope};
 use crate::num::Real;
 use crate::scene::Shape;
 
@@ -34,8 +34,12 @@ impl Effect for BallSpin {
             },
         ],
     };
-    const PROFILE: Profile =
-        Profile { common_name: Some("friction"), changes_after_contact: true, ..Profile::LAW };
+    const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
+        param_roles: &[("mu_slide", ParamRole::GroundFriction), ("mu_roll", ParamRole::GroundFriction)],
+        changes_after_contact: true,
+        ..Profile::LAW
+    };
 
     const AMPLITUDES: usize = 2;
 

@@ -1,7 +1,7 @@
 //! Friction as the paper has it: one deceleration for what slides and one for what rolls.
 
 use crate::body::{Body, GRAVITY, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamRole, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct GlidingFriction;
@@ -35,6 +35,7 @@ impl Effect for GlidingFriction {
     };
     const PROFILE: Profile = Profile {
         common_name: Some("friction"),
+        param_roles: &[("sliding", ParamRole::GroundFriction), ("rolling", ParamRole::GroundFriction)],
         covers: &["sliding_friction", "rolling_resistance", "ball_spin"],
         holds_at_rest: true,
         ..Profile::LAW

@@ -1,7 +1,7 @@
 //! Resistance of the ground against rolling.
 
 use crate::body::{Body, GRAVITY, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamRole, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct RollingResistance;
@@ -22,7 +22,11 @@ impl Effect for RollingResistance {
             doc: "deceleration of a rolling ball over g",
         }],
     };
-    const PROFILE: Profile = Profile { common_name: Some("friction"), ..Profile::LAW };
+    const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
+        param_roles: &[("mu", ParamRole::GroundFriction)],
+        ..Profile::LAW
+    };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.rolling_resistance += p[0] * body.mass * GRAVITY;

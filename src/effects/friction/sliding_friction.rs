@@ -1,7 +1,7 @@
 //! Coulomb friction of the ground against sliding.
 
 use crate::body::{Body, GRAVITY, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamRole, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct SlidingFriction;
@@ -24,6 +24,7 @@ impl Effect for SlidingFriction {
     };
     const PROFILE: Profile = Profile {
         common_name: Some("friction"),
+        param_roles: &[("mu", ParamRole::GroundFriction)],
         holds_at_rest: true,
         formula_terms: &[["vx/max(speed, 0.01)", "vy/max(speed, 0.01)"]],
         ..Profile::LAW

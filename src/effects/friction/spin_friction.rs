@@ -1,7 +1,7 @@
 //! Friction of the ground against turning on the spot.
 
 use crate::body::{Body, GRAVITY, Wrench};
-use crate::effects::{Effect, EffectSpec, Hook, ParamSpec, Profile, Scope};
+use crate::effects::{Effect, EffectSpec, Hook, ParamRole, ParamSpec, Profile, Scope};
 use crate::num::Real;
 
 pub struct SpinFriction;
@@ -22,7 +22,11 @@ impl Effect for SpinFriction {
             doc: "torque over weight times radius",
         }],
     };
-    const PROFILE: Profile = Profile { common_name: Some("friction"), ..Profile::LAW };
+    const PROFILE: Profile = Profile {
+        common_name: Some("friction"),
+        param_roles: &[("mu", ParamRole::GroundFriction)],
+        ..Profile::LAW
+    };
 
     fn force<T: Real>(p: &[T], _time: T, body: &Body<T>, out: &mut Wrench<T>) {
         out.spin_friction_limit += p[0] * body.mass * (GRAVITY * body.shape.bounding_radius());

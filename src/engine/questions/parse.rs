@@ -7,7 +7,8 @@ use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::state::Engine;
 use crate::num::Stop;
 use crate::reason::{
-    ParsedQuestion, Question, ReasonError, dry_run, read_choice, read_question, with_best_words,
+    LexiconWord, ParsedQuestion, Question, ReadingContext, ReasonError, dry_run, read_choice_in,
+    read_question_in, with_best_words,
 };
 use crate::scene::Scene;
 use std::sync::Arc;
@@ -53,16 +54,16 @@ impl Engine {
         let (named, of) = (asked.clone(), Arc::new(of));
         let words = of.clone();
         let read = move |_: Stop| -> Result<Result<ParsedQuestion, ReasonError>, EngineError> {
-            let (scene, vocabulary) = words.scene_and_vocabulary()?;
-            Ok(dry_run(scene.as_ref(), &named.question, &named.conversation, &vocabulary))
+            let scene = words.worded_scene()?;
+            Ok(dry_run(scene.as_ref(), &named.question, &named.conversation, &words.uses()))
         };
         let (read, _slot) = self.pool.run((&self.tenant, JobKind::Parsing), context.clone(), read).await?;
         match (read, &asked.question, self.parser.clone()) {
             (Ok(question), ..) => Ok(Parsed { question, parser: None }),
             (Err(ReasonError::NotUnderstood { .. }), Question::English { .. }, Some(parser)) => {
                 let program = self.written(&of, asked, context).await?;
-                let (scene, vocabulary) = of.scene_and_vocabulary()?;
-                let question = dry_run(scene.as_ref(), &program, &asked.conversation, &vocabulary)
+                let scene = of.worded_scene()?;
+                let question = dry_run(scene.as_ref(), &program, &asked.conversation, &of.uses())
                     .map_err(|error| parser.refused(error.to_string()))?;
                 Ok(Parsed { question, parser: Some(parser.model().to_string()) })
             }
@@ -80,18 +81,17 @@ impl Engine {
         let (Question::English { question, choices }, Some(parser)) = (&asked.question, &self.parser) else {
             return Ok(asked.question.clone());
         };
-        let (scene, vocabulary) = of.scene_and_vocabulary()?;
-        let (scene, conversation) = (scene.as_ref(), &asked.conversation);
-        let about = parser.about(scene, &vocabulary, conversation);
-        let read = read_question(question, scene, conversation);
-        let program = match read {
+        let (scene, lexicon, conversation) = (of.worded_scene()?, of.uses(), &asked.conversation);
+        let read_in = ReadingContext { scene: scene.as_ref(), lexicon: &lexicon };
+        let about = parser.about(scene.as_ref(), &lexicon, conversation);
+        let program = match read_question_in(question, read_in, conversation) {
             Err(ReasonError::NotUnderstood { .. }) => parser.program(&about, question, None, context).await?,
             read => read?.program,
         };
         let observed = program.iter().any(|token| token == "filter_ancestor");
         let mut programs = vec![];
         for choice in choices {
-            programs.push(match read_choice(choice, observed, scene, conversation) {
+            programs.push(match read_choice_in(choice, observed, read_in, conversation) {
                 Err(ReasonError::NotUnderstood { .. }) => {
                     parser.program(&about, choice, Some(&program), context).await?
                 }
@@ -103,13 +103,18 @@ impl Engine {
 }
 
 impl WordsOfVideo {
-    /// The scene, its objects with their most probable words, and the words of the lexicon.
-    fn scene_and_vocabulary(&self) -> Result<(Option<Scene>, Vec<String>), EngineError> {
-        let Some(lexicon) = &self.lexicon else {
-            return Ok((self.scene.as_deref().cloned(), vec![]));
-        };
-        let Some(scene) = &self.scene else { return Ok((None, lexicon.names())) };
-        let words = word_probabilities(lexicon, scene, None)?;
-        Ok((Some(with_best_words(scene, &words)), words.vocabulary()))
+    /// The scene, its objects with their most probable words of the lexicon.
+    fn worded_scene(&self) -> Result<Option<Scene>, EngineError> {
+        match (&self.scene, &self.lexicon) {
+            (Some(scene), Some(lexicon)) => {
+                Ok(Some(with_best_words(scene, &word_probabilities(lexicon, scene, None)?)))
+            }
+            (scene, _) => Ok(scene.as_deref().cloned()),
+        }
+    }
+
+    /// The words of the lexicon.
+    fn uses(&self) -> Vec<LexiconWord> {
+        self.lexicon.as_ref().map_or(vec![], Lexicon::uses)
     }
 }

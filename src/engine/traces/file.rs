@@ -159,6 +159,7 @@ fn in_words(intervention: &Intervention) -> String {
         Intervention::ScaleRestitution { id, factor } => {
             format!("restitution of object {id} times {factor}")
         }
+        Intervention::ScaleFriction { id, factor } => format!("friction of object {id} times {factor}"),
         Intervention::ScaleVelocity { id, factor } => format!("velocity of object {id} times {factor}"),
         Intervention::Shift { id, by } => format!("object {id} starts ({}, {}) m off", by.x, by.y),
         Intervention::SetVelocity { id, velocity: v } => {

@@ -14,7 +14,7 @@ use crate::engine::results::{StoredFit, result_digest};
 use crate::engine::state::Engine;
 use crate::engine::task::{Performed, ReportSink, Task};
 use crate::engine::traces::file::TraceFile;
-use crate::num::Stop;
+use crate::num::{Stop, progress_within};
 use crate::reason::ChangedQuantity;
 use crate::scene::Scene;
 use serde::Serialize;
@@ -31,11 +31,11 @@ pub struct VideoLessons {
     pub lessons: Vec<Lesson>,
 }
 
-/// Where an example is: an object, or a collision of it with another about a frame. Ids are those of the video.
+/// Where an example is: an object, or an encounter of it with another about a frame. Ids are those of the video.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub enum ExamplePlace {
     Object(u32),
-    Collision { objects: [u32; 2], frame: usize },
+    Encounter { objects: [u32; 2], frame: usize },
 }
 
 /// An example of a word in a stored video.
@@ -88,7 +88,9 @@ impl Task for LearningTask {
         JobKind::Learning
     }
 
-    fn perform(self, _: ReportSink, stop: Stop) -> Result<(Lexicon, Vec<TraceFile>), EngineError> {
+    fn perform(self, report: ReportSink, stop: Stop) -> Result<(Lexicon, Vec<TraceFile>), EngineError> {
+        report(Report::Phase(Phase::Learning));
+        let stop: Stop = &progress_within(stop, [FITS_SHARE, 1.0]);
         let LearningTask { base, from, seed } = self;
         let learned: Result<Lexicon, ConceptError> = match from {
             PreparedRequest::Families(videos) => {
@@ -154,7 +156,6 @@ impl Engine {
                 PreparedRequest::Word { name, kind, yes, no }
             }
         };
-        report(Report::Phase(Phase::Learning));
         let task = LearningTask { base, from, seed };
         let Performed { output: lexicon, slot: _slot, .. } = self.perform(task, context).await?;
         report(Report::Phase(Phase::Storing));
@@ -200,8 +201,8 @@ impl Engine {
             };
             let of = match place {
                 ExamplePlace::Object(id) => ExampleOf::Object(index(id)?),
-                ExamplePlace::Collision { objects: [a, b], frame } => {
-                    ExampleOf::Collision { objects: [index(a)?, index(b)?], frame }
+                ExamplePlace::Encounter { objects: [a, b], frame } => {
+                    ExampleOf::Encounter { objects: [index(a)?, index(b)?], frame }
                 }
             };
             let fitted = match kind {

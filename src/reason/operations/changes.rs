@@ -9,7 +9,7 @@ use crate::reason::value::SpanKind;
 use crate::reason::words::{ChangeWord, ChangedQuantity};
 use crate::world::Intervention;
 
-/// Multiplies a mass, a velocity or a restitution; on a change: of the object changed last, beside it.
+/// Multiplies a mass, a velocity, a restitution or a friction; on a change: of the object changed last, beside it.
 pub fn scale(m: &mut Machine) -> Outcome {
     let token = m.token();
     let factor = match token {
@@ -22,6 +22,7 @@ pub fn scale(m: &mut Machine) -> Outcome {
     let quantity = match token {
         "apply_heavier" | "apply_lighter" | "scale_mass" => ChangedQuantity::Mass,
         "scale_restitution" => ChangedQuantity::Restitution,
+        "scale_friction" => ChangedQuantity::Friction,
         _ => ChangedQuantity::Velocity,
     };
     multiplied(m, quantity, factor)
@@ -33,6 +34,7 @@ fn multiplied(m: &mut Machine, quantity: ChangedQuantity, factor: f64) -> Outcom
     changes.push(match quantity {
         ChangedQuantity::Mass => Intervention::ScaleMass { id, factor },
         ChangedQuantity::Velocity => Intervention::ScaleVelocity { id, factor },
+        ChangedQuantity::Friction => Intervention::ScaleFriction { id, factor },
         ChangedQuantity::Restitution => Intervention::ScaleRestitution { id, factor },
     });
     Ok(Change(ops::joined_changes(changes)))

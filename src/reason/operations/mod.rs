@@ -94,6 +94,22 @@ pub static OPERATIONS: &[Operation] = &[
         select::filter_concept,
     )
     .at_a_moment(),
+    row(["has_word", "{1} is {0}"], &[], &[CONCEPT, OBJECT], Gives::One(Type::Bool), select::has_word)
+        .at_a_moment(),
+    row(
+        ["approaches", "closest approach without contact in {0}"],
+        &[],
+        &[SPAN],
+        Gives::One(Type::Events),
+        select::approaches,
+    ),
+    row(
+        ["filter_approach", "{1} with {0}"],
+        &[],
+        &[ANY_OBJECTS, EVENTS],
+        Gives::One(Type::Events),
+        select::filter_kind,
+    ),
     row(
         ["filter_moving", "{1} that move at {0}"],
         &[],
@@ -296,6 +312,13 @@ pub static OPERATIONS: &[Operation] = &[
     ),
     row(
         ["scale_restitution", "{1} {0} times as bouncy"],
+        &[],
+        &[FACTOR, CHANGED],
+        Gives::One(Type::Change),
+        changes::scale,
+    ),
+    row(
+        ["scale_friction", "{1} with {0} times the friction"],
         &[],
         &[FACTOR, CHANGED],
         Gives::One(Type::Change),

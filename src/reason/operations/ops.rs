@@ -184,9 +184,10 @@ pub fn unique_event(events: &[SceneEvent]) -> Result<SceneEvent, ReasonError> {
     }
 }
 
-/// The other object of a collision in which the object takes part.
+/// The other object of a collision or an approach in which the object takes part.
 pub fn partner(event: &SceneEvent, object: usize) -> Result<usize, ReasonError> {
-    let is_pair = event.kind == SceneEventKind::Collision && event.objects.contains(&object);
+    let kinds = [SceneEventKind::Collision, SceneEventKind::Approach];
+    let is_pair = kinds.contains(&event.kind) && event.objects.contains(&object);
     let other = event.objects.iter().find(|o| is_pair && **o != object).copied();
     other.ok_or_else(|| ReasonError::NoSingleEvent { found: "none of this object".to_string() })
 }

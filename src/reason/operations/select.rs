@@ -3,9 +3,11 @@
 use super::machine::{Machine, Outcome, happened};
 use super::ops;
 use crate::reason::ReasonError;
+use crate::reason::context::Halt;
 use crate::reason::events::{SceneEvent, SceneEventKind};
 use crate::reason::value::ProgramValue::*;
 use crate::reason::value::SpanKind;
+use crate::reason::words::DrawnWords;
 
 pub fn all_objects(m: &mut Machine) -> Outcome {
     m.words.clear();
@@ -47,6 +49,19 @@ pub fn events(m: &mut Machine) -> Outcome {
         _ => SpanKind::Video,
     };
     Ok(Events(m.context.events(&m.supposed, span)?))
+}
+
+/// When two objects come near each other and do not touch.
+pub fn approaches(m: &mut Machine) -> Outcome {
+    let span = m.span()?;
+    Ok(Events(m.context.approaches(&m.supposed, span)?))
+}
+
+/// Whether a word of the lexicon describes an object: at a moment if there is one, else over the whole video.
+pub fn has_word(m: &mut Machine) -> Outcome {
+    let frame = optional_frame(m)?;
+    let (name, object) = (m.word()?, m.object()?);
+    Ok(Bool(learned_words(m, &name)?.holds(&name, object, frame)))
 }
 
 pub fn all_events(m: &mut Machine) -> Outcome {
@@ -151,16 +166,12 @@ pub fn filter_word(m: &mut Machine) -> Outcome {
     Ok(Objects(m.objects()?.into_iter().filter(fits).collect()))
 }
 
-/// Objects, or collisions, that a word of the lexicon describes: at a moment if there is one, else over the whole video.
+/// Objects, or encounters of two of them, that a word of the lexicon describes: at a moment if there is one, else over the whole video.
 pub fn filter_concept(m: &mut Machine) -> Outcome {
-    let is_moment = matches!(m.stack.last(), Some(Frame(_) | Event(_) | Time(_) | Factor(_)));
-    let frame = if is_moment { m.frame()? } else { None };
+    let frame = optional_frame(m)?;
     let name = m.word()?;
     m.words.push(name.clone());
-    let context = m.context;
-    let Some(words) = context.words else {
-        return Err(ReasonError::UnknownWord { word: name, known: vec![] }.into());
-    };
+    let (context, words) = (m.context, learned_words(m, &name)?);
     match m.pop()? {
         Objects(mut objects) => {
             objects.retain(|o| words.holds(&name, *o, frame));
@@ -168,13 +179,26 @@ pub fn filter_concept(m: &mut Machine) -> Outcome {
         }
         Events(mut events) => {
             let holds = |e: &SceneEvent| {
-                context.impact(e).is_some_and(|features| words.holds_for_impact(&name, &e.objects, &features))
+                let met = context.encounter(e);
+                met.is_some_and(|met| words.holds_for_encounter(&name, &e.objects, &met.features))
             };
             events.retain(holds);
             Ok(Events(events))
         }
         _ => Err(m.mismatch()),
     }
+}
+
+/// The frame of a moment on top of the stack, if there is one.
+fn optional_frame(m: &mut Machine) -> Result<Option<usize>, Halt> {
+    let is_moment = matches!(m.stack.last(), Some(Frame(_) | Event(_) | Time(_) | Factor(_)));
+    if is_moment { m.frame() } else { Ok(None) }
+}
+
+/// The words of the lexicon, without which `name` is unknown.
+fn learned_words<'a>(m: &Machine<'a>, name: &str) -> Result<DrawnWords<'a>, Halt> {
+    let unknown = || ReasonError::UnknownWord { word: name.to_string(), known: vec![] };
+    Ok(m.context.words.ok_or_else(unknown)?)
 }
 
 pub fn filter_motion(m: &mut Machine) -> Outcome {
@@ -189,6 +213,7 @@ pub fn filter_kind(m: &mut Machine) -> Outcome {
         "filter_in" => SceneEventKind::In,
         "filter_out" => SceneEventKind::Out,
         "filter_stop" => SceneEventKind::Stop,
+        "filter_approach" => SceneEventKind::Approach,
         "filter_side" => SceneEventKind::of_side(&m.word()?),
         _ => SceneEventKind::Collision,
     };

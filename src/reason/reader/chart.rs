@@ -5,6 +5,7 @@
 
 use super::forms::{FORMS, Form};
 use super::lexicon::{TextWord, Vocabulary};
+use crate::reason::words::{LexiconWord, WordUse};
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
@@ -100,6 +101,9 @@ impl<'a> QuestionReader<'a> {
             "length" => self.measured(at, &[("m", 1.0), ("cm", 0.01), ("mm", 0.001)]),
             "seconds" => self.measured(at, &[("second", 1.0), ("ms", 0.001)]),
             "some" => self.objects(at).into_iter().collect(),
+            "word" => self.learned(at, &|w| w.description().map(|(token, _)| token)),
+            "encounter" => self.learned(at, &|w| (w.of == WordUse::Encounters).then(|| w.word.clone())),
+            "change_word" => self.learned(at, &|w| (w.of == WordUse::Change).then(|| w.word.clone())),
             _ => {
                 let forms = PHRASES.get(name).map(Vec::as_slice).unwrap_or_default();
                 forms.iter().flat_map(|f| self.form(f, at)).take(MOST_READINGS).collect::<Vec<_>>()
@@ -111,6 +115,12 @@ impl<'a> QuestionReader<'a> {
 
     fn stands_for(&self, at: usize, canonical: &str) -> bool {
         self.words.get(at).is_some_and(|w| w.canonical.iter().any(|c| c == canonical))
+    }
+
+    /// A word of the lexicon as a token, if it is used so.
+    fn learned(&self, at: usize, token: &dyn Fn(&LexiconWord) -> Option<String>) -> Vec<PhraseReading> {
+        let word = self.words.get(at).and_then(|w| self.vocabulary.learned(w));
+        word.and_then(token).map(|token| (at + 1, vec![token])).into_iter().collect()
     }
 
     /// A finite number, 0 or more.
@@ -163,7 +173,12 @@ impl<'a> QuestionReader<'a> {
         while let (Some(described), false) = (described(at), noun) {
             match described {
                 None => noun = true,
-                Some((_, filter)) if found.iter().any(|(_, f)| *f == filter) => break,
+                // An object has one colour, and any number of other words.
+                Some((_, filter))
+                    if filter != "filter_concept" && found.iter().any(|(_, f)| *f == filter) =>
+                {
+                    break;
+                }
                 Some(pair) => {
                     noun = pair.1 == "filter_shape";
                     found.push(pair);

@@ -4,6 +4,7 @@
 //! to the nearest known one by edit distance if it is the only nearest one; otherwise it stays, and the grammar refuses it.
 
 use super::forms::FORMS;
+use crate::reason::words::{LexiconWord, WordUse};
 use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
@@ -159,6 +160,22 @@ fn stems(word: &str) -> Vec<String> {
     stems
 }
 
+/// Whether a word of a text is a word of the lexicon, perhaps inflected otherwise.
+fn is_inflection(word: &str, text: &str) -> bool {
+    let (own, other) = (stems(word), stems(text));
+    word == text || own.iter().any(|s| s == text) || other.iter().any(|s| s == word || own.contains(s))
+}
+
+/// Whether the table has the word with the same meaning: colours, materials and shapes of CLEVRER.
+fn is_in_table(word: &LexiconWord) -> bool {
+    match word.of {
+        WordUse::Family(family) => {
+            ENGLISH.descriptions.contains_key(&format!("{}={}", family.name(), word.word))
+        }
+        _ => false,
+    }
+}
+
 /// A word and its regular inflections.
 fn inflected(word: &str) -> Vec<String> {
     if word.len() < CORRECTED_FROM || !word.chars().all(char::is_alphabetic) {
@@ -189,22 +206,48 @@ fn scene_words(scene: &Scene) -> Vec<(String, Description)> {
     found
 }
 
-/// The words that a text is read with: those of the table, the scene's and the caller's.
+/// The canonical word of a word of the lexicon.
+const LEARNED: &str = "learned=";
+
+/// The words that a text is read with: those of the table, the scene's, the caller's, and those of a lexicon, which go first.
 pub struct Vocabulary {
+    /// Words of the lexicon as texts have them, longest first.
+    learned: Vec<(Vec<String>, LexiconWord)>,
     scene: Vec<(String, Description)>,
     own: Vec<(Vec<String>, Vec<String>)>,
 }
 
 impl Vocabulary {
-    pub fn new(scene: Option<&Scene>, own: &[OwnWord]) -> Vocabulary {
+    pub fn new(scene: Option<&Scene>, own: &[OwnWord], lexicon: &[LexiconWord]) -> Vocabulary {
         let mut own: Vec<_> = own.iter().map(|w| (split(&w.word), split(&w.means))).collect();
         own.retain(|(word, _)| !word.is_empty());
         own.sort_by_key(|(word, _)| std::cmp::Reverse(word.len()));
-        Vocabulary { scene: scene.map(scene_words).unwrap_or_default(), own }
+        let mut learned: Vec<_> = lexicon.iter().map(|w| (split(&w.word), w.clone())).collect();
+        learned.retain(|(parts, word)| !parts.is_empty() && !is_in_table(word));
+        learned.sort_by_key(|(parts, _)| std::cmp::Reverse(parts.len()));
+        Vocabulary { learned, scene: scene.map(scene_words).unwrap_or_default(), own }
+    }
+
+    /// The word of the lexicon that a word of a text is.
+    pub fn learned(&self, word: &TextWord) -> Option<&LexiconWord> {
+        let name = word.canonical.iter().find_map(|c| c.strip_prefix(LEARNED))?;
+        self.learned.iter().map(|(_, w)| w).find(|w| w.word == name)
+    }
+
+    /// The word of the lexicon with which these texts begin, and how many of them it has.
+    fn learned_at(&self, texts: &[String]) -> Option<(usize, &LexiconWord)> {
+        let starts = |parts: &[String]| {
+            parts.len() <= texts.len() && parts.iter().zip(texts).all(|(a, b)| is_inflection(a, b))
+        };
+        self.learned.iter().find(|(parts, _)| starts(parts)).map(|(parts, word)| (parts.len(), word))
     }
 
     /// What a word describes of an object, if it does.
     pub fn description(&self, word: &TextWord) -> Option<Description> {
+        let token = self.learned(word).and_then(LexiconWord::description);
+        if let Some((token, filter)) = token {
+            return Some(Some((token, filter)));
+        }
         let of = |canonical: &String| {
             let own = self.scene.iter().find(|(w, _)| canonical == &format!("scene={w}"));
             own.map(|(_, d)| d.clone()).or_else(|| ENGLISH.descriptions.get(canonical).cloned())
@@ -222,6 +265,15 @@ impl Vocabulary {
         let mut at = 0;
         while at < texts.len() {
             let rest = &texts[at..];
+            if let Some((length, learned)) = self.learned_at(rest) {
+                let text = rest[..length].join(" ");
+                // A word may be another one of the table's, too: the grammar decides.
+                let known = if length == 1 { ENGLISH.lookup(&text).unwrap_or_default() } else { vec![] };
+                let canonical = std::iter::once(format!("{LEARNED}{}", learned.word)).chain(known).collect();
+                words.push(TextWord { text, canonical, corrected: None });
+                at += length;
+                continue;
+            }
             let starts = |(phrase, _): &&(Vec<String>, Vec<String>)| rest.starts_with(phrase);
             if let Some((phrase, meaning)) = ENGLISH.phrases.iter().find(starts) {
                 let text = rest.iter().take(phrase.len()).cloned().collect::<Vec<_>>().join(" ");

@@ -21,6 +21,7 @@ pub use suggest::examples;
 use super::ReasonError;
 use super::language::{QuestionProgram, read_back};
 use super::operations::{self, OperationInfo};
+use super::words::LexiconWord;
 use crate::scene::Scene;
 use chart::QuestionReader;
 use conversation::{follow_up, with_pronouns};
@@ -50,13 +51,29 @@ pub fn choice_program(text: &str, observed: bool) -> Result<Vec<String>, ReasonE
     read_choice(text, observed, None, &Conversation::default()).map(|read| read.program)
 }
 
+/// What a text is about: the scene, and the words of a lexicon.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ReadingContext<'a> {
+    pub scene: Option<&'a Scene>,
+    pub lexicon: &'a [LexiconWord],
+}
+
 /// Reads a question about a scene, after other questions.
 pub fn read_question(
     text: &str,
     scene: Option<&Scene>,
     conversation: &Conversation,
 ) -> Result<QuestionReading, ReasonError> {
-    read("question", text, "events", scene, conversation)
+    read_question_in(text, ReadingContext { scene, lexicon: &[] }, conversation)
+}
+
+/// [`read_question`], with the words of a lexicon.
+pub fn read_question_in(
+    text: &str,
+    about: ReadingContext,
+    conversation: &Conversation,
+) -> Result<QuestionReading, ReasonError> {
+    read("question", text, "events", about, conversation)
 }
 
 /// Reads a choice. `observed`: the question is explanatory, about events of the video.
@@ -66,7 +83,17 @@ pub fn read_choice(
     scene: Option<&Scene>,
     conversation: &Conversation,
 ) -> Result<QuestionReading, ReasonError> {
-    read("choice", text, if observed { "events" } else { "all_events" }, scene, conversation)
+    read_choice_in(text, observed, ReadingContext { scene, lexicon: &[] }, conversation)
+}
+
+/// [`read_choice`], with the words of a lexicon.
+pub fn read_choice_in(
+    text: &str,
+    observed: bool,
+    about: ReadingContext,
+    conversation: &Conversation,
+) -> Result<QuestionReading, ReasonError> {
+    read("choice", text, if observed { "events" } else { "all_events" }, about, conversation)
 }
 
 /// All operations with an example of those that a question of the reader uses.
@@ -82,15 +109,17 @@ fn read(
     phrase: &'static str,
     text: &str,
     source: &'static str,
-    scene: Option<&Scene>,
+    about: ReadingContext,
     conversation: &Conversation,
 ) -> Result<QuestionReading, ReasonError> {
-    let vocabulary = Vocabulary::new(scene, &conversation.words);
+    let scene = about.scene;
+    let vocabulary = Vocabulary::new(scene, &conversation.words, about.lexicon);
     let mut words = vocabulary.read(text);
     if phrase == "question" {
-        let program_of = |text: &str, before: &Conversation| Ok(read_question(text, scene, before)?.program);
+        let program_of =
+            |text: &str, before: &Conversation| Ok(read_question_in(text, about, before)?.program);
         if let Some(tokens) = follow_up(&words, &vocabulary, conversation, &program_of)? {
-            return Ok(with_reading(tokens, &words));
+            return Ok(with_reading(tokens, &words, about.lexicon));
         }
         words = without_opening(words);
     }
@@ -108,7 +137,7 @@ fn read(
         furthest = furthest.max(reader.furthest);
     }
     match &programs[..] {
-        [(_, tokens)] => Ok(with_reading(tokens.clone(), &words)),
+        [(_, tokens)] => Ok(with_reading(tokens.clone(), &words, about.lexicon)),
         [] => Err(suggest::not_understood(phrase, &words, furthest, &vocabulary, scene)),
         several => {
             let candidates = several.iter().map(|(meant, _)| meant.clone()).collect();
@@ -126,8 +155,10 @@ fn without_opening(mut words: Vec<TextWord>) -> Vec<TextWord> {
 }
 
 /// A program with what it was read as, corrected spellings included.
-fn with_reading(program: Vec<String>, words: &[TextWord]) -> QuestionReading {
-    let mut reading = QuestionProgram::parse(&program).map(|p| read_back(&p)).unwrap_or_default();
+fn with_reading(program: Vec<String>, words: &[TextWord], lexicon: &[LexiconWord]) -> QuestionReading {
+    let known: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+    let mut reading =
+        QuestionProgram::parse_with(&program, &known).map(|p| read_back(&p)).unwrap_or_default();
     let corrected =
         words.iter().filter_map(|w| Some(format!("\"{}\" as \"{}\"", w.text, w.corrected.as_ref()?)));
     let corrected: Vec<String> = corrected.collect();

@@ -5,7 +5,7 @@ use crate::api::convert::names::lexicon_name;
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::api::v1::learn_concepts_request::Source;
-use crate::concepts::{Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe};
+use crate::concepts::{CalibrationBin, Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe};
 use crate::engine::{EngineError, ExamplePlace, LearnRequest, NamedExample, VideoLessons};
 use crate::reason::{ChangedQuantity, Op, Question, WordFamily};
 
@@ -109,12 +109,12 @@ fn named(r: &mut Violations, at: &str, kind: WordKind, given: v1::ConceptExample
     let video = r.id(&format!("{at}.video"), &given.video, "videos");
     let place = match (given.other_id, kind) {
         (Some(other), WordKind::Event) => {
-            ExamplePlace::Collision { objects: [given.object_id, other], frame: given.frame as usize }
+            ExamplePlace::Encounter { objects: [given.object_id, other], frame: given.frame as usize }
         }
         (None, WordKind::Event) => {
             r.add(
                 format!("{at}.other_id"),
-                "is missing; a word of events needs both objects of the collision",
+                "is missing; a word of events needs both objects of the encounter",
             );
             ExamplePlace::Object(given.object_id)
         }
@@ -132,8 +132,9 @@ fn quantity(r: &mut Violations, given: i32) -> ChangedQuantity {
         Ok(v1::ChangedQuantity::Mass) => ChangedQuantity::Mass,
         Ok(v1::ChangedQuantity::Velocity) => ChangedQuantity::Velocity,
         Ok(v1::ChangedQuantity::Restitution) => ChangedQuantity::Restitution,
+        Ok(v1::ChangedQuantity::Friction) => ChangedQuantity::Friction,
         _ => {
-            r.add("change.quantity", "is missing; give mass, velocity or restitution");
+            r.add("change.quantity", "is missing; give mass, velocity, restitution or friction");
             ChangedQuantity::Mass
         }
     }
@@ -160,6 +161,13 @@ pub fn content(bytes: &[u8]) -> Result<Lexicon, EngineError> {
     }
     let read = serde_json::from_slice::<Lexicon>(bytes);
     read.map_err(|e| EngineError::invalid("content", format!("is no lexicon: {e}")))
+}
+
+/// Id of the video whose objects a word is described for, if one is named.
+pub fn described_video(name: &str) -> Result<Option<String>, EngineError> {
+    let mut r = Violations::default();
+    let id = Some(name).filter(|n| !n.is_empty()).map(|name| r.id("video", name, "videos"));
+    r.finish(id)
 }
 
 /// Id of the lexicon that a field names.
@@ -228,10 +236,23 @@ pub fn concept(word: &WordDescription) -> v1::Concept {
             answers: c.answers as u64,
             log_loss: c.log_loss,
             accuracy: c.accuracy,
+            bins: c.bins.iter().map(bin).collect(),
         }),
         factor: word.factor.map(|_| factor),
         factor_low: low,
         factor_high: high,
         evidence: word.evidence,
+        objects: vec![],
+    }
+}
+
+fn bin(bin: &CalibrationBin) -> v1::CalibrationBin {
+    let [accuracy_low, accuracy_high] = bin.interval;
+    v1::CalibrationBin {
+        answers: bin.answers as u64,
+        probability: bin.probability,
+        accuracy: bin.accuracy,
+        accuracy_low,
+        accuracy_high,
     }
 }

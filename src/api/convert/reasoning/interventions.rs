@@ -62,6 +62,11 @@ pub fn intervention(r: &mut Violations, path: &str, given: v1::Intervention) -> 
             let factor = r.range(&format!("{path}.scale_restitution.factor"), g.factor, range, "");
             Intervention::ScaleRestitution { id: g.object_id, factor }
         }
+        Kind::ScaleFriction(g) => {
+            let range = [0.0, FACTOR_RANGE[1]];
+            let factor = r.range(&format!("{path}.scale_friction.factor"), g.factor, range, "");
+            Intervention::ScaleFriction { id: g.object_id, factor }
+        }
         Kind::ScaleVelocity(g) => {
             let range = [-FACTOR_RANGE[1], FACTOR_RANGE[1]];
             let factor = r.range(&format!("{path}.scale_velocity.factor"), g.factor, range, "");

@@ -5,8 +5,8 @@ use crate::api::convert::violations::{MAX_LIST, Violations};
 use crate::api::v1;
 use crate::engine::{AskedQuestion, EngineError, ModelSource, Parsed, PublishedAnswer};
 use crate::reason::{
-    AskOptions, ChoiceAnswer, Conversation, DerivationStep, OperationInfo, OwnWord, Question, gbnf_grammar,
-    json_schema, list_operations,
+    AskOptions, ChoiceAnswer, Conversation, DerivationStep, OperationInfo, OwnWord, Question, WordOfObject,
+    gbnf_grammar, json_schema, list_operations,
 };
 
 /// Video, model, question and options.
@@ -123,6 +123,7 @@ pub fn answer(video: &str, done: &PublishedAnswer) -> v1::AskResponse {
         model: model_name(video, &done.model),
         reading: answer.reading.clone(),
         parser: done.parser.clone().unwrap_or_default(),
+        words: answer.words.iter().map(word_of_object).collect(),
     }
 }
 
@@ -149,6 +150,16 @@ pub fn operations() -> v1::ReasoningListOperationsResponse {
         operations: list_operations().into_iter().map(one).collect(),
         json_schema: json_schema().to_string(),
         gbnf_grammar: gbnf_grammar(),
+    }
+}
+
+/// How probable a word is of one object.
+pub fn word_of_object(found: &WordOfObject) -> v1::WordOfObject {
+    v1::WordOfObject {
+        word: found.word.clone(),
+        object_id: found.object_id,
+        probability: found.probability,
+        cosine_score: found.cosine_score,
     }
 }
 

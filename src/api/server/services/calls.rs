@@ -79,9 +79,9 @@ pub async fn write_report(owner: &Owner, given: v1::WriteReportRequest) -> Start
         let asked = report::as_is_request(given)?;
         return long_call_of(async move { report::written_as_is(&maker, asked).await }).await;
     }
-    let report::ReportRequest { job, questions, prefix } = report::report_request(owner, given).await?;
+    let report::ReportRequest { job, contents } = report::report_request(owner, given).await?;
     let owner = maker;
-    long_call(job, async move |s: Arc<Study>| report::written(&owner, &s, questions, prefix).await).await
+    long_call(job, async move |s: Arc<Study>| report::written(&owner, &s, contents).await).await
 }
 
 /// Stores a video, without samples in its result.

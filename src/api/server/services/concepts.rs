@@ -3,6 +3,7 @@
 use super::updates::{LongCall, long_call, replies};
 use super::{RpcResult, RpcStream, Services, cut_page};
 use crate::api::convert::reasoning::concepts;
+use crate::api::convert::reasoning::question::word_of_object;
 use crate::api::convert::violations::check_request_id;
 use crate::api::status::status;
 use crate::api::v1;
@@ -82,7 +83,13 @@ impl v1::concepts_server::Concepts for Services {
         let id = concepts::lexicon_id("lexicon", &given.lexicon).map_err(status)?;
         let found = owner.lexicon(&id).await.map_err(status)?;
         let word = describe(&found, &given.word).map_err(|e| status(e.into()))?;
-        Ok(Response::new(concepts::concept(&word)))
+        let mut concept = concepts::concept(&word);
+        if let Some(video) = concepts::described_video(&given.video).map_err(status)? {
+            let (scene, words) = owner.words_of_video(&id, &video).await.map_err(status)?;
+            let found = words.of_objects(&scene, &[given.word]);
+            concept.objects = found.iter().map(word_of_object).collect();
+        }
+        Ok(Response::new(concept))
     }
 }
 

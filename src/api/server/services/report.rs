@@ -2,10 +2,12 @@
 
 use super::comparison;
 use crate::api::convert::names::{trace_name, video_name};
-use crate::api::convert::reasoning::question;
+use crate::api::convert::reasoning::{concepts, question};
 use crate::api::convert::study;
 use crate::api::v1;
-use crate::engine::{Engine, EngineError, JobHandle, ModelSource, ReportPage, ReportQuestion, Study};
+use crate::engine::{
+    Engine, EngineError, JobHandle, ModelSource, ReportContents, ReportPage, ReportQuestion, Study,
+};
 use std::sync::Arc;
 
 /// Most questions of one report.
@@ -13,19 +15,17 @@ const MAX_QUESTIONS: usize = 20;
 /// Longest start of a link (bytes).
 const MAX_PREFIX: usize = 1000;
 
-/// The running study, the questions that the page answers, and the prefix of its links.
+/// The running study, and what the page shows beside its models.
 pub struct ReportRequest {
     pub job: JobHandle<Study>,
-    pub questions: Vec<ReportQuestion>,
-    pub prefix: Option<String>,
+    pub contents: ReportContents,
 }
 
-/// A page of models as they are: the videos and models, those beside them, the questions, and the prefix of its links.
+/// A page of models as they are: the videos and models, those beside them, and what else it shows.
 pub struct AsIsRequest {
     models: (Vec<String>, ModelSource),
     against: Option<(Vec<String>, ModelSource)>,
-    questions: Vec<ReportQuestion>,
-    prefix: Option<String>,
+    contents: ReportContents,
 }
 
 /// Checks a request for a page of models as they are.
@@ -36,9 +36,8 @@ pub fn as_is_request(given: v1::WriteReportRequest) -> Result<AsIsRequest, Engin
     }
     let models = study::request(given.study)?;
     let against = comparison::other_side(&models.0, given.against)?;
-    let questions = questions(given.questions, models.0.first())?;
-    let prefix = Some(given.trace_prefix).filter(|p| !p.is_empty());
-    Ok(AsIsRequest { models, against, questions, prefix })
+    let contents = contents(given.questions, models.0.first(), given.trace_prefix, &given.lexicon)?;
+    Ok(AsIsRequest { models, against, contents })
 }
 
 /// The page of models as they are.
@@ -53,7 +52,7 @@ pub async fn written_as_is(engine: &Arc<Engine>, asked: AsIsRequest) -> Result<v
             Some(videos.iter().filter_map(of).collect())
         }
     };
-    Ok(report(engine.models_page(models, against, asked.questions, asked.prefix).await?))
+    Ok(report(engine.models_page(models, against, asked.contents).await?))
 }
 
 fn check(given: &v1::WriteReportRequest) -> Result<(), EngineError> {
@@ -70,6 +69,21 @@ fn check(given: &v1::WriteReportRequest) -> Result<(), EngineError> {
         return Err(EngineError::invalid("against", "needs as_is: a search has no models beside it"));
     }
     Ok(())
+}
+
+/// What a page shows beside its models.
+fn contents(
+    asked: Vec<v1::AskRequest>,
+    first: Option<&String>,
+    prefix: String,
+    lexicon: &str,
+) -> Result<ReportContents, EngineError> {
+    let lexicon = match lexicon {
+        "" => None,
+        name => Some(concepts::lexicon_id("lexicon", name)?),
+    };
+    let prefix = Some(prefix).filter(|p| !p.is_empty());
+    Ok(ReportContents { questions: questions(asked, first)?, prefix, lexicon })
 }
 
 /// The questions of a page; the default video is the first one.
@@ -95,19 +109,18 @@ pub async fn report_request(
         v1::DiscoverEffectsRequest { study: given.study, max_effects: given.max_effects, frames: None };
     let (videos, start, kind) = study::discovery(search)?;
     let first = named.as_deref().map(|name| name.trim_start_matches("videos/").to_string());
-    let questions = questions(given.questions, first.as_ref())?;
+    let contents = contents(given.questions, first.as_ref(), given.trace_prefix, &given.lexicon)?;
     let job = engine.study(&videos, &start, kind).await?;
-    Ok(ReportRequest { job, questions, prefix: Some(given.trace_prefix).filter(|p| !p.is_empty()) })
+    Ok(ReportRequest { job, contents })
 }
 
 /// The page of a finished study.
 pub async fn written(
     engine: &Arc<Engine>,
     study: &Study,
-    questions: Vec<ReportQuestion>,
-    prefix: Option<String>,
+    contents: ReportContents,
 ) -> Result<v1::Report, EngineError> {
-    Ok(report(engine.page(study, questions, prefix).await?))
+    Ok(report(engine.page(study, contents).await?))
 }
 
 fn report(page: ReportPage) -> v1::Report {

@@ -137,6 +137,7 @@ fn to_json(scene: &str, reply: &AskResponse) -> Value {
         "reading": reply.reading,
         "parser": reply.parser,
         "explanation": reply.explanation,
+        "words": crate::cli::commands::words::show::objects(&reply.words),
         "traces": reply.traces,
     })
 }

@@ -1,7 +1,7 @@
 //! `simulate`: predicts how a scene continues, with or without interventions.
 
 use crate::api::v1::intervention::{
-    Kind, Remove, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
+    Kind, Remove, ScaleFriction, ScaleMass, ScaleRestitution, SetVelocity, Shift, SwitchEffect,
 };
 use crate::api::v1::{
     EventKind, GetModelRequest, Intervention, Model, SimulateRequest, SimulateResponse, SimulatedEvent,
@@ -38,6 +38,9 @@ pub struct SimulateArgs {
     /// Multiplies the restitution of an object.
     #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
     restitution: Vec<(u32, f64)>,
+    /// Multiplies the friction between the ground and an object.
+    #[arg(long, value_name = "ID=FACTOR", value_parser = input::id_and_number)]
+    friction: Vec<(u32, f64)>,
     /// Switches an effect of the model off.
     #[arg(long, value_name = "EFFECT")]
     without: Vec<String>,
@@ -125,8 +128,16 @@ fn flags(args: &SimulateArgs) -> Vec<String> {
     let velocity = args.velocity.iter().map(vector("--velocity"));
     let shift = args.shift.iter().map(vector("--shift"));
     let restitution = args.restitution.iter().map(number("--restitution"));
+    let friction = args.friction.iter().map(number("--friction"));
     let without = args.without.iter().map(|effect| format!("--without {effect}"));
-    remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(without).collect()
+    remove
+        .chain(mass)
+        .chain(velocity)
+        .chain(shift)
+        .chain(restitution)
+        .chain(friction)
+        .chain(without)
+        .collect()
 }
 
 /// The failure with the user's flags in place of the request's fields, such as `interventions[0].scale_mass.factor`.
@@ -164,11 +175,16 @@ fn interventions(args: &SimulateArgs) -> Vec<Intervention> {
         .restitution
         .iter()
         .map(|&(object_id, factor)| Kind::ScaleRestitution(ScaleRestitution { object_id, factor }));
+    let friction = args
+        .friction
+        .iter()
+        .map(|&(object_id, factor)| Kind::ScaleFriction(ScaleFriction { object_id, factor }));
     let without = args
         .without
         .iter()
         .map(|effect| Kind::SwitchEffect(SwitchEffect { effect: effect.clone(), on: false }));
-    let edits = remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(without);
+    let edits =
+        remove.chain(mass).chain(velocity).chain(shift).chain(restitution).chain(friction).chain(without);
     edits.map(|kind| Intervention { kind: Some(kind) }).collect()
 }
 

@@ -27,6 +27,9 @@ pub struct ReportArgs {
     /// A question about the first scene that the page answers (see `vrdp ask --help`); may be repeated.
     #[arg(long, value_name = "TEXT")]
     question: Vec<String>,
+    /// A lexicon that `learn` wrote: the page shows which objects its words fit, and answers with them.
+    #[arg(long, value_name = "FILE")]
+    lexicon: Option<PathBuf>,
     /// Preset or model file from which the search starts [default: by the scenes' world]; or the id of a kept model
     /// (`vrdp show`), which is shown as it is, beside the first one of its history.
     #[arg(long, value_name = "NAME|ID|FILE")]
@@ -62,7 +65,8 @@ pub async fn run(target: &Target, args: ReportArgs) -> Result<(), Failure> {
     let questions = args.question.iter().map(|q| ask::request(String::new(), q, &choices)).collect();
     let trace_prefix = args.traces.as_deref().map(|dir| prefix(&args.out, dir)).unwrap_or_default();
     let (study, max_effects) = (Some(study), args.max_effects);
-    let request = WriteReportRequest { study, max_effects, questions, trace_prefix, as_is, against };
+    let lexicon = connection.lexicon(args.lexicon.as_deref()).await?;
+    let request = WriteReportRequest { study, max_effects, questions, trace_prefix, as_is, against, lexicon };
     let report = write(&connection, request).await?;
     let place = save(&connection, &report, &args.out, args.svg.as_deref(), args.traces.as_deref()).await?;
     match args.out.as_os_str() == "-" {

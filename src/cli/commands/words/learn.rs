@@ -33,10 +33,10 @@ pub struct LearnArgs {
     /// What the word is of [default: static]
     #[arg(long, value_enum, requires = "word")]
     kind: Option<ExampleKind>,
-    /// An object that the word fits, by scene and id; a collision as FILE:OBJECT:OTHER@FRAME. May be repeated.
+    /// An object that the word fits, by scene and id; an encounter as FILE:OBJECT:OTHER@FRAME. May be repeated.
     #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word", conflicts_with = "folders")]
     yes: Vec<String>,
-    /// An object, or a collision, that it does not fit.
+    /// An object, or an encounter, that it does not fit.
     #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word")]
     no: Vec<String>,
     /// What the word multiplies, such as the mass for `heavier`.
@@ -62,7 +62,7 @@ enum ExampleKind {
     Static,
     /// The motion of an object, such as "fast".
     Dynamic,
-    /// A collision, such as "glancing".
+    /// An encounter of two objects, such as "glancing" or "near-miss".
     Event,
 }
 
@@ -71,6 +71,7 @@ enum MultipliedQuantity {
     Mass,
     Velocity,
     Restitution,
+    Friction,
 }
 
 pub async fn run(target: &Target, args: LearnArgs) -> Result<(), Failure> {
@@ -105,6 +106,7 @@ async fn request(
                 Some(MultipliedQuantity::Mass) => ChangedQuantity::Mass,
                 Some(MultipliedQuantity::Velocity) => ChangedQuantity::Velocity,
                 Some(MultipliedQuantity::Restitution) => ChangedQuantity::Restitution,
+                Some(MultipliedQuantity::Friction) => ChangedQuantity::Friction,
                 None => {
                     let message = "--word needs examples (--yes and --no), or --quantity for a change";
                     return Err(Failure::input(message));
@@ -158,7 +160,7 @@ async fn examples(
     let mut found = vec![];
     for text in given {
         let (file, place) = place(text).ok_or_else(|| {
-            let form = "FILE:OBJECT, or FILE:OBJECT:OTHER@FRAME for a collision";
+            let form = "FILE:OBJECT, or FILE:OBJECT:OTHER@FRAME for an encounter";
             Failure::input(format!("{text:?} is no example; give {form}"))
         })?;
         if !posted.contains_key(file) {

@@ -1,9 +1,9 @@
 //! `words`: the words of a lexicon, and what one of them means.
 
-use crate::api::v1::{Concept, ConceptKind, DescribeConceptRequest, ListConceptsRequest};
+use crate::api::v1::{Concept, ConceptKind, DescribeConceptRequest, ListConceptsRequest, WordOfObject};
 use crate::cli::connection::{Connection, Target};
 use crate::cli::error::Failure;
-use crate::cli::output;
+use crate::cli::{input, output};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -18,6 +18,9 @@ pub struct WordsArgs {
     /// Says more of this word: what it looks at, and the words near it.
     #[arg(value_name = "WORD")]
     word: Option<String>,
+    /// Says also how probable the word is of each object of this scene.
+    #[arg(long, value_name = "SCENE", requires = "word")]
+    scene: Option<PathBuf>,
     /// Writes the result as JSON too; `-`: to standard output, instead of the text.
     #[arg(long, value_name = "FILE")]
     json: Option<String>,
@@ -31,7 +34,11 @@ pub async fn run(target: &Target, args: WordsArgs) -> Result<(), Failure> {
     let lexicon = connection.lexicon(Some(&args.lexicon)).await?;
     let (text, concepts) = match args.word {
         Some(word) => {
-            let asked = DescribeConceptRequest { lexicon, word };
+            let video = match &args.scene {
+                Some(scene) => connection.post(&input::scene(scene)?).await?,
+                None => String::new(),
+            };
+            let asked = DescribeConceptRequest { lexicon, word, video };
             let found = connection.concepts().describe_concept(asked).await?.into_inner();
             (description(&found), vec![found])
         }
@@ -72,7 +79,7 @@ fn kind(c: &Concept) -> &str {
     match ConceptKind::try_from(c.kind) {
         Ok(ConceptKind::Static) => "looks",
         Ok(ConceptKind::Dynamic) => "motion",
-        Ok(ConceptKind::Event) => "collisions",
+        Ok(ConceptKind::Event) => "encounters",
         Ok(ConceptKind::Change) => "changes",
         _ => &c.family,
     }
@@ -86,11 +93,34 @@ fn description(c: &Concept) -> String {
     for near in &c.nearest {
         text += &format!("  near {}: cosine {:+.2}\n", near.word, near.cosine);
     }
+    for of in &c.objects {
+        let score = of.cosine_score.map_or(String::new(), |s| format!(", cosine score {s:+.2}"));
+        text += &format!("  object {}: {:.1} %{score}\n", of.object_id, 100.0 * of.probability);
+    }
     if let Some(known) = &c.calibration {
         let share = 100.0 * known.accuracy;
         text += &format!("  on left-out videos: {share:.1} % of {} answers right\n", known.answers);
+        for bin in &known.bins {
+            let [p, right, low, high] =
+                [bin.probability, bin.accuracy, bin.accuracy_low, bin.accuracy_high].map(|x| 100.0 * x);
+            text += &format!(
+                "    of {} with {p:.0} %: {right:.0} % right (95 %: {low:.0} to {high:.0})\n",
+                bin.answers
+            );
+        }
     }
     text
+}
+
+/// How probable a word is of objects.
+pub fn objects(found: &[WordOfObject]) -> Vec<Value> {
+    let one = |w: &WordOfObject| {
+        json!({
+            "word": w.word, "object_id": w.object_id, "probability": w.probability,
+            "cosine_score": w.cosine_score,
+        })
+    };
+    found.iter().map(one).collect()
 }
 
 fn to_json(c: &Concept) -> Value {
@@ -103,8 +133,13 @@ fn to_json(c: &Concept) -> Value {
         "nearest": c.nearest.iter().map(|n| json!({ "word": n.word, "cosine": n.cosine })).collect::<Vec<_>>(),
         "calibration": c.calibration.as_ref().map(|k| json!({
             "answers": k.answers, "log_loss": k.log_loss, "accuracy": k.accuracy,
+            "bins": k.bins.iter().map(|b| json!({
+                "answers": b.answers, "probability": b.probability, "accuracy": b.accuracy,
+                "interval": [b.accuracy_low, b.accuracy_high],
+            })).collect::<Vec<_>>(),
         })),
         "factor": c.factor.map(|f| json!([f, c.factor_low, c.factor_high])),
         "evidence": c.evidence,
+        "objects": objects(&c.objects),
     })
 }
