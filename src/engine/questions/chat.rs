@@ -5,7 +5,9 @@
 
 use crate::engine::error::EngineError;
 use crate::engine::pool::JobContext;
-use crate::reason::{Conversation, examples, json_schema, list_operations, ops, question_program};
+use crate::reason::{
+    Conversation, LexiconWord, WordUse, examples, json_schema, list_operations, ops, question_program,
+};
 use crate::scene::Scene;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -76,7 +78,12 @@ impl ChatParser {
     }
 
     /// What the words of a question may name.
-    pub fn about(&self, scene: Option<&Scene>, vocabulary: &[String], conversation: &Conversation) -> String {
+    pub fn about(
+        &self,
+        scene: Option<&Scene>,
+        lexicon: &[LexiconWord],
+        conversation: &Conversation,
+    ) -> String {
         let mut about = String::new();
         if let Some(scene) = scene {
             let names: Vec<String> = (0..scene.objects.len())
@@ -85,9 +92,16 @@ impl ChatParser {
                 .collect();
             let _ = writeln!(about, "Objects of the video: {}.", names.join(", "));
         }
-        if !vocabulary.is_empty() {
-            let _ =
-                writeln!(about, "Further words, for filter_concept and apply: {}.", vocabulary.join(", "));
+        let of = |used: &dyn Fn(WordUse) -> bool| -> Vec<&str> {
+            lexicon.iter().filter(|w| used(w.of)).map(|w| w.word.as_str()).collect()
+        };
+        for (operation, words) in [
+            ("filter_concept", of(&|u| matches!(u, WordUse::Objects | WordUse::Encounters))),
+            ("apply", of(&|u| u == WordUse::Change)),
+        ] {
+            if !words.is_empty() {
+                let _ = writeln!(about, "Further words, for {operation}: {}.", words.join(", "));
+            }
         }
         for own in &conversation.words {
             let _ = writeln!(about, "\"{}\" means \"{}\".", own.word, own.means);
