@@ -14,6 +14,8 @@ use std::time::Duration;
 const MAX_RUNNING: usize = 64;
 /// Services that may end without a drain while an operation runs, before it is not started again: it may be what ends them.
 const MOST_CRASHES: u32 = 3;
+/// Largest request that is kept for the next service (bytes): those of all that may run take 64 MiB of memory at its start.
+const KEPT_REQUEST: usize = 1 << 20;
 /// How much longer than another call an operation may take: nobody waits for its connection.
 const PATIENCE: u32 = 12;
 
@@ -132,6 +134,7 @@ impl Engine {
             crashes: 0,
         };
         let registration = self.operations.register(self.operation_key(&id));
+        let request = if request.len() > KEPT_REQUEST { vec![] } else { request };
         self.store.put_operation(&id, &record, request).await?;
         drop(turn);
         let status = OperationStatus::new(record.clone(), Some(&registration.running));
@@ -147,8 +150,9 @@ impl Engine {
         for (key, record) in everyone.list(TableKind::Operations, "", "", usize::MAX, running).await? {
             let owner = self.of(&Tenant::of_key(&key));
             let request = owner.store.operation_result(&record.id).await?;
+            let goes_on = |request: &Vec<u8>| !request.is_empty() && record.crashes < MOST_CRASHES;
             // Older programs kept no request.
-            let Some(request) = request.filter(|_| record.crashes < MOST_CRASHES) else { continue };
+            let Some(request) = request.filter(goes_on) else { continue };
             let registration = owner.operations.register(owner.operation_key(&record.id));
             cut.push(CutOperation { owner, request, record, registration });
         }

@@ -26,6 +26,7 @@ const SIZE_AFTER_REMOVAL: f64 = 0.9;
 #[derive(Deserialize)]
 struct AgedTrace {
     id: String,
+    video: String,
     size_bytes: u64,
     #[serde(default)]
     stored_ms: u64,

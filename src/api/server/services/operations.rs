@@ -101,7 +101,7 @@ pub async fn resume_operations(engine: &Arc<Engine>) -> Result<(), EngineError> 
     for cut in engine.cut_operations().await? {
         tokio::spawn(cut.resume(async |owner, request| {
             let opened = match operation::kept_work(request) {
-                Ok(work) => open(owner, work).await,
+                Ok(work) => open(owner, work, HeldBytes::default()).await,
                 Err(error) => Err(error),
             };
             opened.unwrap_or_else(|failed| {
