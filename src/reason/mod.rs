@@ -7,6 +7,7 @@
 mod ask;
 mod context;
 mod describe;
+mod discovery;
 mod events;
 mod language;
 mod operations;
@@ -17,13 +18,16 @@ mod summary;
 #[cfg(test)]
 mod tests;
 mod types;
+mod units;
 mod value;
 mod words;
 
 pub use ask::{
-    Answer, AskOptions, ChoiceAnswer, Question, WordedScene, ask, ask_in, ask_with_words, dry_run,
+    Answer, AskOptions, ChoiceAnswer, KnownOfScene, Question, WordedScene, ask, ask_in, ask_knowing,
+    ask_with_words, dry_run,
 };
 pub use context::{Halt, RolloutContext, active_effects};
+pub use discovery::{MissingPart, StoredDiscovery};
 pub use events::{
     FUTURE_FRAMES, Impact, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent,
     SceneEventKind, scenario, simulated,
@@ -38,6 +42,7 @@ pub use reader::{
 pub use run::{DerivationStep, step};
 pub use summary::estimated_share;
 pub use types::{Gives, Type};
+pub use units::{MeasureUnit, UNITS};
 pub use value::{ProgramValue, SpanKind};
 pub use words::{
     ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, DrawnWords, FamilyProbabilities,
