@@ -342,6 +342,7 @@ fn video(setup: &Setup, number: usize, random: &mut Random) -> Scene {
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
         objects: vec![],
     };
     let movers = add_objects(setup, &mut world, &mut scene, random);

@@ -55,6 +55,7 @@ fn scene(name: &str, looks: &[(&str, &str, &str)], random: &mut ChaCha8Rng) -> S
         outliers: vec![],
         findings: vec![],
         feature_layout: Some("test".into()),
+        absent: vec![],
     }
 }
 

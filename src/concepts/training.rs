@@ -371,6 +371,7 @@ impl Trainer<'_> {
             fit: video.fit,
             future: FUTURE_FRAMES,
             rollout: 0,
+            discovery: None,
             words: None,
         };
         SoftContext { exact, families: soft }

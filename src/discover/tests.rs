@@ -77,6 +77,7 @@ pub(super) fn film_under(launches: &[Vec<Launch>], change: impl Fn(&mut Model)) 
             outliers: vec![],
             findings: vec![],
             feature_layout: None,
+            absent: vec![],
             objects: launches.iter().enumerate().map(object).collect(),
         };
         let mut model = Preset::for_world(scene.world).model(&scene);

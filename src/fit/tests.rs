@@ -44,6 +44,7 @@ pub(super) fn three_bodies(name: &str, seed: u64, masses: [f64; 3]) -> (Scene, M
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
         objects: objects(),
     };
     let mut model = Preset::for_world(scene.world).model(&scene);
@@ -302,6 +303,7 @@ fn shot(seed: u64, follow: f64, side: f64, other: Vec2) -> (Scene, Model) {
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
         objects: vec![ball(0), ball(4)],
     };
     let mut truth = Preset::for_world(scene.world).model(&scene);

@@ -275,6 +275,7 @@ fn conclude(
         outliers: vec![],
         findings: vec![],
         feature_layout: Some(FEATURE_LAYOUT.to_string()),
+        absent: vec![],
     };
     let report = PerceptionReport {
         format: info.format.clone(),

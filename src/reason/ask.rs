@@ -12,6 +12,7 @@
 
 use super::ReasonError;
 use super::context::{Halt, RolloutContext, active_effects};
+use super::discovery::StoredDiscovery;
 use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, simulated};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
@@ -32,6 +33,8 @@ use std::collections::BTreeSet;
 /// Draws of words for each rollout of the physics: a word that is wrong with 1 % is then drawn with 32 rollouts, and running a program
 /// costs far less than a rollout.
 const WORD_DRAWS: usize = 16;
+/// Fewest positions that tell how an object moves: two give a velocity without any check of it.
+const FEWEST_SAMPLES: usize = 4;
 /// An answer less probable than this says what the video does not determine.
 const CERTAIN: f64 = 0.75;
 
@@ -87,10 +90,21 @@ pub struct ChoiceAnswer {
     pub derivation: Vec<DerivationStep>,
 }
 
+/// What is known of a scene beside its fit.
+#[derive(Debug, Clone, Copy)]
+pub struct KnownOfScene<'a> {
+    pub scene: &'a Scene,
+    /// The words of a lexicon.
+    pub words: Option<&'a WordProbabilities>,
+    /// A discovery that included it.
+    pub discovery: Option<&'a StoredDiscovery>,
+}
+
 /// A question under way, with what is simulated so far.
 struct Session<'a> {
     scene: &'a Scene,
     words: Option<&'a WordProbabilities>,
+    discovery: Option<&'a StoredDiscovery>,
     vocabulary: Vec<String>,
     fit: &'a Fit,
     index: usize,
@@ -155,6 +169,19 @@ pub fn with_best_words(scene: &Scene, words: &WordProbabilities) -> Scene {
 /// [`ask`], after the questions before it, with the caller's own words, and with the words of a lexicon if there is one.
 pub fn ask_in(
     (scene, words): (&Scene, Option<&WordProbabilities>),
+    fit: (&Fit, usize),
+    question: &Question,
+    conversation: &Conversation,
+    options: &AskOptions,
+    stop: Stop,
+) -> Result<Answer, ReasonError> {
+    let known = KnownOfScene { scene, words, discovery: None };
+    ask_knowing(known, fit, question, conversation, options, stop)
+}
+
+/// [`ask_in`], with what a discovery has found.
+pub fn ask_knowing(
+    KnownOfScene { scene, words, discovery }: KnownOfScene,
     (fit, index): (&Fit, usize),
     question: &Question,
     conversation: &Conversation,
@@ -188,6 +215,7 @@ pub fn ask_in(
     let mut session = Session {
         scene,
         words,
+        discovery,
         vocabulary,
         fit,
         index,
@@ -214,6 +242,9 @@ pub fn ask_in(
         answer.explanation += &doubt(scene, fit.objects(index).iter().filter(|o| met.contains(&o.id)));
     }
     answer.explanation += &reach(scene, &session.simulations);
+    if !session.simulations.is_empty() {
+        answer.explanation += &hardly_seen(scene, session.is_ahead);
+    }
     answer.explanation += &format!(" Read as: {}.", reading.trim_end_matches('?'));
     answer.reading = reading;
     answer.simulations = session.simulations;
@@ -433,6 +464,20 @@ fn reach(scene: &Scene, simulations: &[Prediction]) -> String {
     words
 }
 
+/// Which objects the video shows too briefly to tell how they move, and, of the future, which it does not show.
+fn hardly_seen(scene: &Scene, is_ahead: bool) -> String {
+    let mut said = String::new();
+    for (k, track) in scene.tracks.iter().enumerate().filter(|(_, t)| t.samples.len() < FEWEST_SAMPLES) {
+        let (count, who) = (track.samples.len(), ops::name(scene, k));
+        let frames = if count == 1 { "one frame".to_string() } else { format!("{count} frames") };
+        said += &format!(" The video shows {who} in {frames} only, too few to tell how it moves.");
+    }
+    for object in scene.absent.iter().filter(|_| is_ahead) {
+        said += &format!(" The video does not show {}: it may enter later.", ops::phrase(object));
+    }
+    said
+}
+
 /// Why an answer is uncertain: what the video does not determine of the objects that the answer depends on.
 pub(super) fn doubt<'a>(scene: &Scene, objects: impl Iterator<Item = &'a ObjectEstimate>) -> String {
     let open = objects.filter_map(|o| {
@@ -488,6 +533,7 @@ impl Session<'_> {
                 fit: Some((self.fit, self.index)),
                 future: self.future,
                 rollout,
+                discovery: self.discovery,
                 words,
             };
             let mut derivation = vec![];

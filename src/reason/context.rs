@@ -1,6 +1,7 @@
 //! What a program is run against: a scene, its fitted model, and one rollout of each simulated scenario.
 
 use super::ReasonError;
+use super::discovery::StoredDiscovery;
 use super::encounters::Encounter;
 use super::events::{FUTURE_FRAMES, RolloutEvents, Scenario, SceneEvent, SceneEventKind};
 use super::predict::Prediction;
@@ -44,6 +45,8 @@ pub struct RolloutContext<'a> {
     /// Frames after the video that a question about the future looks at.
     pub future: usize,
     pub rollout: usize,
+    /// What is known of what the model lacks.
+    pub discovery: Option<&'a StoredDiscovery>,
     /// The words of a lexicon, as this draw has them; `None`: the scene's own.
     pub words: Option<DrawnWords<'a>>,
 }
@@ -66,6 +69,7 @@ impl<'a> RolloutContext<'a> {
             fit: None,
             future: FUTURE_FRAMES,
             rollout: 0,
+            discovery: None,
             words: None,
         }
     }

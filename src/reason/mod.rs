@@ -7,6 +7,7 @@
 mod ask;
 mod context;
 mod describe;
+mod discovery;
 mod encounters;
 mod events;
 mod language;
@@ -18,14 +19,16 @@ mod summary;
 #[cfg(test)]
 mod tests;
 mod types;
+mod units;
 mod value;
 mod words;
 
 pub use ask::{
-    Answer, AskOptions, ChoiceAnswer, ParsedQuestion, Question, WordedScene, ask, ask_in, ask_with_words,
-    dry_run, with_best_words,
+    Answer, AskOptions, ChoiceAnswer, KnownOfScene, ParsedQuestion, Question, WordedScene, ask, ask_in,
+    ask_knowing, ask_with_words, dry_run, with_best_words,
 };
 pub use context::{Halt, RolloutContext, active_effects};
+pub use discovery::{MissingPart, StoredDiscovery};
 pub use encounters::{ENCOUNTER_FEATURES, Encounter};
 pub use events::{
     FUTURE_FRAMES, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind,
@@ -41,6 +44,7 @@ pub use reader::{
 pub use run::{DerivationStep, step};
 pub use summary::estimated_share;
 pub use types::{Gives, Type};
+pub use units::{MeasureUnit, UNITS};
 pub use value::{ProgramValue, SpanKind};
 pub use words::{
     ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, DrawnWords, FamilyProbabilities,

@@ -475,6 +475,7 @@ fn one_object(world: WorldKind, shape: Shape, at: impl Fn(f64) -> Vec2) -> Scene
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
     }
 }
 
@@ -1081,4 +1082,114 @@ fn english_has_the_words_of_a_lexicon() {
     for text in ["Is the red ball shiny?", "Does the red ball nearly touch the blue cube?"] {
         assert!(read_question(text, None, &Conversation::default()).is_err(), "{text}");
     }
+}
+
+#[test]
+fn usual_units_are_read_and_written() {
+    let blue = "objects blue filter_color cube filter_shape unique";
+    for (text, program) in [
+        (
+            "Is the blue cube faster than 3 km/h at the end?",
+            format!("{blue} end speed 3 km/h of_unit greater"),
+        ),
+        ("Is the blue cube moving slower than 10 cm/s at 2 s?", {
+            format!("10 cm/s of_unit {blue} 2 at_time speed greater")
+        }),
+        ("How fast is the blue cube at the end in mph?", format!("{blue} end speed mph in_unit")),
+        ("How fast is the blue cube at 0.05 minutes?", format!("{blue} 3 at_time speed")),
+        ("Does the blue cube move further than 2 feet?", {
+            format!("{blue} video path_length 2 foot of_unit greater")
+        }),
+    ] {
+        assert_eq!(question_program(text).map(|p| p.join(" ")), Ok(program), "{text}");
+    }
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let context = RolloutContext::of_scene(&scene, &[]);
+    let value = |text: &str| {
+        let tokens: Vec<String> = text.split(' ').map(str::to_string).collect();
+        run(&QuestionProgram::parse(&tokens).unwrap(), context, vec![])
+            .map(|(mut stack, _)| stack.pop().unwrap())
+    };
+    assert_eq!(value("36 km/h of_unit"), Ok(ProgramValue::Quantity(10.0, "m/s")));
+    assert_eq!(value("36 km/h of_unit km/h in_unit"), Ok(ProgramValue::Quantity(36.0, "km/h")));
+    assert_eq!(value("1 m of_unit 90 cm of_unit greater"), Ok(ProgramValue::Bool(true)));
+    // Lengths are not compared with masses.
+    assert!(matches!(value("1 m of_unit 1 kg of_unit greater"), Err(Halt::Undetermined(_))));
+    assert!(matches!(value("1 m of_unit km/h in_unit"), Err(Halt::Undetermined(_))));
+    for unit in UNITS {
+        assert!((unit.of_base(unit.in_base(7.0)) - 7.0).abs() < 1e-12, "{}", unit.name);
+    }
+}
+
+#[test]
+fn what_the_model_lacks_comes_from_a_discovery() {
+    let scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let start = Preset::named("clevrer").unwrap().model(&scene);
+    let options = crate::fit::FitOptions { max_iterations: 2, ..Default::default() };
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[start], &options, &never).unwrap();
+    let asked = |discovery: Option<&StoredDiscovery>| {
+        let question =
+            Question::English { question: "Is something missing in the model?".into(), choices: vec![] };
+        let known = KnownOfScene { scene: &scene, words: None, discovery };
+        let options = AskOptions { rollouts: 2, seed: 0 };
+        ask_knowing(known, (&fit, 0), &question, &Conversation::default(), &options, &never).unwrap()
+    };
+    // Without a discovery the fit says whether, and the answer says how to learn what.
+    let alone = asked(None).answer.unwrap();
+    assert!(alone.starts_with("no") || alone.contains("discover"), "{alone}");
+    let mut found = StoredDiscovery {
+        finding: MissingPart::Effects,
+        effects: vec!["quadratic_drag c = 0.120 +- 0.004 kg/m".into()],
+        alternatives: vec![],
+        formula: None,
+        reason: "it explains what the model left".into(),
+        videos: 3,
+    };
+    let answer = asked(Some(&found));
+    let text = answer.answer.unwrap();
+    assert!(text.starts_with("yes: quadratic_drag c = 0.120") && text.contains("3 videos"), "{text}");
+    assert!(answer.simulations.is_empty());
+    found.finding = MissingPart::Nothing;
+    assert!(asked(Some(&found)).answer.unwrap().starts_with("no"));
+    found.finding = MissingPart::OneOfSeveral;
+    found.alternatives = vec![vec!["tilt".into(), "uniform_force".into()]];
+    assert!(asked(Some(&found)).answer.unwrap().contains("tilt or uniform_force"));
+    found.finding = MissingPart::Undetermined;
+    assert!(asked(Some(&found)).answer.unwrap().contains("not determined"));
+}
+
+#[test]
+fn an_object_that_has_not_entered_is_reported() {
+    let mut scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    // The sphere enters in frame 63: the clip ends before.
+    scene.times.truncate(60);
+    scene.tracks.iter_mut().for_each(|t| t.samples.retain(|s| s.frame < 60));
+    let late = scene.tracks.iter().position(|t| t.samples.is_empty()).unwrap();
+    let name = scene.objects[late].description();
+    let scene = scene.validate().unwrap();
+    assert_eq!((scene.absent.len(), scene.objects.len()), (1, 3));
+    let fit = fitted(&scene);
+    let asked = |text: String| {
+        let question = Question::English { question: text, choices: vec![] };
+        ask(&scene, &fit, 0, &question, &AskOptions { rollouts: 2, seed: 0 }, &never).unwrap()
+    };
+    let answer = asked(format!("How fast is the {name} at the end?")).answer.unwrap();
+    assert!(answer.contains("no frame of the video shows") && answer.contains(&name), "{answer}");
+    let next = asked("What will happen next?".into());
+    assert!(next.explanation.contains("may enter later"), "{}", next.explanation);
+    // What the scene is written to still has it.
+    let again = parse("scene", &crate::scene::observed_json(&scene).to_string()).unwrap();
+    assert_eq!(again.absent, scene.absent);
+}
+
+#[test]
+fn an_object_that_is_hardly_seen_is_reported() {
+    let mut scene = observed(&root().join("tests/data/clevrer/scene_00000"));
+    let first = scene.tracks[3].samples[0].frame;
+    scene.tracks[3].samples.truncate(2);
+    assert!(first > 0);
+    let fit = fitted(&scene);
+    let question = Question::English { question: "How many collisions happen?".into(), choices: vec![] };
+    let answer = ask(&scene, &fit, 0, &question, &AskOptions { rollouts: 2, seed: 0 }, &never).unwrap();
+    assert!(answer.explanation.contains("in 2 frames only"), "{}", answer.explanation);
 }

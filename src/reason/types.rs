@@ -19,6 +19,8 @@ pub enum Type {
     Order,
     Factor,
     Law,
+    /// A unit of a quantity.
+    Unit,
     /// A word of a lexicon.
     Concept,
     Change,
@@ -32,7 +34,7 @@ pub enum Type {
 }
 
 impl Type {
-    pub const ALL: [Type; 21] = [
+    pub const ALL: [Type; 22] = [
         Type::Objects,
         Type::Object,
         Type::Events,
@@ -47,6 +49,7 @@ impl Type {
         Type::Order,
         Type::Factor,
         Type::Law,
+        Type::Unit,
         Type::Concept,
         Type::Change,
         Type::Text,
@@ -73,6 +76,7 @@ impl Type {
             Type::Order => "an order",
             Type::Factor => "a number",
             Type::Law => "a law",
+            Type::Unit => "a unit",
             Type::Concept => "a word of the lexicon",
             Type::Change => "a change",
             Type::Text => "a text",
@@ -112,6 +116,7 @@ pub const SECONDS: Takes = ("a number of seconds", &[Type::Factor]);
 pub const FACTOR: Takes = ("a factor", &[Type::Factor]);
 pub const NUMBER: Takes = ("a number", &[Type::Factor]);
 pub const LAW: Takes = ("friction, object_friction or drag", &[Type::Law]);
+pub const UNIT: Takes = ("a unit", &[Type::Unit]);
 pub const YES_OR_NO: Takes = ("yes or no", &[Type::Bool]);
 pub const OBJECT: Takes = ("an object", &[Type::Object]);
 pub const OBJECTS: Takes = ("objects", &[Type::Objects]);

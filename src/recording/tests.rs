@@ -51,6 +51,7 @@ fn scene() -> Scene {
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
     }
 }
 

@@ -34,6 +34,9 @@ pub struct Scene {
     /// What the numbers of `Object::features` are, such as perception's layout; `None`: not named.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feature_layout: Option<String>,
+    /// Objects of the set-up that the video does not show: they have no track and take no part in anything.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub absent: Vec<Object>,
 }
 
 /// The kind of place; it selects the default preset.

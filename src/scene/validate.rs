@@ -24,6 +24,7 @@ impl Scene {
     pub fn validate(mut self) -> Result<Scene, SceneError> {
         let mut violations = SceneViolations::default();
         self.check_values(&mut violations);
+        self.put_absent_objects_aside();
         let (tracks, outliers) = reject_outliers(&self);
         if violations.is_empty() {
             (self.tracks, self.outliers) = (tracks, outliers);
@@ -34,6 +35,19 @@ impl Scene {
         }
         violations.finish()?;
         Ok(self)
+    }
+
+    /// Moves objects without samples to `absent`, as long as others have some.
+    fn put_absent_objects_aside(&mut self) {
+        let is_seen: Vec<bool> = self.tracks.iter().map(|t| !t.samples.is_empty()).collect();
+        if self.tracks.len() != self.objects.len() || !is_seen.contains(&true) {
+            return;
+        }
+        let all = std::mem::take(&mut self.objects).into_iter().zip(&is_seen);
+        let (seen, absent): (Vec<_>, Vec<_>) = all.partition(|(_, is_seen)| **is_seen);
+        self.objects = seen.into_iter().map(|(object, _)| object).collect();
+        self.absent.extend(absent.into_iter().map(|(object, _)| object));
+        self.tracks.retain(|t| !t.samples.is_empty());
     }
 
     /// Overlaps and cushions, judged by tracks without outliers.
@@ -83,7 +97,11 @@ impl Scene {
             }
             check_object(r, i, object);
         }
+        let is_any_seen = self.tracks.iter().any(|t| !t.samples.is_empty());
         for (i, track) in self.tracks.iter().enumerate() {
+            if track.samples.is_empty() && !is_any_seen {
+                r.add(format!("objects[{i}].samples"), "is empty; give at least one object with samples");
+            }
             check_track(r, i, track, self.times.len());
         }
         let counts = || self.tracks.iter().map(|t| t.samples.len());
@@ -260,9 +278,6 @@ fn check_object(r: &mut SceneViolations, i: usize, object: &Object) {
 }
 
 fn check_track(r: &mut SceneViolations, i: usize, track: &Track, frames: usize) {
-    if track.samples.is_empty() {
-        r.add(format!("objects[{i}].samples"), "is empty; leave out an object without samples");
-    }
     let mut before = None;
     for (k, sample) in track.samples.iter().enumerate() {
         let path = |key: &str| format!("objects[{i}].samples[{k}].{key}");
@@ -334,6 +349,7 @@ mod tests {
             outliers: vec![],
             findings: vec![],
             feature_layout: None,
+            absent: vec![],
         }
     }
 
@@ -394,7 +410,12 @@ mod tests {
         assert_eq!(paths(&s), ["objects[2].features"]);
         let mut s = scene();
         s.tracks[1].samples.clear();
-        assert_eq!(paths(&s), ["objects[1].samples"]);
+        let seen = s.clone().validate().unwrap();
+        assert_eq!((seen.objects.len(), seen.tracks.len()), (s.objects.len() - 1, s.objects.len() - 1));
+        assert_eq!(seen.absent, [s.objects[1].clone()]);
+        s.tracks.iter_mut().for_each(|t| t.samples.clear());
+        assert!(paths(&s).contains(&"objects[1].samples".to_string()));
+        let mut s = scene();
         let mut s = scene();
         s.camera.as_mut().unwrap().matrix[2] = [0.0; 4];
         assert_eq!(paths(&s), ["camera.matrix"]);

@@ -50,6 +50,7 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
         outliers: vec![],
         findings: video.findings.into_iter().filter_map(finding).collect(),
         feature_layout: Some(video.feature_layout).filter(|name| !name.is_empty()),
+        absent: vec![],
     };
     // Positions from image points mean nothing if the camera is wrong: their violations would mislead.
     if !pixels.is_empty() && !r.0.is_empty() {

@@ -9,6 +9,7 @@
 use crate::reason::ReasonError;
 use crate::reason::operations::{OPERATIONS, Operation, operation};
 use crate::reason::types::{Gives, MOMENT, Type};
+use crate::reason::units::UNITS;
 use crate::reason::value::{ProgramValue, SpanKind};
 
 /// The words of programs with their types. `color:teal`, `material:wood` and `shape:box` are a scene's own words; the words of a lexicon
@@ -67,7 +68,9 @@ impl Op {
             let word = token.strip_prefix(prefix).filter(|w| !w.is_empty())?;
             Some((*kind, word))
         });
-        let known = || WORDS.iter().find(|(word, _)| *word == token).map(|(word, kind)| (*kind, *word));
+        let unit = || UNITS.iter().find(|u| u.name == token).map(|u| (Type::Unit, u.name));
+        let known =
+            || WORDS.iter().find(|(word, _)| *word == token).map(|(word, kind)| (*kind, *word)).or_else(unit);
         if let Some((kind, word)) = own.or_else(known) {
             return Some(Op::Push(kind, word_value(kind, word)));
         }
@@ -122,6 +125,7 @@ impl QuestionProgram {
             Op::of(token).or_else(concept).ok_or_else(|| {
                 let names = OPERATIONS.iter().flat_map(|o| std::iter::once(&o.token).chain(o.aliases));
                 let names = names.copied().chain(WORDS.iter().map(|(word, _)| *word));
+                let names = names.chain(UNITS.iter().map(|u| u.name));
                 let names = names.chain(lexicon.iter().map(String::as_str));
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })

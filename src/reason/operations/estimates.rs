@@ -8,6 +8,7 @@ use crate::num::elementary;
 use crate::reason::context::Halt;
 use crate::reason::describe::event_words;
 use crate::reason::events::{MOVING_SPEED, SceneEvent, SceneEventKind};
+use crate::reason::units::{self, MeasureUnit};
 use crate::reason::value::ProgramValue::{self, *};
 use crate::reason::value::SpanKind;
 use crate::world::{BodySpec, Model};
@@ -209,6 +210,26 @@ pub fn is_unexplained(m: &mut Machine) -> Outcome {
     Ok(Bool(fit.scenes.get(index).is_some_and(|s| !s.adequate)))
 }
 
+/// What the model lacks: by a discovery if there is one, else whether the fit lacks something, with how to learn what.
+pub fn missing_part(m: &mut Machine) -> Outcome {
+    if let Some(known) = m.context.discovery {
+        return known.answer().map(Text).map_err(Halt::Undetermined);
+    }
+    let (fit, index) = fit(m)?;
+    let scene = fit.scenes.get(index).ok_or_else(no_model)?;
+    Ok(Text(match scene.adequate {
+        true => format!(
+            "no: the noise explains what the model leaves (chi-square {:.2} for each measurement)",
+            scene.reduced_chi_square
+        ),
+        false => format!(
+            "yes: the model leaves {:.1} mm where the noise is {:.1} mm; `discover` on videos of this set-up finds what",
+            1e3 * scene.rmse,
+            1e3 * scene.noise_sigma
+        ),
+    }))
+}
+
 /// The first collision that set an object in motion.
 pub fn why_moved(m: &mut Machine) -> Outcome {
     let object = m.object()?;
@@ -255,9 +276,13 @@ pub fn difference_made(m: &mut Machine) -> Outcome {
     }))
 }
 
+/// Two quantities of one kind, the first below the second.
 fn two(m: &mut Machine) -> Result<[(f64, &'static str); 2], Halt> {
     match (m.pop()?, m.pop()?) {
-        (Quantity(second, u), Quantity(first, v)) => Ok([(first, v), (second, u)]),
+        (Quantity(second, u), Quantity(first, v)) if u == v => Ok([(first, v), (second, u)]),
+        (Quantity(_, u), Quantity(_, v)) => {
+            Err(Halt::Undetermined(format!("a quantity in {v} cannot be compared with one in {u}")))
+        }
         _ => Err(m.mismatch()),
     }
 }
@@ -275,4 +300,27 @@ pub fn difference(m: &mut Machine) -> Outcome {
 pub fn ratio(m: &mut Machine) -> Outcome {
     let [first, second] = two(m)?;
     Ok(Quantity(first.0 / second.0, "times"))
+}
+
+/// A number of a unit as a quantity in SI units.
+pub fn of_unit(m: &mut Machine) -> Outcome {
+    let (unit, value) = (unit(m)?, m.factor()?);
+    Ok(Quantity(unit.in_base(value), unit.base))
+}
+
+/// A quantity in another unit of its kind.
+pub fn in_unit(m: &mut Machine) -> Outcome {
+    let unit = unit(m)?;
+    match m.pop()? {
+        Quantity(value, own) if own == unit.base => Ok(Quantity(unit.of_base(value), unit.name)),
+        Quantity(_, own) => {
+            Err(Halt::Undetermined(format!("the answer is in {}, which is no {}", own, unit.name)))
+        }
+        _ => Err(m.mismatch()),
+    }
+}
+
+fn unit(m: &mut Machine) -> Result<&'static MeasureUnit, Halt> {
+    let name = m.word()?;
+    units::named(&name).ok_or_else(|| m.mismatch())
 }

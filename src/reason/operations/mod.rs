@@ -17,7 +17,7 @@ use machine::OperationFn;
 use super::types::{
     ANY_OBJECTS, CHANGED, CHOICE, COLOR, CONCEPT, DIRECTION, EVENT, EVENTS, FACTOR, Gives, LAW, LENGTH,
     MATERIAL, MOMENT, NUMBER, OBJECT, OBJECTS, OBJECTS_OR_EVENTS, ORDER, QUANTITY, SECONDS, SHAPE, SPAN,
-    TABLE_SIDE, Takes, Type, YES_OR_NO,
+    TABLE_SIDE, Takes, Type, UNIT, YES_OR_NO,
 };
 
 /// A row. Its aliases are lower case; tokens of a program are compared in lower case.
@@ -635,6 +635,8 @@ pub static OPERATIONS: &[Operation] = &[
         estimates::difference,
     ),
     row(["ratio", "{1} over {0}"], &[], &[QUANTITY, QUANTITY], Gives::One(Type::Quantity), estimates::ratio),
+    row(["of_unit", "{1} {0}"], &[], &[UNIT, NUMBER], Gives::One(Type::Quantity), estimates::of_unit),
+    row(["in_unit", "{1} in {0}"], &[], &[UNIT, QUANTITY], Gives::One(Type::Quantity), estimates::in_unit),
     row(
         ["fit_error", "root mean square error of the fit"],
         &[],
@@ -642,6 +644,7 @@ pub static OPERATIONS: &[Operation] = &[
         Gives::One(Type::Quantity),
         estimates::fit_error,
     ),
+    row(["missing_part", "what the model lacks"], &[], &[], Gives::One(Type::Text), estimates::missing_part),
     row(
         ["is_unexplained", "does the model leave more than the noise explains?"],
         &[],

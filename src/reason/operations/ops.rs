@@ -3,6 +3,7 @@
 use crate::effects::effect;
 use crate::num::{Vec2, vec2};
 use crate::reason::ReasonError;
+use crate::reason::context::Halt;
 use crate::reason::events::{RolloutEvents, SIDES, SceneEvent, SceneEventKind};
 use crate::reason::value::ProgramValue;
 use crate::scene::{Object, Scene};
@@ -152,6 +153,19 @@ pub fn unique_object(scene: &Scene, objects: &[usize], phrase_asked: &str) -> Re
         [] => Err(ReasonError::NoSuchObject { phrase, candidates: names(&all(scene)) }),
         several => Err(ReasonError::AmbiguousObject { phrase, candidates: names(several) }),
     }
+}
+
+/// The only object that the video does not show and that all these words describe.
+pub fn absent<'a>(scene: &'a Scene, words: &[String]) -> Option<&'a Object> {
+    let describes =
+        |o: &Object, word: &String| [o.color.as_str(), &o.material, o.shape.word()].contains(&word.as_str());
+    let mut fitting = scene.absent.iter().filter(|o| words.iter().all(|w| describes(o, w)));
+    fitting.next().filter(|_| !words.is_empty() && fitting.next().is_none())
+}
+
+/// Why nothing is known of an object that the video does not show.
+pub fn not_shown(object: &Object) -> Halt {
+    Halt::Undetermined(format!("no frame of the video shows {}: it has not entered", phrase(object)))
 }
 
 /// The first of the objects, as a pattern for another one.

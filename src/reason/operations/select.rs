@@ -18,6 +18,9 @@ pub fn all_objects(m: &mut Machine) -> Outcome {
 pub fn object_number(m: &mut Machine) -> Outcome {
     let (number, scene) = (m.factor()?, m.context.scene);
     let found = scene.objects.iter().position(|o| f64::from(o.id) == number);
+    if let Some(absent) = scene.absent.iter().find(|o| f64::from(o.id) == number) {
+        return Err(ops::not_shown(absent));
+    }
     found.map(Object).ok_or_else(|| {
         let candidates = (0..scene.objects.len()).map(|i| ops::numbered(scene, i)).collect();
         ReasonError::NoSuchObject { phrase: format!("object {number}"), candidates }.into()
@@ -85,6 +88,9 @@ pub fn null(_: &mut Machine) -> Outcome {
 
 pub fn unique(m: &mut Machine) -> Outcome {
     match m.pop()? {
+        Objects(objects) if objects.is_empty() && ops::absent(m.context.scene, &m.words).is_some() => {
+            Err(ops::absent(m.context.scene, &m.words).map_or_else(|| m.mismatch(), ops::not_shown))
+        }
         Objects(objects) => Ok(Object(ops::unique_object(m.context.scene, &objects, &m.words.join(" "))?)),
         Events(events) => Ok(Event(ops::unique_event(&events)?)),
         _ => Err(m.mismatch()),

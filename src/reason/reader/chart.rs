@@ -5,6 +5,7 @@
 
 use super::forms::{FORMS, Form};
 use super::lexicon::{TextWord, Vocabulary};
+use crate::reason::units::{MeasureUnit, UNITS};
 use crate::reason::words::{LexiconWord, WordUse};
 use std::collections::HashMap;
 use std::sync::LazyLock;
@@ -98,8 +99,10 @@ impl<'a> QuestionReader<'a> {
         let readings = match name {
             "S" => self.object(at).into_iter().collect(),
             "number" => self.number(at).map(|n| (at + 1, vec![n.to_string()])).into_iter().collect(),
-            "length" => self.measured(at, &[("m", 1.0), ("cm", 0.01), ("mm", 0.001)]),
-            "seconds" => self.measured(at, &[("second", 1.0), ("ms", 0.001)]),
+            "length" => self.measured(at, "m"),
+            "seconds" => self.measured(at, "s"),
+            "quantity" => self.quantity(at).into_iter().collect(),
+            "unit" => self.unit(at).map(|unit| (at + 1, vec![unit.name.to_string()])).into_iter().collect(),
             "some" => self.objects(at).into_iter().collect(),
             "word" => self.learned(at, &|w| w.description().map(|(token, _)| token)),
             "encounter" => self.learned(at, &|w| (w.of == WordUse::Encounters).then(|| w.word.clone())),
@@ -129,13 +132,26 @@ impl<'a> QuestionReader<'a> {
         self.words.get(at)?.canonical.iter().find_map(parse)
     }
 
-    /// A number with one of these units, in the base unit.
-    fn measured(&self, at: usize, units: &[(&str, f64)]) -> Vec<PhraseReading> {
-        let Some(value) = self.number(at) else { return vec![] };
-        let unit = units.iter().find(|(unit, _)| self.stands_for(at + 1, unit));
-        // In decimals: 25 cm are 0.25 m.
-        let scaled = |factor: f64| if factor == 1.0 { value } else { value / (1.0 / factor).round() };
-        unit.map(|(_, factor)| (at + 2, vec![scaled(*factor).to_string()])).into_iter().collect()
+    /// The unit that a word is.
+    fn unit(&self, at: usize) -> Option<&'static MeasureUnit> {
+        let of = |unit: &&MeasureUnit| match unit.name {
+            // In words.txt this is the ordinal too.
+            "s" => self.stands_for(at, "second"),
+            name => self.stands_for(at, name),
+        };
+        UNITS.iter().find(of)
+    }
+
+    /// A number with a unit of this kind, as a number of the SI unit.
+    fn measured(&self, at: usize, base: &str) -> Vec<PhraseReading> {
+        let found = self.number(at).zip(self.unit(at + 1).filter(|unit| unit.base == base));
+        found.map(|(value, unit)| (at + 2, vec![unit.in_base(value).to_string()])).into_iter().collect()
+    }
+
+    /// A number with any unit.
+    fn quantity(&self, at: usize) -> Option<PhraseReading> {
+        let (value, unit) = self.number(at).zip(self.unit(at + 1))?;
+        Some((at + 2, vec![value.to_string(), unit.name.to_string(), "of_unit".to_string()]))
     }
 
     /// "blue rubber cube", "object 3": one object, with at least one describing word.

@@ -188,7 +188,7 @@ fn inflected(word: &str) -> Vec<String> {
 /// A word of the scene that no table has, as its description.
 fn scene_words(scene: &Scene) -> Vec<(String, Description)> {
     let mut found: Vec<(String, Description)> = vec![];
-    for object in &scene.objects {
+    for object in scene.objects.iter().chain(&scene.absent) {
         let words = [
             ("color", object.color.as_str()),
             ("material", &object.material),
@@ -380,7 +380,11 @@ pub fn split(text: &str) -> Vec<String> {
 fn number_and_unit(word: &str) -> Vec<String> {
     let unit = word.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
     let number = &word[..word.len() - unit.len()];
-    match is_number(number) && ["s", "sec", "m", "cm", "mm", "ms", "x"].contains(&unit) {
+    const UNITS: [&str; 18] = [
+        "s", "sec", "m", "cm", "mm", "km", "ms", "min", "kmh", "kph", "mps", "mph", "ft", "rpm", "kg", "g",
+        "j", "x",
+    ];
+    match is_number(number) && UNITS.contains(&unit) {
         true => vec![number.to_string(), unit.to_string()],
         false => vec![word.to_string()],
     }

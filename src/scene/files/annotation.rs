@@ -132,6 +132,7 @@ impl AnnotationReader {
             outliers: vec![],
             findings: vec![],
             feature_layout: self.fields.text(root, "feature_layout", ""),
+            absent: vec![],
         }
     }
 

@@ -36,7 +36,10 @@ pub fn observed_json(scene: &Scene) -> Value {
     if let Some(layout) = &scene.feature_layout {
         root.insert("feature_layout".into(), layout.clone().into());
     }
-    root.insert("object_property".into(), scene.objects.iter().map(object_property).collect());
+    root.insert(
+        "object_property".into(),
+        scene.objects.iter().chain(&scene.absent).map(object_property).collect(),
+    );
     let frame = |(f, objects)| json!({ "frame_id": f, "objects": Value::Array(objects) });
     root.insert("motion_trajectory".into(), frames(scene).into_iter().enumerate().map(frame).collect());
     Value::Object(root)

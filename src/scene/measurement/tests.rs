@@ -52,6 +52,7 @@ fn video(frames: usize, ways: &[&dyn Fn(f64) -> Vec2]) -> Scene {
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
     }
 }
 

@@ -177,6 +177,7 @@ mod tests {
             outliers: vec![],
             findings: vec![],
             feature_layout: None,
+            absent: vec![],
         }
     }
 

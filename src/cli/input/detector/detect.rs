@@ -206,6 +206,7 @@ fn linked(
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
     };
     let scene = scene.validate().map_err(|e| Failure::input(e.to_string()))?;
     Ok((scene, linked.report))

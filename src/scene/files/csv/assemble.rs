@@ -59,6 +59,7 @@ pub(super) fn scene(name: &str, notes: &Notes, rows: CsvRows) -> Result<(Scene, 
         outliers: vec![],
         findings: vec![],
         feature_layout: None,
+        absent: vec![],
     };
     Ok((scene, assumed))
 }
