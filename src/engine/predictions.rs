@@ -26,6 +26,9 @@ pub const DEFAULT_FUTURE_FRAMES: usize = 60;
 /// Rollouts of a request that names none.
 pub const DEFAULT_ROLLOUTS: usize = 32;
 
+/// Object states of all rollouts up to which a prediction is short work: ten times those of a usual one.
+const SHORT_STATES: usize = 300_000;
+
 /// What a simulation is asked for.
 #[derive(Debug, Clone, Serialize)]
 pub struct SimulateOptions {
@@ -53,7 +56,8 @@ impl Task for SimulationTask {
     type Output = Prediction;
 
     fn kind(&self) -> JobKind {
-        JobKind::Simulation
+        let states = self.request.rollouts * self.request.frames * self.scene.objects.len();
+        if states > SHORT_STATES { JobKind::Ensemble } else { JobKind::Simulation }
     }
 
     fn perform(self, _: ReportSink, stop: Stop) -> Result<(Prediction, Vec<TraceFile>), EngineError> {
@@ -81,7 +85,9 @@ impl Task for AnswerTask {
     type Output = Answer;
 
     fn kind(&self) -> JobKind {
-        JobKind::Answer
+        let frames = self.scene.times.len() + FUTURE_FRAMES;
+        let states = self.options.rollouts * frames * self.scene.objects.len();
+        if states > SHORT_STATES { JobKind::Ensemble } else { JobKind::Answer }
     }
 
     fn perform(self, _: ReportSink, stop: Stop) -> Result<(Answer, Vec<TraceFile>), EngineError> {
