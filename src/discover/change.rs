@@ -113,7 +113,7 @@ fn change_in(
         Origin::Revision(fits, _) => fits.iter().map(|f| f.model.clone()).collect(),
     };
     crate::fit::check(scenes, &models)?;
-    let lens = WeakFormRegression::new(scenes);
+    let lens = WeakFormRegression::new(scenes).until(stop);
     let readings = match origin {
         Origin::Start(models) => readings(scenes, models).iter().map(|m| with_nuisance(m)).collect(),
         Origin::Revision(..) => vec![models],
@@ -194,6 +194,7 @@ fn change_in(
     let added =
         proposal.added.map(|name| found(&lens, &after, &name, options, &|_| stop(1.0))).transpose()?;
     widen_laws(&lens, &mut after, added.as_ref(), options, &|_| stop(1.0))?;
+    stop(1.0)?;
     Ok(ChangeResult { before, after, added, weight, too_little })
 }
 

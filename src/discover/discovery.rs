@@ -80,6 +80,7 @@ pub fn discover(
     found.revisions.iter_mut().for_each(|revision| coarse.restore(scenes, revision));
     name_pushes(scenes, &mut found);
     found.reason += &left;
+    stop(1.0)?;
     Ok(found)
 }
 
@@ -89,7 +90,7 @@ fn discover_in(
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
-    let lens = WeakFormRegression::new(scenes);
+    let lens = WeakFormRegression::new(scenes).until(stop);
     if let Some(reason) = too_little(&lens) {
         return Ok(not_identifiable(&lens, reason));
     }
@@ -322,7 +323,7 @@ pub fn diagnose(
     let comparison = compare(scenes, fit, &options.fit, stop)?;
     let models = fit.models();
     let coarse = resampled(scenes);
-    let lens = WeakFormRegression::new(&coarse.scenes);
+    let lens = WeakFormRegression::new(&coarse.scenes).until(stop);
     let begun = with_nuisance(&models);
     let motion = search(&lens, &begun, stop)?;
     let films = WindowFits::of(&contacts(&lens, &motion.models), stop)?;
@@ -341,6 +342,7 @@ pub fn diagnose(
         (scene, ChangePoint { frame: coarse.frame(scene, jump.frame), ..jump })
     };
     let jumps = films.films.jumps.into_iter().map(as_given);
+    stop(1.0)?;
     Ok(Diagnosis {
         comparison,
         free_motion: motion.base.chi_square / motion.degrees_of_freedom,

@@ -490,7 +490,7 @@ fn fit_shown(
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    Ok(trajectories(&WeakFormRegression::new(shown), models, effect, options, stop)?.0)
+    Ok(trajectories(&WeakFormRegression::new(shown).until(stop), models, effect, options, stop)?.0)
 }
 
 /// The model of the first frames, where it follows them and they tell where all objects begin.

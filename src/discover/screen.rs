@@ -236,6 +236,9 @@ pub fn beginnings(
     let projector = stand.projector.as_ref()?;
     // The best amplitudes at other numbers, by linear algebra alone.
     let at = |seed: &[f64]| -> Option<ScreenSeed> {
+        if lens.is_stopped() {
+            return None;
+        }
         let columns = columns(lens, stand, projector, entry, seed, region);
         let inside = |(_, amplitudes): &(f64, DVector<f64>)| {
             amplitudes.iter().zip(entry.spec.params).all(|(a, p)| (p.min..=p.max).contains(a))
@@ -304,6 +307,9 @@ pub fn detectable(
 ) -> Option<f64> {
     let projector = stand.projector.as_ref()?;
     let least = |seed: &Vec<f64>| -> f64 {
+        if lens.is_stopped() {
+            return f64::INFINITY;
+        }
         let columns = columns(lens, stand, projector, entry, seed, region);
         let information = lens.information(projector, &columns).0;
         let shares: Vec<f64> = (0..columns.ncols())
@@ -330,6 +336,9 @@ pub fn screen(
     tried: &[ScreenSeed],
     region: &Region,
 ) -> Option<ForceCandidate> {
+    if lens.is_stopped() {
+        return None;
+    }
     let ScreenBase { seen, alone, .. } = base;
     let projector = base.fitted.projector.as_ref()?;
     let refined = tried.iter().take(REFINED).map(|b| refine(lens, &stand.models, entry, &b.values, region));

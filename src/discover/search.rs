@@ -422,6 +422,7 @@ fn laws_of(
     }
     let residual = lens.residual(&state.models, &flats(&state.models, &state.free, &state.seen.values));
     state.trimmed_chi_square = lens.trimmed_chi_square(&residual);
+    stop(1.0)?;
     Ok(state)
 }
 

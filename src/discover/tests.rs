@@ -5,8 +5,8 @@ use super::*;
 use crate::body::GRAVITY;
 use crate::effects::effect;
 use crate::effects::formula::Formula;
-use crate::fit::{FitOptions, SceneFit, fit};
-use crate::num::{Vec2, never, vec2};
+use crate::fit::{FitError, FitOptions, SceneFit, fit};
+use crate::num::{Stopped, Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Track, WorldKind};
 use crate::world::{
     AccelerationField, ActiveEffect, Kinematics, Model, Preset, SimulationLimits, Snapshot, simulate_observed,
@@ -14,6 +14,7 @@ use crate::world::{
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 mod field;
 mod rivals;
@@ -274,6 +275,19 @@ fn the_answer_does_not_depend_on_the_number_of_threads() {
         pool.install(|| discover(&scenes, &models(&scenes), &options, &never)).expect("it runs")
     };
     assert_eq!(with(1), with(3));
+}
+
+/// Wherever it is stopped, nothing is made of the numbers that a stopped search leaves.
+#[test]
+fn a_discovery_that_is_stopped_says_so_and_gives_no_result() {
+    let scenes = film(&launches(), Some(("coriolis", &[("Omega", 0.12)])));
+    let (models, options) = (models(&scenes), DiscoverOptions::default());
+    for most in (0..11).map(|k| 1_usize << k) {
+        let asked = AtomicUsize::new(0);
+        let stop = |_: f64| if asked.fetch_add(1, Ordering::Relaxed) < most { Ok(()) } else { Err(Stopped) };
+        let found = discover(&scenes, &models, &options, &stop);
+        assert!(matches!(found, Err(FitError::Stopped(_))), "after {most} questions: {found:?}");
+    }
 }
 
 #[test]

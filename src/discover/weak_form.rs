@@ -6,13 +6,13 @@ use super::segment::{FreeSegment, instants, integral};
 use super::smooth_track::{SmoothTrack, paths};
 use crate::fit::{Noise, estimate_noise};
 use crate::num::{
-    AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Vec2, elementary, levenberg_marquardt,
+    AtBounds, Bounds, LeastSquares, NormalEquations, Schedule, Stop, Stopped, Vec2, elementary,
+    levenberg_marquardt, never,
 };
 use crate::scene::Scene;
 use crate::world::{AccelerationField, FormulaForces, Kinematics, Model, Snapshot};
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
-use std::convert::Infallible;
 use std::ops::Range;
 
 /// Iterations of one search, and trials of the damping in each.
@@ -40,6 +40,8 @@ pub struct WeakFormRegression<'a> {
     stretches: Vec<FreeSegment>,
     /// Rows that are left out together: one video's, or one object's where there is one video.
     pub folds: Vec<Vec<Range<usize>>>,
+    /// Once it says so, what is computed has no meaning, and comes at once: the caller asks it, too.
+    stop: Stop<'a>,
 }
 
 /// A least-squares solution of the lens.
@@ -52,6 +54,14 @@ pub struct LensFit {
     pub chi_square: f64,
     /// Chi-square of the rows that did not count.
     pub left_out: f64,
+}
+
+impl LensFit {
+    /// Where the search was stopped.
+    fn meaningless(free: &[FreeParameter], start: &[f64]) -> LensFit {
+        let sd = free.iter().map(|f| f.sd).collect();
+        LensFit { values: start.to_vec(), sd, cost: 0.0, chi_square: 0.0, left_out: 0.0 }
+    }
 }
 
 impl<'a> WeakFormRegression<'a> {
@@ -80,7 +90,19 @@ impl<'a> WeakFormRegression<'a> {
             instants,
             stretches,
             folds: folds.into_values().collect(),
+            stop: &never,
         }
+    }
+
+    /// The same, ended by `stop`: from then on all results are meaningless and come at once. The caller must ask `stop` before it
+    /// uses one.
+    pub fn until(self, stop: Stop<'a>) -> Self {
+        WeakFormRegression { stop, ..self }
+    }
+
+    /// Whether results have no meaning any more.
+    pub fn is_stopped(&self) -> bool {
+        (self.stop)(0.0).is_err()
     }
 
     /// How many residuals there are, less what each stretch's start takes.
@@ -223,14 +245,18 @@ impl<'a> WeakFormRegression<'a> {
         iterations: usize,
         without: &[Range<usize>],
     ) -> LensFit {
+        if self.is_stopped() {
+            return LensFit::meaningless(free, start);
+        }
         let residual = self.residual(models, &flats(models, free, start));
         let counted = self.counted(without);
         let bounds = free.iter().map(|f| Bounds { min: f.min, max: f.max, frozen: false }).collect();
         let mut problem = WeakFormProblem { lens: self, models, free, without, counted, bounds, residual };
         let schedule = Schedule { trials: if iterations == 0 { 0 } else { TRIALS }, ..SCHEDULE };
         let linear = problem.linearize(start, None);
-        let Ok(found) =
+        let found =
             levenberg_marquardt(&mut problem, start.to_vec(), Some(linear), &schedule, iterations.max(1));
+        let Ok(found) = found else { return LensFit::meaningless(free, start) };
         let WeakFormProblem { counted, residual, .. } = problem;
         let (values, cost) = (found.point, found.cost);
         let mut residual = found.evaluation.unwrap_or(residual);
@@ -309,6 +335,9 @@ impl<'a> WeakFormRegression<'a> {
         let written = seen.map(|(k, (field, at))| counted.contains(&k).then(|| field.formula_forces(at)));
         let written: Vec<Option<FormulaForces>> = written.collect();
         for (k, f) in free.iter().enumerate() {
+            if self.is_stopped() {
+                break;
+            }
             let mut scenes: Vec<usize> = f.slots.iter().map(|s| s.0).collect();
             scenes.dedup();
             scenes.retain(|s| counted.contains(s));
@@ -354,7 +383,7 @@ impl<'a> WeakFormRegression<'a> {
         value: impl Fn(&Kinematics<f64>, f64) -> Vec2,
     ) -> DVector<f64> {
         let mut out = DVector::zeros(self.row_count());
-        for s in &self.stretches {
+        for s in self.stretches.iter().take_while(|_| !self.is_stopped()) {
             let body = &models[s.scene].bodies[s.body];
             let share =
                 if body.start.rolling { 5.0 / 7.0 } else { 1.0 } / if force { body.mass } else { 1.0 };
@@ -429,6 +458,9 @@ impl<'a> WeakFormRegression<'a> {
         cost: f64,
         columns: &DMatrix<f64>,
     ) -> Option<(f64, DVector<f64>)> {
+        if self.is_stopped() {
+            return None;
+        }
         let (s, across) = self.information(projector, columns);
         let base = projector.factor.solve(&projector.gradient);
         let g = columns.tr_mul(&projector.residual) - across.tr_mul(&base);
@@ -521,7 +553,7 @@ impl LeastSquares for WeakFormProblem<'_, '_> {
     /// The residual.
     type Evaluation = DVector<f64>;
     type Linearization = ();
-    type Error = Infallible;
+    type Error = Stopped;
 
     fn evaluate(&mut self, point: &[f64]) -> Option<(f64, DVector<f64>)> {
         let mut residual = self.residual.clone();
@@ -548,8 +580,8 @@ impl LeastSquares for WeakFormProblem<'_, '_> {
     fn tolerance(&self, _before: f64, after: f64) -> f64 {
         TOLERANCE * after
     }
-    fn poll(&self, _progress: f64) -> Result<(), Infallible> {
-        Ok(())
+    fn poll(&self, _progress: f64) -> Result<(), Stopped> {
+        (self.lens.stop)(0.0)
     }
 }
 

@@ -22,6 +22,9 @@ pub const DEFAULT_FUTURE_FRAMES: usize = 60;
 /// Rollouts of a request that names none.
 pub const DEFAULT_ROLLOUTS: usize = 32;
 
+/// Object states of all rollouts up to which a prediction is short work: ten times those of a usual one.
+pub(super) const SHORT_STATES: usize = 300_000;
+
 /// What a simulation is asked for.
 #[derive(Debug, Clone, Serialize)]
 pub struct SimulateOptions {
@@ -49,7 +52,8 @@ impl Task for SimulationTask {
     type Output = Prediction;
 
     fn kind(&self) -> JobKind {
-        JobKind::Simulation
+        let states = self.request.rollouts * self.request.frames * self.scene.objects.len();
+        if states > SHORT_STATES { JobKind::Ensemble } else { JobKind::Simulation }
     }
 
     fn perform(self, _: ReportSink, stop: Stop) -> Result<(Prediction, Vec<TraceFile>), EngineError> {

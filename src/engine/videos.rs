@@ -14,10 +14,21 @@ use std::sync::Arc;
 use tokio_util::sync::CancellationToken;
 
 impl Engine {
-    /// Stores the scene that `make` returns (it runs as a short job, which its stop token ends), with stills of its video, and
-    /// returns its id. The id is a digest of the scene alone, so storing the same scene again changes nothing but the stills,
-    /// if it has any.
+    /// Stores the scene that `make` returns, with stills of its video, and returns its id. The id is a digest of the scene alone,
+    /// so storing the same scene again changes nothing but the stills, if it has any.
     pub async fn create_video<F>(&self, make: F) -> Result<(String, Arc<Scene>), EngineError>
+    where
+        F: FnOnce(Stop) -> Result<(Scene, Vec<Still>), EngineError> + Send + 'static,
+    {
+        self.create_video_as(JobKind::Conversion, make).await
+    }
+
+    /// The same as a job of that kind; its stop token says when its deadline has passed or its caller has left.
+    pub async fn create_video_as<F>(
+        &self,
+        kind: JobKind,
+        make: F,
+    ) -> Result<(String, Arc<Scene>), EngineError>
     where
         F: FnOnce(Stop) -> Result<(Scene, Vec<Still>), EngineError> + Send + 'static,
     {
@@ -26,7 +37,7 @@ impl Engine {
             Ok((scene.digest(), scene, stills))
         };
         let ((id, scene, stills), _slot) =
-            self.pool.run((&self.tenant, JobKind::Conversion), self.uncancelled(), convert).await?;
+            self.pool.run((&self.tenant, kind), self.uncancelled(), convert).await?;
         self.put_video(&id, &scene, stills).await?;
         Ok((id, Arc::new(scene)))
     }

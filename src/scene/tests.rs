@@ -1,7 +1,7 @@
 //! Scenes, calibration and linking, on synthetic cameras and videos.
 
 use super::*;
-use crate::num::{never, vec2};
+use crate::num::{Stopped, never, vec2};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -110,6 +110,7 @@ fn a_volume_gives_the_whole_camera_and_four_corners_enough_of_it() {
 fn pairs_without_a_camera_are_refused() {
     let refused = |pairs: &[PointPair]| calibrate(pairs, SIZE, &never).unwrap_err();
     let plane = grid(|_| 0.2, 0.0);
+    assert_eq!(calibrate(&plane, SIZE, &|_| Err(Stopped)), Err(CalibrateError::Stopped(Stopped)));
     let swapped = |p: &PointPair| PointPair { world: [p.world[1], p.world[0], p.world[2]], ..*p };
     let mirrored = |pairs: Vec<PointPair>| refused(&pairs.iter().map(swapped).collect::<Vec<_>>());
     assert_eq!(mirrored(plane.clone()), CalibrateError::Mirrored);
@@ -214,6 +215,7 @@ fn detections_become_tracks_in_whatever_order_they_come() {
     assert_eq!(link(&given[..2], &options, &never), Err(LinkError::NoObject { given: 2 }));
     let singular = LinkOptions { camera: Camera { matrix: [[1.0; 4]; 3], ..CLEVRER_CAMERA }, ..options };
     assert_eq!(link(&given, &singular, &never), Err(LinkError::Camera(CameraError::Singular)));
+    assert_eq!(link(&given, &options, &|_| Err(Stopped)), Err(LinkError::Stopped(Stopped)));
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! Fairness and cancellation under load, as figures. They take minutes and are run by hand, on a release build and a quiet machine:
+//! What one tenant does is not felt by another. Fairness and cancellation under load are figures; these take minutes and are run
+//! by hand, on a release build and a quiet machine:
 //!
 //! `cargo test --release --test service fairness -- --ignored --nocapture --test-threads 1`
 
@@ -8,7 +9,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use vrdp::engine::{
-    AskedQuestion, Capacity, Engine, EngineError, ModelSource, SimulateOptions, StudyKind, Tenant,
+    AskedQuestion, Capacity, Engine, EngineError, MAX_REPLAYS, ModelSource, PublishedSimulation,
+    ReplayOptions, SimulateOptions, StudyKind, Tenant,
 };
 use vrdp::fit::FitOptions;
 use vrdp::reason::{AskOptions, Question};
@@ -51,6 +53,62 @@ fn percentile(values: &mut [f64], share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     let at = ((values.len() as f64 * share) as usize).min(values.len().saturating_sub(1));
     values.get(at).copied().unwrap_or(f64::NAN)
+}
+
+async fn simulated(engine: &Arc<Engine>, video: &str) -> Arc<PublishedSimulation> {
+    let (interventions, frames, rollouts) = (vec![], Some(30), 2);
+    let options = SimulateOptions { interventions, frames, rollouts, seed: 0, stills: false };
+    engine.simulate(video, &ModelSource::default_of("model"), options).await.unwrap()
+}
+
+/// A small scene of that name, stored.
+async fn small(engine: &Arc<Engine>, name: &str) -> String {
+    let scene = Scene { name: name.into(), ..scene("bounce/scene_00019") };
+    engine.create_video(|_| Ok((scene, vec![]))).await.unwrap().0
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deletion_empties_no_memory_but_that_of_its_video() {
+    let folder = tempfile::tempdir().unwrap();
+    let engine = open(folder.path());
+    let [a, b] = ["a", "b"].map(|name| engine.of(&Tenant::new(name).unwrap()));
+    let (kept, deleted) = (small(&a, "kept").await, small(&a, "deleted").await);
+    assert_eq!(small(&b, "kept").await, kept, "ids are digests of the content");
+    let (first, gone, other) =
+        (simulated(&a, &kept).await, simulated(&a, &deleted).await, simulated(&b, &kept).await);
+    // Neither what does not exist, nor another video, nor another tenant's video of the same id.
+    let missing = "0".repeat(64);
+    assert!(matches!(a.delete_video(&missing).await, Err(EngineError::NotFound { .. })));
+    assert!(matches!(b.delete_video(&deleted).await, Err(EngineError::NotFound { .. })));
+    assert!(Arc::ptr_eq(&simulated(&a, &deleted).await, &gone));
+    a.delete_video(&deleted).await.unwrap();
+    b.delete_video(&kept).await.unwrap();
+    assert!(Arc::ptr_eq(&simulated(&a, &kept).await, &first), "the result is still in memory");
+    // What was deleted is not found, and is computed again when it is stored again.
+    assert!(matches!(a.video(&deleted).await, Err(EngineError::NotFound { .. })));
+    small(&b, "kept").await;
+    let again = simulated(&b, &kept).await;
+    assert!(!Arc::ptr_eq(&again, &other) && again.trace == other.trace);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn replays_of_one_tenant_leave_some_to_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let engine = open(folder.path());
+    let [a, b] = ["a", "b"].map(|name| engine.of(&Tenant::new(name).unwrap()));
+    let mut replays = vec![];
+    for tenant in [&a, &b] {
+        let video = small(tenant, "played").await;
+        let trace = simulated(tenant, &video).await.trace.clone();
+        let refused = loop {
+            match tenant.replay(&trace, ReplayOptions::default()).await {
+                Ok(replay) => replays.push(replay),
+                Err(error) => break error,
+            }
+        };
+        assert!(matches!(refused, EngineError::ShareFull { capacity: MAX_REPLAYS, .. }), "{refused}");
+    }
+    assert!(replays.len() < MAX_REPLAYS && replays.len() > MAX_REPLAYS / 2);
 }
 
 /// Samples how many jobs run until it is dropped.

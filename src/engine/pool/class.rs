@@ -3,7 +3,7 @@
 //! | class | is | of n workers at most |
 //! |---|---|---|
 //! | short | milliseconds: an answer, a simulation, draws, the conversion of an upload, a page | n |
-//! | medium | a second: a fit of one video, its comparison, a video file | n - 1 of medium and long; n where n <= 2 |
+//! | medium | a second: a fit of one video, its comparison, many rollouts or detections, a video file | n - 1 of medium and long; n where n <= 2 |
 //! | long | minutes: a discovery, a joint fit, learning | n - 2, but at least 1 |
 //!
 //! From three workers on, one is thus always free of medium and long work, and a fit finds one that no discovery holds. With
@@ -18,7 +18,7 @@ pub enum JobKind {
     Parsing,
     Simulation,
     Draws,
-    /// The scene of an upload.
+    /// The scene of a usual upload.
     Conversion,
     Calibration,
     Page,
@@ -26,6 +26,10 @@ pub enum JobKind {
     Computation,
     Fit,
     Comparison,
+    /// An answer or a simulation with many rollouts.
+    Ensemble,
+    /// The scene of many detections.
+    Linking,
     /// Tracks from a video file.
     Perception,
     JointFit,
@@ -48,6 +52,8 @@ impl JobKind {
             JobKind::Computation => "computation",
             JobKind::Fit => "fit",
             JobKind::Comparison => "comparison",
+            JobKind::Ensemble => "ensemble",
+            JobKind::Linking => "linking",
             JobKind::Perception => "perception",
             JobKind::JointFit => "joint_fit",
             JobKind::Diagnosis => "diagnosis",
@@ -67,7 +73,11 @@ impl JobKind {
             | JobKind::Calibration
             | JobKind::Page
             | JobKind::Computation => JobClass::Short,
-            JobKind::Fit | JobKind::Comparison | JobKind::Perception => JobClass::Medium,
+            JobKind::Fit
+            | JobKind::Comparison
+            | JobKind::Ensemble
+            | JobKind::Linking
+            | JobKind::Perception => JobClass::Medium,
             JobKind::JointFit
             | JobKind::Diagnosis
             | JobKind::Revision

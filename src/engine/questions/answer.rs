@@ -8,14 +8,20 @@ use crate::engine::limits;
 use crate::engine::metric_names;
 use crate::engine::model_source::ModelSource;
 use crate::engine::pool::{JobContext, JobKind};
+use crate::engine::predictions::SHORT_STATES;
 use crate::engine::results::{PublishedAnswer, StoredFit, result_digest};
 use crate::engine::state::Engine;
 use crate::engine::task::{Performed, ReportSink, Task};
 use crate::engine::traces::file::{self, TraceFile};
 use crate::num::Stop;
-use crate::reason::{Answer, AskOptions, FUTURE_FRAMES, Question, ask_in};
+use crate::reason::{
+    Answer, AskOptions, FUTURE_FRAMES, KnownOfScene, Question, StoredDiscovery, ask_knowing,
+};
 use crate::scene::Scene;
 use std::sync::Arc;
+
+/// The operation that a discovery answers.
+const MISSING_PART: &str = "missing_part";
 
 impl Engine {
     /// Answers a question.
@@ -59,9 +65,16 @@ impl Engine {
                 (question, parser) = (Question::Program { program, choices }, parsed.parser);
             }
         }
-        let model = fitted.id.clone();
-        let task = AnswerTask { scene, fitted, asked, question, options, lexicon };
-        let Performed { output: mut answer, batch, slot: _slot } = self.perform(task, context).await?;
+        let (model, video) = (fitted.id.clone(), fitted.video.clone());
+        let task = AnswerTask { scene, fitted, asked, question, options, lexicon, discovery: None };
+        let mut done = self.perform(task.clone(), context.clone()).await?;
+        // Such a question simulates nothing, so that it is answered twice sooner than all discoveries are read for each question.
+        if done.output.program.iter().any(|token| token == MISSING_PART)
+            && let Some(found) = self.discovery_of(&video).await?
+        {
+            done = self.perform(AnswerTask { discovery: Some(found), ..task }, context).await?;
+        }
+        let Performed { output: mut answer, batch, slot: _slot } = done;
         if let Some(parser) = &parser {
             answer.explanation += &format!(" The language model {parser} wrote this program.");
         }
@@ -71,6 +84,7 @@ impl Engine {
 }
 
 /// Answers one question.
+#[derive(Clone)]
 struct AnswerTask {
     scene: Arc<Scene>,
     fitted: Arc<StoredFit>,
@@ -79,6 +93,7 @@ struct AnswerTask {
     question: Question,
     options: AskOptions,
     lexicon: Option<Lexicon>,
+    discovery: Option<StoredDiscovery>,
 }
 
 impl Task for AnswerTask {
@@ -86,18 +101,20 @@ impl Task for AnswerTask {
     type Output = Answer;
 
     fn kind(&self) -> JobKind {
-        JobKind::Answer
+        let frames = self.scene.times.len() + FUTURE_FRAMES;
+        let states = self.options.rollouts * frames * self.scene.objects.len();
+        if states > SHORT_STATES { JobKind::Ensemble } else { JobKind::Answer }
     }
 
     fn perform(self, _: ReportSink, stop: Stop) -> Result<(Answer, Vec<TraceFile>), EngineError> {
-        let AnswerTask { scene, fitted, asked, question, options, lexicon } = self;
+        let AnswerTask { scene, fitted, asked, question, options, lexicon, discovery } = self;
         let fit = (&fitted.fit, 0);
         let words = match &lexicon {
             Some(lexicon) => Some(word_probabilities(lexicon, &scene, Some(fit))?),
             None => None,
         };
-        let worded = (scene.as_ref(), words.as_ref());
-        let mut answer = ask_in(worded, fit, &question, &asked.conversation, &options, stop)?;
+        let known = KnownOfScene { scene: &scene, words: words.as_ref(), discovery: discovery.as_ref() };
+        let mut answer = ask_knowing(known, fit, &question, &asked.conversation, &options, stop)?;
         // A choice is named as it was given, whoever wrote its program.
         if let Question::English { choices, .. } = &asked.question {
             for (judged, given) in answer.choices.iter_mut().zip(choices) {

@@ -130,9 +130,12 @@ impl<'a> FitProblem<'a> {
         self.parameters.iter().zip(point).map(|(p, x)| p.prior_cost(*x)).sum()
     }
 
-    /// The simulation of each scene; `None` if one does not come to its end.
+    /// The simulation of each scene; `None` if one does not come to its end, or the caller no longer wants it.
     pub fn simulate(&self, point: &[f64], horizon: Horizon) -> Option<Vec<SimulatedScene>> {
-        let each = self.map_scenes(|_, scene| scene.simulate_completely(&self.parameters, point, horizon));
+        let each = self.map_scenes(|_, scene| {
+            (self.stop)(0.0).ok()?;
+            scene.simulate_completely(&self.parameters, point, horizon)
+        });
         each.into_iter().collect()
     }
 

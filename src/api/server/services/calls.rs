@@ -9,9 +9,12 @@ use crate::api::convert::violations::check_request_id;
 use crate::api::convert::{findings, model, study};
 use crate::api::server::byte_budget::HeldBytes;
 use crate::api::v1;
-use crate::engine::{Engine, EngineError, StoredFit, Study, StudyKind};
+use crate::engine::{Engine, EngineError, JobKind, StoredFit, Study, StudyKind};
 use crate::num::Stop;
 use std::sync::{Arc, OnceLock};
+
+/// Detections up to which an upload is short work (0.1 s).
+const SHORT_DETECTIONS: usize = 5_000;
 
 type Started<R> = Result<LongCall<R>, EngineError>;
 type Owner = Arc<Engine>;
@@ -106,6 +109,8 @@ pub async fn create_video(
     let request_id = given.request_id.clone();
     let made = Arc::new(OnceLock::new());
     let report_to = made.clone();
+    let is_large = given.detections.len() > SHORT_DETECTIONS;
+    let kind = if is_large { JobKind::Linking } else { JobKind::Conversion };
     let make = move |stop: Stop| {
         let _held = held;
         let NewVideo { scene, stills, report } = new_video(given, stop)?;
@@ -113,7 +118,7 @@ pub async fn create_video(
         let _ = report_to.set(report);
         Ok((scene, stills))
     };
-    let (id, scene) = owner.create_video(make).await?;
+    let (id, scene) = owner.create_video_as(kind, make).await?;
     tracing::info!(video = id, request_id, "video created");
     let linking = made.get().and_then(|made| made.linking.as_ref()).map(linking_message);
     let assumptions = made.get().map(|made| made.assumptions.clone()).unwrap_or_default();
