@@ -1,7 +1,7 @@
 //! The service `Operations`.
 
 use super::updates::{CallUpdate, LongCall};
-use super::{RpcResult, RpcStream, Services, calls, cut_page};
+use super::{RpcResult, RpcStream, Services, calls, concepts, cut_page};
 use crate::api::convert::operation;
 use crate::api::status::{error, status};
 use crate::api::v1;
@@ -117,6 +117,7 @@ async fn open(owner: &Arc<Engine>, work: Work) -> Result<BoxStream<'static, Oper
             updates(calls::write_report(owner, given).await?, OperationResult::Report)
         }
         Work::CreateVideo(given) => updates(calls::import(owner, given).await?, OperationResult::Video),
+        Work::LearnConcepts(given) => updates(concepts::learn(owner, given).await?, OperationResult::Lexicon),
     })
 }
 
