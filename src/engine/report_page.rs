@@ -10,7 +10,7 @@ use super::traces::file::TraceKind;
 use super::traces::stored::TraceFilter;
 use crate::discover::{Discovery, FoundEffect, Revision, SceneComparison, Verdict};
 use crate::fit::Fit;
-use crate::reason::{AskOptions, Question};
+use crate::reason::{AskOptions, Question, WordProbabilities};
 use crate::report::{AnsweredQuestion, KeptModels, ReportData, TraceLink, report, step_words};
 use std::sync::Arc;
 
@@ -155,12 +155,26 @@ impl Engine {
         self.subject_page(subject, contents).await
     }
 
+    /// How probable the words of a lexicon are, for each video; none without a lexicon.
+    async fn words_of_videos(
+        self: &Arc<Self>,
+        lexicon: Option<&str>,
+        videos: &[String],
+    ) -> Result<Vec<WordProbabilities>, EngineError> {
+        let mut words = vec![];
+        if let Some(lexicon) = lexicon {
+            for video in videos {
+                words.push(self.words_of_video(lexicon, video).await?.1);
+            }
+        }
+        Ok(words)
+    }
+
     async fn subject_page(
         self: &Arc<Self>,
         subject: ReportSubject,
         contents: ReportContents,
     ) -> Result<ReportPage, EngineError> {
-        let ReportContents { questions, prefix, lexicon } = contents;
         let last = &subject.models;
         let (mut scenes, mut stills) = (vec![], vec![]);
         let (mut ids, mut links) = (vec![], vec![]);
@@ -178,13 +192,8 @@ impl Engine {
             scenes.push(scene);
         }
         let mut answers = vec![];
-        let mut words = vec![];
-        if let Some(lexicon) = &lexicon {
-            for video in &subject.videos {
-                words.push(self.words_of_video(lexicon, video).await?.1);
-            }
-        }
-        for query in questions {
+        let words = self.words_of_videos(contents.lexicon.as_deref(), &subject.videos).await?;
+        for query in contents.questions {
             let video = query.video;
             let ours = subject.videos.iter().position(|v| *v == video).and_then(|k| last.get(k));
             let source = match (&query.source.kind, ours) {
@@ -198,7 +207,7 @@ impl Engine {
                 Question::Program { program, .. } => program.join(" "),
             };
             let mut asked = query.asked;
-            asked.lexicon = asked.lexicon.or_else(|| lexicon.clone());
+            asked.lexicon = asked.lexicon.or_else(|| contents.lexicon.clone());
             let done = self.ask(&video, &source, asked, query.options).await?;
             let model = self.model(&video, &done.model).await?;
             links.extend(done.traces.iter().map(|id| (id.clone(), format!("“{text}”"))));
@@ -207,7 +216,7 @@ impl Engine {
         let mut linked = vec![];
         for (id, about) in links {
             if !ids.contains(&id) {
-                let href = prefix.as_ref().map(|prefix| format!("{prefix}{id}.mcap"));
+                let href = contents.prefix.as_ref().map(|prefix| format!("{prefix}{id}.mcap"));
                 linked.push(TraceLink { name: format!("traces/{id}"), href, about });
                 ids.push(id);
             }

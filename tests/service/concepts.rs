@@ -3,6 +3,7 @@
 use crate::harness::*;
 use tonic::{Code, Status};
 use v1::learn_concepts_request::Source;
+use v1::operation::Result as Outcome;
 use vrdp::api::v1;
 
 /// A small video whose objects have features: shine, and what says nothing.
@@ -35,6 +36,32 @@ async fn learn(service: &Running, source: Source) -> Result<v1::Lexicon, Status>
     Ok(found.expect("a stream that ends well has a lexicon"))
 }
 
+/// The same as an operation, which goes on without its caller.
+async fn as_operation(service: &Running, source: Source) -> Option<Outcome> {
+    let request = v1::LearnConceptsRequest { source: Some(source), ..Default::default() };
+    let work = Some(v1::start_operation_request::Work::LearnConcepts(request));
+    let request = v1::StartOperationRequest { work, ..Default::default() };
+    let name = service.operations().start_operation(request).await.unwrap().into_inner().name;
+    let request = v1::WaitOperationRequest { name };
+    let mut stream = service.operations().wait_operation(request).await.unwrap().into_inner();
+    let mut result = None;
+    while let Some(operation) = stream.message().await.unwrap() {
+        result = operation.result;
+    }
+    result
+}
+
+async fn written(service: &Running, request: v1::WriteReportRequest) -> String {
+    let mut stream = service.models().write_report(request).await.unwrap().into_inner();
+    let mut html = String::new();
+    while let Some(message) = stream.message().await.unwrap() {
+        if let Some(v1::write_report_response::Event::Report(report)) = message.event {
+            html = report.html;
+        }
+    }
+    html
+}
+
 fn program(video: &str, tokens: &[&str], lexicon: &str) -> v1::AskRequest {
     let tokens = tokens.iter().map(|t| t.to_string()).collect();
     v1::AskRequest {
@@ -60,14 +87,27 @@ async fn a_word_from_examples_is_kept_described_used_and_deleted() {
     let learned = learn(&service, shiny(yes.clone(), no.clone())).await.unwrap();
     assert_eq!(learned.words, ["shiny"]);
     assert_eq!(
-        learn(&service, shiny(yes.clone(), no)).await.unwrap(),
+        learn(&service, shiny(yes.clone(), no.clone())).await.unwrap(),
         learned,
         "equal requests, equal bytes"
     );
+    assert_eq!(as_operation(&service, shiny(yes, no)).await, Some(Outcome::Lexicon(learned.clone())));
     // Of the first video, two are shiny; one of these was no example.
     let how_many = |lexicon: &str| program(a, &["objects", "shiny", "filter_concept", "count"], lexicon);
     let answer = service.reasoning().ask(how_many(&learned.name)).await.unwrap().into_inner();
     assert_eq!(answer.answer.as_deref(), Some("2"));
+    // English has the word, and the answer says how probable it is of each object.
+    let mut asked = how_many(&learned.name);
+    asked.question = Some(v1::ask_request::Question::Text("How many shiny objects are there?".into()));
+    let answer = service.reasoning().ask(asked).await.unwrap().into_inner();
+    assert_eq!(answer.answer.as_deref(), Some("2"), "{answer:?}");
+    let fits: Vec<bool> = answer.words.iter().map(|w| w.probability > 0.5).collect();
+    assert_eq!(fits, [true, false, true], "{:?}", answer.words);
+    let study = Some(v1::StudyRequest { videos: vec![a.clone()], ..Default::default() });
+    let page =
+        v1::WriteReportRequest { study, as_is: true, lexicon: learned.name.clone(), ..Default::default() };
+    let page = written(&service, page).await;
+    assert!(page.contains("Words of the lexicon") && page.contains("<th>shiny</th>"));
     let refused = service.reasoning().ask(how_many("")).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "no lexicon, no word: {refused:?}");
     service.stop().await;
@@ -76,11 +116,17 @@ async fn a_word_from_examples_is_kept_described_used_and_deleted() {
     let name = learned.name.clone();
     let got = service.concepts().get_lexicon(v1::GetLexiconRequest { name: name.clone() }).await.unwrap();
     assert_eq!(got.into_inner(), learned, "a lexicon survives a restart");
-    let asked = v1::DescribeConceptRequest { lexicon: name.clone(), word: "shiny".into() };
+    let asked =
+        v1::DescribeConceptRequest { lexicon: name.clone(), word: "shiny".into(), ..Default::default() };
     let word = service.concepts().describe_concept(asked).await.unwrap().into_inner();
     assert_eq!((word.examples, word.counter_examples), (4, 4));
-    assert!(word.looks_at[0].weight > 0.0, "{word:?}");
-    let asked = v1::DescribeConceptRequest { lexicon: name.clone(), word: "dull".into() };
+    assert!(word.looks_at[0].weight > 0.0 && word.objects.is_empty(), "{word:?}");
+    let asked = v1::DescribeConceptRequest { lexicon: name.clone(), word: "shiny".into(), video: a.clone() };
+    let word = service.concepts().describe_concept(asked).await.unwrap().into_inner();
+    let fits: Vec<(u32, bool)> = word.objects.iter().map(|w| (w.object_id, w.probability > 0.5)).collect();
+    assert_eq!(fits, [(0, true), (1, false), (2, true)], "{word:?}");
+    let asked =
+        v1::DescribeConceptRequest { lexicon: name.clone(), word: "dull".into(), ..Default::default() };
     let unknown = service.concepts().describe_concept(asked).await.unwrap_err();
     assert!(unknown.code() == Code::NotFound && unknown.message().contains("shiny"), "{unknown:?}");
     let put = v1::CreateLexiconRequest { content: learned.content.clone() };

@@ -5,6 +5,7 @@ use super::progress::progress_message;
 use super::trace::timestamp;
 use super::violations::Violations;
 use crate::api::v1;
+use crate::api::v1::learn_concepts_request::Source;
 use crate::api::v1::operation::Result as OperationResult;
 use crate::api::v1::start_operation_request::Work;
 use crate::engine::{
@@ -14,7 +15,7 @@ use crate::engine::{
 use prost::Message;
 use tonic::Code;
 
-const KINDS: [(OperationKind, v1::OperationKind); 8] = [
+const KINDS: [(OperationKind, v1::OperationKind); 9] = [
     (OperationKind::FitModel, v1::OperationKind::FitModel),
     (OperationKind::CompareModels, v1::OperationKind::CompareModels),
     (OperationKind::DiagnoseModel, v1::OperationKind::DiagnoseModel),
@@ -23,6 +24,7 @@ const KINDS: [(OperationKind, v1::OperationKind); 8] = [
     (OperationKind::RemoveEffect, v1::OperationKind::RemoveEffect),
     (OperationKind::WriteReport, v1::OperationKind::WriteReport),
     (OperationKind::CreateVideo, v1::OperationKind::CreateVideo),
+    (OperationKind::LearnConcepts, v1::OperationKind::LearnConcepts),
 ];
 
 const STATES: [(OperationState, v1::OperationState); 5] = [
@@ -71,6 +73,20 @@ fn subject(work: &Work) -> (OperationKind, Vec<String>) {
             (OperationKind::WriteReport, [of(&r.study), asked].concat())
         }
         Work::CreateVideo(_) => (OperationKind::CreateVideo, vec![]),
+        Work::LearnConcepts(r) => (OperationKind::LearnConcepts, lesson_videos(r)),
+    }
+}
+
+/// Names of the videos from which words are learned.
+fn lesson_videos(request: &v1::LearnConceptsRequest) -> Vec<String> {
+    let of = |lessons: &v1::Lessons| lessons.videos.iter().map(|v| v.video.clone()).collect();
+    match &request.source {
+        Some(Source::Lessons(lessons)) => of(lessons),
+        Some(Source::Change(change)) => change.lessons.as_ref().map_or(vec![], of),
+        Some(Source::Examples(examples)) => {
+            examples.yes.iter().chain(&examples.no).map(|e| e.video.clone()).collect()
+        }
+        None => vec![],
     }
 }
 

@@ -20,6 +20,7 @@ pub enum OperationKind {
     RemoveEffect,
     WriteReport,
     CreateVideo,
+    LearnConcepts,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -166,12 +166,12 @@ impl Engine {
             let key = format!("{}/{}", fit.video, fit.id);
             self.put_of_video(TableKind::Fits, &fit.video, &key, &fit).await?;
         }
-        if matches!(findings, Findings::Discovery(_)) {
-            // Answers in memory say that there is no discovery.
-            videos.iter().for_each(|video| self.forget_video(video));
-        }
         let study = Study { videos, findings };
         self.put_of_video(TableKind::Studies, &first, &key, &study).await?;
+        if matches!(study.findings, Findings::Discovery(_)) {
+            // Answers in memory say that there is no discovery.
+            study.videos.iter().for_each(|video| self.forget_video(video));
+        }
         Ok(study)
     }
 }

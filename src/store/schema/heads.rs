@@ -36,6 +36,7 @@ impl VideoHead {
             table: scene.table,
             noise_sigma: scene.noise_sigma,
             objects: scene.objects.iter().map(bare).collect(),
+            absent: scene.absent.iter().map(bare).collect(),
             tracks: vec![],
             outliers: vec![],
             findings: scene.findings.clone(),

@@ -306,17 +306,19 @@ class Client:
     def learn_word(
         self,
         name: str,
-        yes: Iterable[tuple[str, int]],
-        no: Iterable[tuple[str, int]],
+        yes: Iterable[tuple[str, int] | tuple[str, int, int, int]],
+        no: Iterable[tuple[str, int] | tuple[str, int, int, int]],
         *,
         kind: str = "static",
         base: str = "",
     ) -> concepts_pb2.Lexicon:
         """Learns a word from objects that it fits and objects that it does not, as pairs of video and object id.
 
-        ``kind`` is ``"static"`` (looks) or ``"dynamic"`` (motion); ``base`` names the lexicon that the word is added to.
+        ``kind`` is ``"static"`` (looks), ``"dynamic"`` (motion) or ``"event"``; ``base`` names the lexicon that the word is added to.
+        An example of an event is a video, two object ids and about the frame at which they meet or pass each other.
         """
-        of = lambda examples: [{"video": video, "object_id": id} for video, id in examples]  # noqa: E731
+        keys = ("video", "object_id", "other_id", "frame")
+        of = lambda examples: [dict(zip(keys, example)) for example in examples]  # noqa: B905, E731
         word = {"name": name, "kind": f"CONCEPT_KIND_{kind.upper()}", "yes": of(yes), "no": of(no)}
         request = concepts_pb2.LearnConceptsRequest(base=base, examples=word)
         return self._last(self._concepts.LearnConcepts, request).lexicon

@@ -94,7 +94,7 @@ impl v1::concepts_server::Concepts for Services {
 }
 
 /// The lexicon of a request, with its content.
-async fn learn(
+pub async fn learn(
     owner: &Arc<Engine>,
     given: v1::LearnConceptsRequest,
 ) -> Result<LongCall<v1::Lexicon>, EngineError> {

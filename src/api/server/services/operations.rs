@@ -1,7 +1,7 @@
 //! The service `Operations`.
 
 use super::updates::{CallUpdate, LongCall};
-use super::{RpcResult, RpcStream, Services, calls, cut_page, held};
+use super::{RpcResult, RpcStream, Services, calls, concepts, cut_page, held};
 use crate::api::convert::operation;
 use crate::api::server::byte_budget::HeldBytes;
 use crate::api::status::{error, status};
@@ -150,6 +150,7 @@ async fn open(
             updates(calls::write_report(owner, given).await?, OperationResult::Report)
         }
         Work::CreateVideo(given) => updates(calls::import(owner, given, held).await?, OperationResult::Video),
+        Work::LearnConcepts(given) => updates(concepts::learn(owner, given).await?, OperationResult::Lexicon),
     })
 }
 
