@@ -28,6 +28,8 @@ pub enum JobKind {
     Ensemble,
     /// The scene of many detections.
     Linking,
+    /// One word from a few examples.
+    WordLearning,
     /// Tracks from a video file.
     Perception,
     JointFit,
@@ -51,6 +53,7 @@ impl JobKind {
             JobKind::Comparison => "comparison",
             JobKind::Ensemble => "ensemble",
             JobKind::Linking => "linking",
+            JobKind::WordLearning => "word_learning",
             JobKind::Perception => "perception",
             JobKind::JointFit => "joint_fit",
             JobKind::Diagnosis => "diagnosis",
@@ -73,6 +76,7 @@ impl JobKind {
             | JobKind::Comparison
             | JobKind::Ensemble
             | JobKind::Linking
+            | JobKind::WordLearning
             | JobKind::Perception => JobClass::Medium,
             JobKind::JointFit
             | JobKind::Diagnosis
