@@ -30,6 +30,8 @@ pub enum JobKind {
     Ensemble,
     /// The scene of many detections.
     Linking,
+    /// One word from a few examples.
+    WordLearning,
     /// Tracks from a video file.
     Perception,
     JointFit,
@@ -54,6 +56,7 @@ impl JobKind {
             JobKind::Comparison => "comparison",
             JobKind::Ensemble => "ensemble",
             JobKind::Linking => "linking",
+            JobKind::WordLearning => "word_learning",
             JobKind::Perception => "perception",
             JobKind::JointFit => "joint_fit",
             JobKind::Diagnosis => "diagnosis",
@@ -77,6 +80,7 @@ impl JobKind {
             | JobKind::Comparison
             | JobKind::Ensemble
             | JobKind::Linking
+            | JobKind::WordLearning
             | JobKind::Perception => JobClass::Medium,
             JobKind::JointFit
             | JobKind::Diagnosis

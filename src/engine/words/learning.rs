@@ -85,7 +85,10 @@ impl Task for LearningTask {
     type Output = Lexicon;
 
     fn kind(&self) -> JobKind {
-        JobKind::Learning
+        match self.from {
+            PreparedRequest::Word { .. } => JobKind::WordLearning,
+            _ => JobKind::Learning,
+        }
     }
 
     fn perform(self, report: ReportSink, stop: Stop) -> Result<(Lexicon, Vec<TraceFile>), EngineError> {

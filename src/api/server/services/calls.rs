@@ -13,8 +13,8 @@ use crate::engine::{Engine, EngineError, JobKind, StoredFit, Study, StudyKind};
 use crate::num::Stop;
 use std::sync::{Arc, OnceLock};
 
-/// Detections up to which an upload is short work (0.1 s).
-const SHORT_DETECTIONS: usize = 5_000;
+/// Detections up to which an upload is short work: more than usual videos have.
+const SHORT_DETECTIONS: usize = 2_000;
 
 type Started<R> = Result<LongCall<R>, EngineError>;
 type Owner = Arc<Engine>;
