@@ -6,7 +6,6 @@ mod disk;
 mod full;
 mod schema;
 
-use super::disk::backend::DataFile;
 use super::disk::database::database;
 use super::schema::migrations::migrate;
 use super::schema::tables::META;
@@ -15,7 +14,6 @@ use crate::scene::{Scene, parse_csv};
 use bytes::Bytes;
 use disk::MemoryDisk;
 use redb::{Database, ReadableDatabase};
-use std::ops::ControlFlow;
 use std::path::Path;
 
 /// A video of so many frames.

@@ -9,8 +9,8 @@ use crate::store::disk::backend::DataFile;
 use crate::store::disk::database::{begin, database};
 use crate::store::error::{StoreError, failed, io_failed};
 use crate::store::folder::{DATABASE_FILE, TRACES_FOLDER};
-use crate::store::schema::migrations::SCHEMA_VERSION;
-use crate::store::schema::tables::{HEADS, META, OPERATION_RESULTS, RowTable, TABLES, TIMES};
+use crate::store::schema::migrations::{SCHEMA_VERSION, schema_of};
+use crate::store::schema::tables::{HEADS, META, OPERATION_RESULTS, RowTable, TABLES, TIMES, TableKind};
 use redb::{Database, TableHandle};
 use std::fs::File;
 use std::io::Read;
@@ -86,6 +86,7 @@ fn restored(from: impl Read, folder: &Path) -> Result<RestoreReport, StoreError>
         }
     }
     store(&db, batch)?;
+    create_tables(&db)?;
     drop(db);
     std::fs::rename(&file, folder.join(DATABASE_FILE)).map_err(|e| io_failed(&e))?;
     for written in [&traces, folder] {
@@ -94,9 +95,23 @@ fn restored(from: impl Read, folder: &Path) -> Result<RestoreReport, StoreError>
     Ok(report)
 }
 
+/// Creates the tables of which the backup has no row.
+fn create_tables(db: &Database) -> Result<(), StoreError> {
+    let schema = schema_of(db)?;
+    let write = begin(db)?;
+    for table in TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS]) {
+        write.open_table(table).map_err(failed)?;
+    }
+    // Older schemas have no heads; their migration makes them.
+    if schema == Some(SCHEMA_VERSION) {
+        write.open_table(HEADS).map_err(failed)?;
+    }
+    write.commit().map_err(failed)
+}
+
 /// The table of a row's name.
 fn row_table(name: &str) -> Option<RowTable> {
-    let known = TABLES.map(|kind| kind.table()).into_iter().chain([OPERATION_RESULTS, HEADS]);
+    let known = TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS, HEADS]);
     known.into_iter().find(|table| table.name() == name)
 }
 

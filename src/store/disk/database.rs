@@ -36,39 +36,44 @@ type Opener = Box<dyn Fn() -> Result<Database, DatabaseError> + Send + Sync>;
 /// The database and how it is opened again.
 pub struct OpenDatabase {
     opener: Opener,
-    open: RwLock<Option<Database>>,
+    /// Without a database: why it could not be opened again.
+    open: RwLock<Result<Database, StoreError>>,
     /// A call waits to open the database again: long reads must end.
     is_wanted: AtomicBool,
 }
 
 impl OpenDatabase {
     pub fn open(opener: Opener) -> Result<OpenDatabase, DatabaseError> {
-        let open = RwLock::new(Some(opener()?));
+        let open = RwLock::new(Ok(opener()?));
         Ok(OpenDatabase { opener, open, is_wanted: AtomicBool::new(false) })
     }
 
     /// Runs `work`. If the database then takes no more work, it is opened again for the next call.
     pub fn run<T>(&self, work: impl FnOnce(&Database) -> Result<T, StoreError>) -> Result<T, StoreError> {
+        if self.open.read().unwrap_or_else(PoisonError::into_inner).is_err() {
+            self.reopen();
+        }
         let result = match self.open.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
-            Some(db) => caught(|| work(db)),
-            None => Err(broken("the database is closed because its disk failed")),
+            Ok(db) => caught(|| work(db)),
+            Err(reason) => Err(reason.clone()),
         };
         if matches!(result, Err(StoreError::Failed(_) | StoreError::Full | StoreError::Damaged { .. })) {
-            self.is_wanted.store(true, Ordering::SeqCst);
-            let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
-            self.is_wanted.store(false, Ordering::SeqCst);
-            if !open.as_ref().is_some_and(is_usable) {
-                *open = None;
-                let opened = caught(|| (self.opener)().map_err(failed));
-                match (opened, &result) {
-                    (Ok(db), _) => *open = Some(db),
-                    // The first reason says more.
-                    (Err(_), Err(StoreError::Damaged { .. } | StoreError::Full)) => {}
-                    (Err(error), _) => return Err(error),
-                }
-            }
+            self.reopen();
         }
         result
+    }
+
+    /// Opens the database again, unless it works.
+    fn reopen(&self) {
+        self.is_wanted.store(true, Ordering::SeqCst);
+        let mut open = self.open.write().unwrap_or_else(PoisonError::into_inner);
+        self.is_wanted.store(false, Ordering::SeqCst);
+        if open.as_ref().is_ok_and(is_usable) {
+            return;
+        }
+        // The old one is closed first: it holds the file.
+        *open = Err(broken("the database is closed because its disk failed"));
+        *open = caught(|| (self.opener)().map_err(failed)).map_err(|error| error.at("database"));
     }
 
     /// Whether a long read must end, so that the database can be opened again.
@@ -77,11 +82,12 @@ impl OpenDatabase {
     }
 }
 
-/// Whether the database still reads and writes; no other call uses it now.
+/// Whether the database still works; no other call uses it now. One that is damaged where it must write can be read, and
+/// might not open again.
 fn is_usable(db: &Database) -> bool {
     let works = || {
         db.begin_read().map_err(failed)?;
         db.begin_write().map_err(failed)?.abort().map_err(failed)
     };
-    caught(works).is_ok()
+    matches!(caught(works), Ok(()) | Err(StoreError::Damaged { .. }))
 }
