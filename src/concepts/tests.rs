@@ -423,7 +423,7 @@ fn the_factor_of_a_change_is_learned_from_what_would_happen() {
     for factor in [5.0, 0.2] {
         let heavier = |id| crate::world::Intervention::ScaleMass { id, factor };
         let [found, low, high] = learned_factor(&videos, ChangedQuantity::Mass, &heavier);
-        assert!(low <= factor && factor <= high, "{factor}: {found} ({low} to {high})");
+        assert!((low..=high).contains(&factor), "{factor}: {found} ({low} to {high})");
         assert!((found / factor).ln().abs() < 0.7, "{factor}: {found}");
     }
     // What meets nothing says nothing.
@@ -439,7 +439,7 @@ fn the_factor_of_friction_is_learned_from_what_would_happen() {
     let videos: Vec<_> = (0..4).map(|k| chain_on_ground(0.1 + 0.18 * f64::from(k), Some(0.1))).collect();
     let slippery = |id| crate::world::Intervention::ScaleFriction { id, factor: 0.3 };
     let [found, low, high] = learned_factor(&videos, ChangedQuantity::Friction, &slippery);
-    assert!(low <= 0.3 && 0.3 <= high, "{found} ({low} to {high})");
+    assert!((low..=high).contains(&0.3), "{found} ({low} to {high})");
     assert!((found / 0.3).ln().abs() < 0.7, "{found}");
 }
 

@@ -146,7 +146,7 @@ struct Trainer<'a> {
 }
 
 /// Loss and gradient of one video.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct VideoLoss {
     loss: f64,
     questions: f64,
@@ -261,11 +261,15 @@ impl Trainer<'_> {
         stop: Stop,
     ) -> Result<Vec<VideoLoss>, ConceptError> {
         let maps = logit_maps(families, videos);
+        // A video that is in the batch twice is run once.
+        let mut distinct = batch.to_vec();
+        distinct.sort_unstable();
+        distinct.dedup();
         loop {
             let recorded: Vec<Option<RecordedLoss>> =
-                batch.iter().map(|v| videos[*v].recorded.take()).collect();
+                distinct.iter().map(|v| videos[*v].recorded.take()).collect();
             let ready: &[PreparedVideo] = videos;
-            let runs: Vec<Result<(RecordedLoss, VideoLoss), Halt>> = batch
+            let runs: Vec<Result<(RecordedLoss, VideoLoss), Halt>> = distinct
                 .par_iter()
                 .zip(recorded)
                 .map(|(v, last)| {
@@ -276,7 +280,7 @@ impl Trainer<'_> {
                 })
                 .collect();
             let (mut done, mut losses, mut needs) = (vec![], vec![], vec![]);
-            for (v, run) in batch.iter().zip(runs) {
+            for (v, run) in distinct.iter().zip(runs) {
                 match run {
                     Ok((run, loss)) => {
                         done.push((*v, run));
@@ -291,7 +295,8 @@ impl Trainer<'_> {
             }
             if needs.is_empty() {
                 keep(videos, done);
-                return Ok(losses);
+                let at = |v: &usize| distinct.binary_search(v).ok().and_then(|k| losses.get(k).cloned());
+                return Ok(batch.iter().map(|v| at(v).unwrap_or_default()).collect());
             }
             for (v, interventions, frames) in needs {
                 videos[v].simulate(&interventions, frames, stop)?;

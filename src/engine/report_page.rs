@@ -176,8 +176,7 @@ impl Engine {
         contents: ReportContents,
     ) -> Result<ReportPage, EngineError> {
         let last = &subject.models;
-        let (mut scenes, mut stills) = (vec![], vec![]);
-        let (mut ids, mut links) = (vec![], vec![]);
+        let (mut scenes, mut stills, mut ids, mut links) = (vec![], vec![], vec![], vec![]);
         for (k, video) in subject.videos.iter().enumerate() {
             let scene = self.video(video).await?;
             if let Some(model) = last.get(k) {

@@ -1010,6 +1010,7 @@ fn english_has_the_words_of_a_lexicon() {
         word("teal", WordUse::Family(WordFamily::Color)),
         word("glancing", WordUse::Encounters),
         word("nearly-touches", WordUse::Encounters),
+        word("near-miss", WordUse::Encounters),
         word("slippery", WordUse::Change),
         word("heavier", WordUse::Change),
     ];
@@ -1053,6 +1054,17 @@ fn english_has_the_words_of_a_lexicon() {
             format!("events {ball} filter_collision {cube} filter_collision glancing filter_concept exist"),
         ),
         ("Does the red ball nearly touch the blue cube?", format!("video approaches {pass} exist")),
+        ("How many near misses are there?", "video approaches near-miss filter_concept count".to_string()),
+        (
+            "What will happen if the red ball is slippery?",
+            format!("all_events {ball} slippery apply filter_counterfact belong_to"),
+        ),
+        (
+            "If the red ball had twice the friction, would it collide with the blue cube?",
+            format!(
+                "{ball} 2 scale_friction filter_counterfact {ball} filter_collision {cube} filter_collision exist"
+            ),
+        ),
         (
             "If the blue cube were slippery, would the red ball nearly touch it?",
             format!("{cube} slippery apply suppose video approaches {pass} exist"),
