@@ -114,7 +114,7 @@ async fn retention_by_size_takes_from_the_tenant_that_has_too_much() {
     let source = vrdp::engine::ModelSource { path: "", kind: vrdp::engine::ModelSourceKind::Default };
     let fit = async |tenant: &Arc<Engine>, frames| {
         let scene = vrdp::api::scene_from_message(Some(video("v", frames))).unwrap();
-        let (id, _) = tenant.create_video(|| Ok((scene, vec![]))).await.unwrap();
+        let (id, _) = tenant.create_video(|_| Ok((scene, vec![]))).await.unwrap();
         tenant.fit(&id, &source, Default::default()).await.unwrap().finish().await.unwrap();
     };
     fit(&small, 20).await;
