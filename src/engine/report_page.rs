@@ -205,8 +205,7 @@ impl Engine {
                 Question::English { question, .. } => question.clone(),
                 Question::Program { program, .. } => program.join(" "),
             };
-            let mut asked = query.asked;
-            asked.lexicon = asked.lexicon.or_else(|| contents.lexicon.clone());
+            let asked = query.asked.or_with(contents.lexicon.as_ref());
             let done = self.ask(&video, &source, asked, query.options).await?;
             let model = self.model(&video, &done.model).await?;
             links.extend(done.traces.iter().map(|id| (id.clone(), format!("“{text}”"))));

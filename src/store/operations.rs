@@ -20,7 +20,7 @@ impl Store {
         self.renew_operation(id, record, Some(result)).await
     }
 
-    /// Stores the record anew, unless the operation was deleted meanwhile; durable when it returns.
+    /// Stores the changed record, unless the operation was deleted meanwhile; durable when it returns.
     pub async fn change_operation<T: Serialize>(&self, id: &str, record: &T) -> Result<(), StoreError> {
         self.renew_operation(id, record, None).await
     }

@@ -12,3 +12,11 @@ pub struct AskedQuestion {
     /// Id of the lexicon whose words describe the objects.
     pub lexicon: Option<String>,
 }
+
+impl AskedQuestion {
+    /// The same question, with this lexicon if it names none.
+    pub fn or_with(mut self, lexicon: Option<&String>) -> AskedQuestion {
+        self.lexicon = self.lexicon.or_else(|| lexicon.cloned());
+        self
+    }
+}
