@@ -72,13 +72,32 @@ impl OpenDatabase {
             return;
         }
         // The old one is closed first: it holds the file.
-        *open = Err(broken("the database is closed because its disk failed"));
+        close(&mut open);
         *open = caught(|| (self.opener)().map_err(failed)).map_err(|error| error.at("database"));
     }
 
     /// Whether a long read must end, so that the database can be opened again.
     pub fn must_yield(&self) -> bool {
         self.is_wanted.load(Ordering::SeqCst)
+    }
+}
+
+impl Drop for OpenDatabase {
+    fn drop(&mut self) {
+        close(self.open.get_mut().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+/// Closes the database. What redb then writes may meet damage, too.
+fn close(open: &mut Result<Database, StoreError>) {
+    let closed = Err(broken("the database is closed because its disk failed"));
+    let old = std::mem::replace(open, closed);
+    let dropped = caught(|| {
+        drop(old);
+        Ok(())
+    });
+    if dropped.is_err() {
+        tracing::error!("the database could not be closed in order: a page is damaged");
     }
 }
 
