@@ -2,7 +2,7 @@
 
 use crate::endure::{Program, count, is_long};
 use crate::harness::*;
-use crate::process::Served;
+use crate::process::BothPorts;
 use h2::client::{ResponseFuture, SendRequest};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -256,7 +256,7 @@ async fn bytes_in_flight_have_a_budget_and_who_exceeds_it_is_refused_at_once() {
     let uploads = count(48, 12);
     let folder = tempfile::tempdir().unwrap();
     // One caller has half of it: two messages of this size.
-    let service = Served::start(folder.path(), &[("VRDP_LOG", "off"), ("VRDP_REQUEST_BYTES", "33554432")]);
+    let service = BothPorts::start(folder.path(), &[("VRDP_LOG", "off"), ("VRDP_REQUEST_BYTES", "33554432")]);
     let channel = Channel::from_shared(format!("http://{}", service.grpc)).unwrap().connect().await.unwrap();
     honest(&channel).await;
     let before = service.memory("VmRSS:");
@@ -290,7 +290,7 @@ async fn bytes_in_flight_have_a_budget_and_who_exceeds_it_is_refused_at_once() {
 async fn what_never_ends_is_ended_and_takes_nobodys_place() {
     let folder = tempfile::tempdir().unwrap();
     let settings = [("VRDP_LOG", "off"), ("VRDP_CONNECTIONS", "20")];
-    let service = Served::start(folder.path(), &settings);
+    let service = BothPorts::start(folder.path(), &settings);
     // Heads that never end, three times as many as there are places, on both ports.
     let mut idle = vec![];
     for _ in 0..60 {

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 
-pub struct Served {
+pub struct BothPorts {
     child: Child,
     /// `HOST:PORT` of gRPC and of HTTP.
     pub grpc: String,
@@ -13,9 +13,9 @@ pub struct Served {
     log: Arc<Mutex<Vec<String>>>,
 }
 
-impl Served {
+impl BothPorts {
     /// Starts the program with settings in its environment; it accepts calls when this returns.
-    pub fn start(data: &Path, settings: &[(&str, &str)]) -> Served {
+    pub fn start(data: &Path, settings: &[(&str, &str)]) -> BothPorts {
         let mut child = Command::new(env!("CARGO_BIN_EXE_vrdp"))
             .args(["serve", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0", "--data-dir"])
             .arg(data)
@@ -36,7 +36,7 @@ impl Served {
             line.rsplit(['/', ' ']).next().unwrap().to_string()
         };
         let (grpc, http) = (address(), address());
-        Served { child, grpc, http, log }
+        BothPorts { child, grpc, http, log }
     }
 
     pub fn signal(&self, name: &str) {
@@ -76,7 +76,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for BothPorts {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();

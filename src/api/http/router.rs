@@ -71,7 +71,7 @@ impl HttpPort {
     }
 
     /// The visitor, or the response that asks it to say who it is.
-    fn visitor(&self, connection: &ConnectionInfo, request: &Request) -> Result<Visitor, Response> {
+    fn visitor(&self, connection: &ConnectionInfo, request: &Request) -> Result<Visitor, Box<Response>> {
         let security = self.context.security.current();
         let path = request.uri().path();
         let visitor = |tenant: Option<&Tenant>| Visitor {
@@ -88,7 +88,7 @@ impl HttpPort {
         if security.tls.as_ref().is_some_and(|tls| tls.needs_certificate) && !connection.has_certificate {
             let advice =
                 "show a certificate that the service's authority of clients (tls_client_ca) signed\n";
-            return Err((StatusCode::FORBIDDEN, advice).into_response());
+            return Err(Box::new((StatusCode::FORBIDDEN, advice).into_response()));
         }
         let Some(tokens) = &security.tokens else { return Ok(visitor(None)) };
         let headers = request.headers();
@@ -99,7 +99,7 @@ impl HttpPort {
         match tokens.tenant(headers).or_else(of_session) {
             Some(tenant) => Ok(visitor(Some(tenant))),
             None if path == "/login" => Ok(visitor(None)),
-            None => Err(login::asked(request)),
+            None => Err(Box::new(login::asked(request))),
         }
     }
 }
@@ -125,7 +125,7 @@ pub async fn answer(port: &HttpPort, connection: &ConnectionInfo, mut request: R
                     Err(never) => match never {},
                 }
             }
-            Err(asked) => asked,
+            Err(asked) => *asked,
         },
     };
     log.code = response.status().as_u16();

@@ -22,7 +22,7 @@ pub struct Budgets {
 impl Budgets {
     /// Bytes of requests and of replies; one holder has at most a half.
     pub fn new(request_bytes: usize, reply_bytes: usize) -> Budgets {
-        let halves = |total: usize| ByteBudget::new(total, total / 2);
+        let halves = |total: usize| ByteBudget::new(total, total / 2 + PREFIX);
         Budgets {
             requests: halves(request_bytes),
             imports: halves(2 * MAX_VIDEO_BYTES),
@@ -30,6 +30,9 @@ impl Budgets {
         }
     }
 }
+
+/// Bytes before a message.
+const PREFIX: usize = 5;
 
 /// Who holds bytes: a tenant, or the connection of a caller without one.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]

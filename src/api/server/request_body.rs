@@ -77,7 +77,8 @@ where
             held: held.clone(),
             framing: Framing::default(),
             streams,
-            deadline: Instant::now() + IDLE,
+            received: 0,
+            waited: Duration::ZERO,
             idle: None,
         };
         parts.extensions.insert(held);
@@ -143,15 +144,16 @@ struct RequestBody {
     framing: Framing,
     /// Whether the call takes a stream of messages: between two of them it may wait.
     streams: bool,
-    /// When the message must be here, if it arrives as slowly as is allowed.
-    deadline: Instant,
-    /// Runs while no byte arrives.
-    idle: Option<Pin<Box<Sleep>>>,
+    /// Bytes of the message that have come, and the time in which this service waited for them.
+    received: u64,
+    waited: Duration,
+    /// Since when no byte arrives, and until when one must.
+    idle: Option<(Instant, Pin<Box<Sleep>>)>,
 }
 
 impl RequestBody {
     fn take(&mut self, bytes: &[u8]) -> Result<(), Status> {
-        let RequestBody { most, budget, holder, held, framing, streams, deadline, .. } = self;
+        let RequestBody { most, budget, holder, held, framing, streams, received, waited, .. } = self;
         framing.pass(bytes, |length| {
             if length > *most {
                 let message = format!(
@@ -164,11 +166,13 @@ impl RequestBody {
                 // The message before has been handed on.
                 held.clear();
             }
-            *deadline = Instant::now() + IDLE + Duration::from_secs(length as u64 / SLOWEST);
+            (*received, *waited) = (0, Duration::ZERO);
             let reserved = budget.reserve(holder, length);
             held.add(reserved.map_err(|over| busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))?);
             Ok(())
-        })
+        })?;
+        *received += bytes.len() as u64;
+        Ok(())
     }
 
     /// A status if the body has been silent or slow for too long.
@@ -177,10 +181,14 @@ impl RequestBody {
             self.idle = None;
             return None;
         }
-        let deadline = self.deadline;
-        let until = || (Instant::now() + IDLE).min(deadline);
-        let idle = self.idle.get_or_insert_with(|| Box::pin(sleep_until(until())));
-        idle.as_mut().poll(context).is_ready().then(|| {
+        if self.idle.is_none() {
+            // A sender of single bytes is late as soon as one that sends nothing.
+            let allowed = (IDLE + Duration::from_secs(self.received / SLOWEST)).saturating_sub(self.waited);
+            let since = Instant::now();
+            self.idle = Some((since, Box::pin(sleep_until(since + allowed.min(IDLE)))));
+        }
+        let (_, sleep) = self.idle.as_mut()?;
+        sleep.as_mut().poll(context).is_ready().then(|| {
             let message = format!(
                 "the request stopped arriving: at most {} s may pass without a byte, and {SLOWEST} bytes/s is the slowest rate",
                 IDLE.as_secs()
@@ -201,7 +209,9 @@ impl http_body::Body for RequestBody {
         let polled = http_body::Body::poll_frame(Pin::new(&mut self.inner), context);
         match &polled {
             Poll::Ready(Some(Ok(frame))) => {
-                self.idle = None;
+                if let Some((since, _)) = self.idle.take() {
+                    self.waited += since.elapsed();
+                }
                 if let Some(Err(refusal)) = frame.data_ref().map(|bytes| self.take(bytes)) {
                     return Poll::Ready(Some(Err(refusal)));
                 }
@@ -234,7 +244,11 @@ mod tests {
         for size in 1..20 {
             let (mut framing, mut found) = (Framing::default(), vec![]);
             for part in bodies.chunks(size) {
-                framing.pass(part, |length| Ok(found.push(length))).unwrap();
+                let start = |length| {
+                    found.push(length);
+                    Ok(())
+                };
+                framing.pass(part, start).unwrap();
             }
             assert_eq!((found, framing), (vec![3, 0, 256], Framing::default()));
         }

@@ -67,9 +67,10 @@ async fn received(
 ) -> Result<GivenFile, Status> {
     let (mut options, mut bytes, mut background) = (None, vec![], vec![]);
     let held = HeldBytes::default();
-    let hold = |part: &[u8]| match room.budget.reserve(&room.holder, part.len()) {
-        Ok(reserved) => Ok(held.add(reserved)),
-        Err(over) => Err(busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT")),
+    let hold = |part: &[u8]| -> Result<(), Status> {
+        let reserved = room.budget.reserve(&room.holder, part.len());
+        held.add(reserved.map_err(|over| busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))?);
+        Ok(())
     };
     while let Some(message) = parts.message().await? {
         let (place, most) = match message.part {
