@@ -16,7 +16,7 @@ pub fn words(scenes: &[Scene], words: &[WordProbabilities]) -> Markup {
             p { "A bar is the probability that the word fits the object. ✓: it fits rather than not. Of the words of one family, such as \
                  colours, each object has one." }
             @for (k, (scene, words)) in scenes.iter().zip(words).enumerate() {
-                details class="numbers" open[k == 0] {
+                details open[k == 0] {
                     summary { (scene.name) }
                     (of_objects(scene, words))
                 }
