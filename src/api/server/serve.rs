@@ -87,6 +87,13 @@ async fn watch_health(health: &HealthReporter, methods: &Methods, engine: &Engin
     }
 }
 
+/// Reflection over all services.
+fn reflection() -> tonic_reflection::server::Builder<'static> {
+    tonic_reflection::server::Builder::configure()
+        .register_encoded_file_descriptor_set(DESCRIPTORS)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+}
+
 /// Serves until `shutdown` is ready, then waits for running calls, at most for `limits.drain`.
 pub async fn serve(
     listener: TcpListener,
@@ -95,9 +102,7 @@ pub async fn serve(
     context: impl Into<PortContext>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    if let Err(error) = resume_operations(&engine).await {
-        tracing::error!(%error, "operations of the last service do not go on");
-    }
+    resume_operations(&engine).await;
     let PortContext { security, budgets, connections: most, readiness, .. } = context.into();
     let services = Services { engine: engine.clone(), imports: budgets.imports };
     macro_rules! limited {
@@ -110,11 +115,6 @@ pub async fn serve(
     let methods = Arc::new(Methods::new());
     let (health, health_service) = tonic_health::server::health_reporter();
     set_health(&health, &methods, readiness.check(&engine).await.is_ok()).await;
-    let reflection = || {
-        tonic_reflection::server::Builder::configure()
-            .register_encoded_file_descriptor_set(DESCRIPTORS)
-            .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-    };
     let draining = CancellationToken::new();
     let body = BodyLayer { most: limits.request_bytes, budget: budgets.requests, methods: methods.clone() };
     let server = Server::builder()

@@ -97,8 +97,12 @@ impl v1::operations_server::Operations for Services {
 }
 
 /// Goes on with what the end of the last service cut short. When this returns, it is seen as running.
-pub async fn resume_operations(engine: &Arc<Engine>) -> Result<(), EngineError> {
-    for cut in engine.cut_operations().await? {
+pub async fn resume_operations(engine: &Arc<Engine>) {
+    let found = engine.cut_operations().await.unwrap_or_else(|error| {
+        tracing::error!(%error, "operations of the last service do not go on");
+        vec![]
+    });
+    for cut in found {
         tokio::spawn(cut.resume(async |owner, request| {
             let opened = match operation::kept_work(request) {
                 Ok(work) => open(owner, work, HeldBytes::default()).await,
@@ -110,7 +114,6 @@ pub async fn resume_operations(engine: &Arc<Engine>) -> Result<(), EngineError> 
             })
         }));
     }
-    Ok(())
 }
 
 /// An operation with its result, if it is done.
