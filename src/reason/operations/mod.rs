@@ -17,7 +17,7 @@ use machine::OperationFn;
 use super::types::{
     ANY_OBJECTS, CHANGED, CHOICE, COLOR, CONCEPT, DIRECTION, EVENT, EVENTS, FACTOR, Gives, LAW, LENGTH,
     MATERIAL, MOMENT, NUMBER, OBJECT, OBJECTS, OBJECTS_OR_EVENTS, ORDER, QUANTITY, SECONDS, SHAPE, SPAN,
-    TABLE_SIDE, UNIT, Takes, Type, YES_OR_NO,
+    TABLE_SIDE, Takes, Type, UNIT, YES_OR_NO,
 };
 
 /// A row. Its aliases are lower case; tokens of a program are compared in lower case.
