@@ -5,7 +5,7 @@
 //! 1. the point x* + L z is simulated; a block is accepted if its cost exceeds that at x* by at most half of
 //!    max(n + 3 sqrt(2 n), 1.001 |z|^2), n its parameters: three standard deviations of chi-square, or what the draw itself says;
 //! 2. other blocks, and those of bodies that met theirs, are led towards the residuals r + J L z of the linear model by at most
-//!    ten Gauss-Newton steps with the derivatives at x*;
+//!    three Gauss-Newton steps with the derivatives at x*;
 //! 3. if that is not enough, their share of L z is halved and the block starts again from 1., at most six times; then it stays at x*.
 
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SimulatedScene, huber};
@@ -26,9 +26,8 @@ const ROUND_OFF: f64 = 1.001;
 /// Factor by which a draw is shrunk at a time, and how often.
 const SHRINK: f64 = 0.5;
 const SHRINKS: usize = 6;
-/// Gauss-Newton steps of a draw before it is shrunk: with the derivatives at x* they converge slowly where contacts follow each
-/// other, and a shrunk draw states too little spread.
-const CORRECTIONS: usize = 10;
+/// Gauss-Newton steps of a draw before it is shrunk.
+const CORRECTIONS: usize = 3;
 
 /// The posterior with [`DRAWS`] draws; the problem's models are those of its best point.
 pub(in super::super) fn sample(
