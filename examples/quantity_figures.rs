@@ -108,6 +108,23 @@ impl Asked<'_> {
     }
 }
 
+/// When the path of an object bends around a frame: change of its velocity (m/s), and the time (s) at which its true motions of
+/// the frames before and after meet.
+fn kink(truth: &Value, object: usize, frame: usize, fps: f64) -> Option<(f64, f64)> {
+    let at = |f: usize| -> Option<[f64; 4]> {
+        let row = &truth["trajectory"][f][object];
+        let [x, y, vx, vy] = [0, 1, 3, 4].map(|c| row[c].as_f64());
+        Some([x?, y?, vx?, vy?])
+    };
+    let (before, after) = (at(frame.checked_sub(2)?)?, at(frame + 1)?);
+    let [from, to] = [frame as f64 - 2.0, frame as f64 + 1.0].map(|f| f / fps);
+    let change = [after[2] - before[2], after[3] - before[3]];
+    let square = change[0] * change[0] + change[1] * change[1];
+    let off = |c: usize| after[c] - before[c] - after[c + 2] * to + before[c + 2] * from;
+    let time = -(off(0) * change[0] + off(1) * change[1]) / square;
+    (square.sqrt() > 0.1).then_some((square.sqrt(), time))
+}
+
 fn one(folder: &Path, fits: Option<&Path>) -> Result<Vec<Found>, Anyhow> {
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     let scene = parse(&name, &std::fs::read_to_string(folder.join("observed.json"))?)?;
@@ -161,8 +178,12 @@ fn one(folder: &Path, fits: Option<&Path>) -> Result<Vec<Found>, Anyhow> {
         );
         add("hit time, by frame", program.clone(), frame / scene.fps);
         if let Some(substep) = hit["substep"].as_f64() {
-            add("hit time, exact", program.clone(), substep * dt);
-            add("hit time, half a step", program, (substep - 0.5) * dt);
+            add("hit time, as reported", program.clone(), (substep - 0.5) * dt);
+        }
+        let index = |id: u64| scene.objects.iter().position(|o| u64::from(o.id) == id);
+        let kinks = [a, b].into_iter().filter_map(|id| kink(&truth, index(id)?, frame as usize, scene.fps));
+        if let Some((_, time)) = kinks.max_by(|x, y| x.0.total_cmp(&y.0)) {
+            add("hit time, of the impulse", program, time);
         }
     }
     Ok(found)

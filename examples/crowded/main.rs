@@ -162,7 +162,7 @@ fn collisions(stated: &Scenario, truth: &Scenario, objects: usize) -> Vec<(f64, 
 fn judge(asked: &Asked, stated: RolloutContext, truth: RolloutContext, figures: &mut Figures) {
     let at = |context: RolloutContext, rollout, choice: Option<&String>| {
         let programs: Vec<&str> = choice.iter().map(|c| c.as_str()).chain([asked.program.as_str()]).collect();
-        value(&programs, RolloutContext { rollout, ..with_bodies(context) })
+        value(&programs, RolloutContext { rollout, ..context })
     };
     let choices: Vec<Option<&String>> = match &asked.choices[..] {
         [] => vec![None],
@@ -187,10 +187,6 @@ fn judge(asked: &Asked, stated: RolloutContext, truth: RolloutContext, figures: 
         }
     }
     count(figures, asked.kind, settled, right);
-}
-
-fn with_bodies(context: RolloutContext) -> RolloutContext {
-    context
 }
 
 fn count(figures: &mut Figures, kind: &'static str, settled: bool, right: bool) {

@@ -1,5 +1,8 @@
 //! Usual units as data: questions and answers may use any of them; programs compute in SI units.
 
+/// Decimals of a number that counts as short.
+const DECIMALS: f64 = 1e4;
+
 /// A unit: its token in programs, the SI unit of the same kind, and its size in that unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasureUnit {
@@ -55,9 +58,10 @@ impl MeasureUnit {
         if self.size < 1.0 { value * self.inverse() } else { value / self.size }
     }
 
-    /// How many make one of the SI unit; exact where that is a whole number.
+    /// How many make one of the SI unit; exact where that is a short decimal.
     fn inverse(&self) -> f64 {
         let inverse = 1.0 / self.size;
-        if (inverse - inverse.round()).abs() < 1e-9 * inverse { inverse.round() } else { inverse }
+        let short = (inverse * DECIMALS).round() / DECIMALS;
+        if (inverse - short).abs() < 1e-9 * inverse { short } else { inverse }
     }
 }

@@ -17,7 +17,6 @@
 //! Sources: MacKay, Neural Computation 4 (1992) 415 (Laplace); Bardsley et al., SIAM J. Sci. Comput. 36 (2014) A1895
 //! (randomise, then optimise).
 
-mod contact_alternatives;
 mod estimates;
 mod laplace;
 mod pairs;

@@ -1,8 +1,5 @@
 //! Draws from the posterior that agree with the data.
 //!
-//! Each draw comes from one mode: that of the best point x*, or one with another contact sequence (`contact_alternatives`), whose
-//! point and covariance then stand for x* and L L^T below.
-//!
 //! Parameters fall into blocks that are independent in the covariance. For each draw z:
 //!
 //! 1. the point x* + L z is simulated; a block is accepted if its cost exceeds that at x* by at most half of
@@ -12,7 +9,6 @@
 //! 3. if that is not enough, their share of L z is halved and the block starts again from 1., at most six times; then it stays at x*.
 
 use super::super::problem::{FitProblem, Horizon, LinearizedScene, SceneProblem, SimulatedScene, huber};
-use super::contact_alternatives::{PosteriorMode, mode_of_draw, modes};
 use super::laplace::{Laplace, Posterior};
 use crate::num::standard_normal;
 use crate::world::BODY_VALUES;
@@ -45,15 +41,16 @@ pub(in super::super) fn sample(
         p.mean = c.mean;
         *x = c.value;
     }
-    let modes = modes(problem, &point, Laplace::at(problem, &point, horizon), horizon);
+    let laplace = Laplace::at(problem, &point, horizon);
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let n = point.len();
     let unit: Vec<DVector<f64>> =
         (0..DRAWS).map(|_| DVector::from_iterator(n, (0..n).map(|_| standard_normal(&mut random)))).collect();
-    let problem = &*problem;
-    let samplers: Vec<Sampler> = modes.iter().map(|mode| Sampler::new(problem, horizon, mode)).collect();
-    let draw = |(number, z): (usize, DVector<f64>)| samplers[mode_of_draw(&modes, number)].draw(&z);
-    Posterior { draws: unit.into_par_iter().enumerate().map(draw).collect(), ..posterior }
+    let blocks = IndependentBlocks::new(problem, &laplace.factor);
+    let residuals: Vec<Vec<f64>> = laplace.scenes.iter().map(|s| s.residuals.clone()).collect();
+    let costs = blocks.costs(problem, &point, &residuals, &laplace);
+    let sampler = Sampler { problem, horizon, point: &point, laplace: &laplace, blocks, costs };
+    Posterior { draws: unit.into_par_iter().map(|z| sampler.draw(&z)).collect(), ..posterior }
 }
 
 struct Sampler<'p, 'a> {
@@ -66,15 +63,7 @@ struct Sampler<'p, 'a> {
     costs: Vec<f64>,
 }
 
-impl<'p, 'a> Sampler<'p, 'a> {
-    fn new(problem: &'p FitProblem<'a>, horizon: Horizon, mode: &'p PosteriorMode) -> Self {
-        let PosteriorMode { point, laplace, .. } = mode;
-        let blocks = IndependentBlocks::new(problem, &laplace.factor);
-        let residuals: Vec<Vec<f64>> = laplace.scenes.iter().map(|s| s.residuals.clone()).collect();
-        let costs = blocks.costs(problem, point, &residuals, laplace);
-        Sampler { problem, horizon, point, laplace, blocks, costs }
-    }
-
+impl Sampler<'_, '_> {
     /// The draw of the unit normal numbers `z`.
     fn draw(&self, z: &DVector<f64>) -> Vec<f64> {
         let Sampler { problem, blocks, .. } = self;
