@@ -190,7 +190,7 @@ async fn each_page_zeroed_hides_no_healthy_video() {
 
 /// The long trial: `cargo test --lib thousand_faults -- --ignored --nocapture`.
 #[tokio::test]
-#[ignore = "takes a minute"]
+#[ignore = "takes minutes"]
 async fn a_thousand_faults_are_typed_and_hide_nothing() {
     let image = image().await;
     let used: Vec<usize> = (0..image.len() / PAGE)
