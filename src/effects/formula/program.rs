@@ -227,6 +227,9 @@ pub(super) fn has_runaway_constant(steps: &[Instruction], is_acceleration: bool)
                         | Instruction::Max
                 );
                 let last = stack.pop().flatten();
+                if step == Instruction::Divide && last == Some(0.0) {
+                    return true;
+                }
                 let first = if two { stack.pop().flatten() } else { Some(0.0) };
                 first.zip(last).map(|(a, b)| {
                     let given: &[Instruction] = &[Instruction::Number(a), Instruction::Number(b), step];
