@@ -416,7 +416,6 @@ mod tests {
         s.tracks.iter_mut().for_each(|t| t.samples.clear());
         assert!(paths(&s).contains(&"objects[1].samples".to_string()));
         let mut s = scene();
-        let mut s = scene();
         s.camera.as_mut().unwrap().matrix[2] = [0.0; 4];
         assert_eq!(paths(&s), ["camera.matrix"]);
         let mut s = scene();
