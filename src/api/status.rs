@@ -29,8 +29,6 @@ const VIOLATION_BYTES: usize = 3_600;
 const DESCRIPTION_BYTES: usize = 400;
 const VIOLATION_OVERHEAD: usize = 8;
 
-const STORAGE_FAILED: &str = "storage failed; the data folder of the service may be full or not writable (its log says more); \
-                              try again when that is mended";
 const RECORDING_FAILED: &str =
     "the trace cannot be written (the log of the service says why); ask for fewer frames or rollouts";
 
@@ -115,9 +113,8 @@ fn storage(error: &StoreError, message: String) -> Status {
             plain(Code::Unavailable, message, "STORAGE_FULL")
         }
         _ => {
-            // Callers need not know where the service keeps its files.
             tracing::error!(message, "storage failed");
-            plain(Code::Unavailable, STORAGE_FAILED.into(), "STORAGE")
+            plain(Code::Unavailable, message, "STORAGE")
         }
     }
 }
