@@ -133,14 +133,18 @@ async fn after_a_restart_results_are_there_and_what_ran_goes_on() {
     let waits = v1::WaitOperationRequest { name: cut.name.clone() };
     let mut waiting = service.operations().wait_operation(waits).await.unwrap().into_inner();
     let broken = tokio::spawn(async move {
+        let mut last = None;
         loop {
-            if let Err(status) = waiting.message().await {
-                break status;
+            match waiting.message().await {
+                Ok(Some(operation)) => last = Some(operation),
+                Ok(None) => break Err(last),
+                Err(status) => break Ok(status),
             }
         }
     });
     service.stop().await;
-    assert_eq!(broken.await.unwrap().code(), Code::Unavailable, "who waits may wait again");
+    let broken = broken.await.unwrap().expect("the stream does not end as if the operation had");
+    assert_eq!(broken.code(), Code::Unavailable, "who waits may wait again");
 
     let service = start(folder.path(), CAPACITY).await;
     assert_eq!(get(&service, &finished.name).await.unwrap(), finished);

@@ -32,7 +32,7 @@ impl VideoHead {
             world: scene.world,
             fps: scene.fps,
             times: vec![],
-            camera: scene.camera.clone(),
+            camera: scene.camera,
             table: scene.table,
             noise_sigma: scene.noise_sigma,
             objects: scene.objects.iter().map(bare).collect(),

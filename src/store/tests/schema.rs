@@ -46,7 +46,7 @@ async fn a_folder_of_schema_1_is_migrated_and_whole() {
     {
         let unchanged = Store::open_unchanged(folder.path()).unwrap();
         assert_eq!(unchanged.check().unwrap().faults, []);
-        assert_eq!(unchanged.db.run(|db| schema_of(db)).unwrap(), Some(1));
+        assert_eq!(unchanged.db.run(schema_of).unwrap(), Some(1));
         let mut archive = vec![];
         unchanged.backup(&mut archive).unwrap();
         let restored = folder.path().join("restored");
@@ -54,7 +54,7 @@ async fn a_folder_of_schema_1_is_migrated_and_whole() {
         is_whole(&Store::open(&restored).unwrap()).await;
     }
     let store = Store::open(folder.path()).unwrap();
-    assert_eq!(store.db.run(|db| schema_of(db)).unwrap(), Some(SCHEMA_VERSION));
+    assert_eq!(store.db.run(schema_of).unwrap(), Some(SCHEMA_VERSION));
     is_whole(&store).await;
 }
 
