@@ -407,7 +407,6 @@ impl Config {
             reply_bytes: self.reply_bytes,
             hosts: hosts.map(String::from).collect(),
             readiness: ReadinessLimits {
-                data_dir: Some(self.data_dir.clone()),
                 free_bytes: self.min_free_bytes,
                 oldest_wait: Duration::from_secs(self.max_wait_s),
             },

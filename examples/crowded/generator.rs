@@ -129,7 +129,8 @@ fn place(dice: &mut Dice, model: &mut Model) {
         loop {
             let angle = dice.uniform(0.0, std::f64::consts::TAU);
             let radius = if k < resting { dice.uniform(0.0, 1.6) } else { dice.uniform(2.0, 7.0) };
-            state.position = vec2(radius * angle.cos(), radius * angle.sin());
+            let (sine, cosine) = vrdp::num::elementary::sin_cos(angle);
+            state.position = vec2(radius * cosine, radius * sine);
             if free(&places, state.position) {
                 break;
             }

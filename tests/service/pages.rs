@@ -312,11 +312,7 @@ async fn readiness_is_of_the_disk_and_of_the_drain_and_liveness_is_not() {
     let folder = tempfile::tempdir().unwrap();
     let engine = Arc::new(Engine::open(folder.path(), CAPACITY).unwrap());
     let full = |free_bytes| {
-        let readiness = ReadinessLimits {
-            data_dir: Some(folder.path().into()),
-            free_bytes,
-            ..ReadinessLimits::default()
-        };
+        let readiness = ReadinessLimits { free_bytes, ..ReadinessLimits::default() };
         PortContext::new(Security::default(), PortLimits { readiness, ..PortLimits::default() })
     };
     for (free_bytes, ready, status) in

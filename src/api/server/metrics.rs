@@ -15,7 +15,6 @@ pub const REFUSED_CONNECTIONS: &str = "vrdp_connections_refused_total";
 pub const REQUEST_BYTES: &str = "vrdp_request_bytes_in_flight";
 pub const REPLY_BYTES: &str = "vrdp_reply_bytes_in_flight";
 pub const READY: &str = "vrdp_ready";
-pub const FREE_BYTES: &str = "vrdp_data_free_bytes";
 pub const CALL_SECONDS: &str = "vrdp_call_seconds";
 
 /// Seconds: from a cached answer to the longest discovery.
@@ -50,7 +49,6 @@ fn describe() {
     describe_gauge!(REQUEST_BYTES, "Bytes of requests that arrive or wait");
     describe_gauge!(REPLY_BYTES, "Bytes of replies that are not sent yet");
     describe_gauge!(READY, "1 if the service is ready for calls, else 0");
-    describe_gauge!(FREE_BYTES, "Free bytes on the disk of the data folder");
     for (name, meaning) in metric_names::COUNTERS {
         describe_counter!(name, meaning);
     }
@@ -149,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_dashboard_and_the_alerts_use_metrics_that_exist() {
-        let ours = [CALLS, CALL_SECONDS, REFUSED_CONNECTIONS, REQUEST_BYTES, REPLY_BYTES, READY, FREE_BYTES];
+        let ours = [CALLS, CALL_SECONDS, REFUSED_CONNECTIONS, REQUEST_BYTES, REPLY_BYTES, READY];
         let names = ours.into_iter().chain(PROCESS_METRICS);
         let names = names.chain(metric_names::COUNTERS.map(|(name, _)| name));
         let names = names.chain(metric_names::HISTOGRAMS.map(|(name, _)| name));

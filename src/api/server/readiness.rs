@@ -1,8 +1,7 @@
 //! Whether the service is ready for calls: its store answers, its disk has room, its queue moves, and it does not drain.
 
-use super::metrics::{FREE_BYTES, READY};
+use super::metrics::READY;
 use crate::engine::{Engine, EngineError};
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -14,9 +13,7 @@ const NO_OPERATION: &str = "0";
 /// Beyond these the service is not ready.
 #[derive(Debug, Clone)]
 pub struct ReadinessLimits {
-    /// The data folder; `None`: its disk is not looked at.
-    pub data_dir: Option<PathBuf>,
-    /// Least free bytes on its disk.
+    /// Least free bytes on the disk of the data folder.
     pub free_bytes: u64,
     /// Longest wait of the oldest queued job.
     pub oldest_wait: Duration,
@@ -24,7 +21,7 @@ pub struct ReadinessLimits {
 
 impl Default for ReadinessLimits {
     fn default() -> Self {
-        ReadinessLimits { data_dir: None, free_bytes: 64 << 20, oldest_wait: Duration::from_secs(300) }
+        ReadinessLimits { free_bytes: 64 << 20, oldest_wait: Duration::from_secs(300) }
     }
 }
 
@@ -79,11 +76,8 @@ impl Readiness {
             }
             Err(_) => return Err(NotReady::Store("it took too long")),
         }
-        if let Some(free) = self.limits.data_dir.as_deref().and_then(free_bytes) {
-            metrics::gauge!(FREE_BYTES).set(free as f64);
-            if free < self.limits.free_bytes {
-                return Err(NotReady::Disk { free, least: self.limits.free_bytes });
-            }
+        if let Some(free) = engine.storage().free_bytes.filter(|free| *free < self.limits.free_bytes) {
+            return Err(NotReady::Disk { free, least: self.limits.free_bytes });
         }
         let oldest = engine.load().oldest;
         if oldest > self.limits.oldest_wait {
@@ -92,10 +86,4 @@ impl Readiness {
         }
         Ok(())
     }
-}
-
-/// Bytes that this user may still write on the disk of a folder; `None` if the system does not say.
-fn free_bytes(folder: &Path) -> Option<u64> {
-    let found = rustix::fs::statvfs(folder).ok()?;
-    Some(found.f_bavail.saturating_mul(found.f_frsize))
 }
