@@ -71,7 +71,7 @@ fn publish(criterion: &mut Criterion, name: &str, bytes: Vec<u8>) {
             number += 1;
             runtime.block_on(async {
                 store.put_blob(&number.to_string(), bytes.clone()).await?;
-                store.put_video(&number.to_string(), &"a record is about this long".repeat(10)).await
+                store.put_lexicon(&number.to_string(), &"a record is about this long".repeat(10)).await
             })
         });
     });

@@ -103,11 +103,14 @@ async fn the_operations_and_grammars_are_listed() {
     service.stop().await;
 }
 
+/// The key and the body of a call.
+type Call = (Option<String>, Value);
+
 /// What the chat endpoint of a test was sent, and what it answers.
 #[derive(Clone, Default)]
 struct Endpoints {
     calls: Arc<AtomicUsize>,
-    seen: Arc<Mutex<Vec<(Option<String>, Value)>>>,
+    seen: Arc<Mutex<Vec<Call>>>,
     replies: Arc<Mutex<Vec<(StatusCode, String)>>>,
 }
 
