@@ -145,7 +145,7 @@ fn one(folder: &Path, fits: Option<&Path>) -> Result<Vec<Found>, Anyhow> {
     };
     let speed = |f: usize, k: usize| {
         let at = |c: usize| truth["trajectory"][f][k][c].as_f64();
-        Some(at(3)?.hypot(at(4)?))
+        Some(vrdp::num::vec2(at(3)?, at(4)?).norm())
     };
     for (k, (object, track)) in scene.objects.iter().zip(&scene.tracks).enumerate() {
         let one = format!("{} object_number", object.id);
