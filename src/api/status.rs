@@ -112,9 +112,18 @@ fn storage(error: &StoreError, message: String) -> Status {
             tracing::error!("the disk of the data folder is full");
             plain(Code::Unavailable, message, "STORAGE_FULL")
         }
-        _ => {
+        // Its cause names no path.
+        StoreError::Failed(_) => {
             tracing::error!(message, "storage failed");
             plain(Code::Unavailable, message, "STORAGE")
+        }
+        StoreError::Locked { .. }
+        | StoreError::Newer { .. }
+        | StoreError::Unusable { .. }
+        | StoreError::DatabaseGone { .. } => {
+            tracing::error!(message, "the data folder cannot be used");
+            let advice = "the data folder of the service cannot be used; its log says why";
+            plain(Code::Unavailable, advice.into(), "STORAGE")
         }
     }
 }
@@ -282,9 +291,10 @@ mod tests {
 
     #[test]
     fn callers_do_not_learn_where_the_service_keeps_its_files() {
-        let failed = StoreError::Failed("/srv/secret/vrdp.redb: No space left on device".into());
+        let failed = status(StoreError::Failed("Not a directory".into()).into());
+        assert!(failed.message().contains("Not a directory"), "the cause is said: {failed:?}");
         let unusable = StoreError::Unusable { path: "/srv/secret".into(), cause: "gone".into() };
-        for error in [failed.into(), unusable.into(), EngineError::Recording("/srv/secret/t.mcap".into())] {
+        for error in [unusable.into(), EngineError::Recording("/srv/secret/t.mcap".into())] {
             let status = status(error);
             assert!(!status.message().contains("/srv"), "{status:?}");
         }
