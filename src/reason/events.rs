@@ -31,7 +31,7 @@ pub const SIDES: [&str; 4] = ["left", "right", "top", "bottom"];
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SceneEventKind {
     Collision,
-    /// Two objects come closest to each other without touching: see [`encounters`].
+    /// Two objects come closest to each other without touching (`reason::encounters`).
     Approach,
     /// One object collides with this side of the table.
     Side(&'static str),
