@@ -160,8 +160,8 @@ fn encounter_features(
     let mut wanted = objects.to_vec();
     wanted.sort_unstable();
     let frames = example.scene.times.len() + FUTURE_FRAMES;
-    let (scenario, _) = simulated(example.scene, fit, &best_rollout(&[], frames), &never)?;
-    let met = scenario.rollouts.first().map_or(&[][..], |r| &r.encounters);
+    let (scenario, simulation) = simulated(example.scene, fit, &best_rollout(&[], frames), &never)?;
+    let met = scenario.rollouts.first().map_or(&[][..], |r| r.encounters.of(example.scene, &simulation.best));
     let own = met.iter().filter(|e| e.objects == wanted);
     let nearest = own.min_by_key(|e| e.frame.abs_diff(frame));
     let features = nearest.map(|e| e.features.to_vec());

@@ -2,7 +2,7 @@
 
 use super::features::velocity;
 use crate::num::Vec2;
-use crate::reason::{MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind};
+use crate::reason::{Encounters, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind};
 use crate::scene::{Scene, Track};
 
 /// Frames between the velocities before and after a collision: twice the window of a velocity and one.
@@ -35,7 +35,7 @@ pub fn observed_scenario(scene: &Scene) -> Scenario {
     }
     events.sort_by_key(|e| e.frame);
     let moving = scene.tracks.iter().map(|t| moving(scene, t)).collect();
-    let rollouts = vec![RolloutEvents { events, moving, encounters: vec![] }];
+    let rollouts = vec![RolloutEvents { events, moving, encounters: Encounters::default() }];
     Scenario { interventions: vec![], frames: scene.times.len(), rollouts }
 }
 

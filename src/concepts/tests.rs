@@ -81,7 +81,7 @@ fn scenario() -> Scenario {
         event(SceneEventKind::Collision, 24, &[2, 3]),
     ];
     let moving = (0..4).map(|k| (0..20).map(|f| (f >= 3 * (k % 2)).then_some(k > 0)).collect()).collect();
-    let rollouts = vec![RolloutEvents { events, moving, encounters: vec![] }];
+    let rollouts = vec![RolloutEvents { events, moving, encounters: Encounters::default() }];
     Scenario { interventions: vec![], frames: 20 + FUTURE_FRAMES, rollouts }
 }
 
@@ -486,9 +486,9 @@ fn word_of_offsets(name: &str, yes: [f64; 5], no: [f64; 5], fresh: [f64; 2]) -> 
         let (scene, fit) = passing(&like, RADII * offset, speed);
         let words = word_probabilities(&lexicon, &scene, Some((&fit, 0))).expect("it has no words of looks");
         let request = PredictionRequest { interventions: vec![], frames: 80, rollouts: 0, seed: 0 };
-        let (found, _) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
+        let (found, seen) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
         let ConceptTruth::Encounters(word) = &words.concepts[0].holds else { panic!("a word of events") };
-        let met = &found.rollouts[0].encounters;
+        let met = found.rollouts[0].encounters.of(&scene, &seen.best);
         assert_eq!(met.len(), 1, "at {offset}: {met:?}");
         word.probability(&met[0].features)
     };
@@ -527,8 +527,8 @@ fn approaches_are_passes_within_the_width_of_the_objects() {
     let request = PredictionRequest { interventions: vec![], frames: 80, rollouts: 0, seed: 0 };
     let collides = |offset: f64, speed: f64| -> Vec<bool> {
         let (scene, fit) = passing(&like, 0.4 * offset, speed);
-        let (found, _) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
-        found.rollouts[0].encounters.iter().map(|e| e.is_collision).collect()
+        let (found, seen) = simulated(&scene, (&fit, 0), &request, &never).expect("it is simulated");
+        found.rollouts[0].encounters.of(&scene, &seen.best).iter().map(|e| e.is_collision).collect()
     };
     assert_eq!(collides(0.5, 1.5), [true]);
     assert_eq!(collides(1.5, 1.5), [false]);

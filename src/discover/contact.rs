@@ -1,6 +1,7 @@
 //! The contact lens: short films around each contact and each jump without a partner, fitted through the contact in
 //! trajectory space. Short films start anew, so that no error is carried from contact to contact.
 
+use super::checkpoints::effect_by_name;
 use super::contact_law::{estimates_of, is_scale, pooled, with_contact};
 use super::cost::Cost;
 use super::hidden_geometry::{discs_behind, rectangle, walls};
@@ -16,6 +17,7 @@ use crate::fit::{self, Fit, FitError, FitOptions, StartPoint, estimate, estimate
 use crate::num::{Stop, elementary};
 use crate::world::Model;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters, that a law of contact must
@@ -40,8 +42,9 @@ const FOLLOWED_UP: usize = 3;
 /// Walls that are tried.
 const WALLS: usize = 3;
 /// A law of contact as the short films see it.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct ContactCandidate {
+    #[serde(with = "effect_by_name")]
     pub entry: &'static EffectEntry,
     pub values: Vec<f64>,
     pub sd: Vec<f64>,

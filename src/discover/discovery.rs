@@ -1,6 +1,7 @@
 //! The whole loop: is the base right, which law is missing, does the error fall when it is added.
 
 use super::change::rank_formulas;
+use super::checkpoints::Checkpoints;
 use super::compare::{Comparison, compare};
 use super::contact::{ContactCandidate, screen_contacts};
 use super::contact_law::with_contact;
@@ -56,10 +57,24 @@ pub fn discover(
     options: &DiscoverOptions,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
+    discover_with(scenes, models, options, None, stop)
+}
+
+/// The same, with its steps kept: after a stop, the same call goes on from there and gives the same result.
+pub fn discover_with(
+    scenes: &[Scene],
+    models: &[Model],
+    options: &DiscoverOptions,
+    checkpoints: Option<&dyn Checkpoints>,
+    stop: Stop,
+) -> Result<Discovery, FitError> {
     crate::fit::check(scenes, models)?;
     let coarse = resampled(scenes);
     let models = coarse.models(scenes, models);
-    let mut found = discover_in(&coarse.scenes, &models, options, &progress_within(stop, WITHOUT_PUSHES))?;
+    let mut found = {
+        let stop: Stop = &progress_within(stop, WITHOUT_PUSHES);
+        discover_in(&coarse.scenes, &models, options, checkpoints, stop)?
+    };
     let mut rest = WITHOUT_PUSHES[1];
     for _ in 0..PUSH_ROUNDS {
         let next = 0.5 * (1.0 + rest);
@@ -67,7 +82,7 @@ pub fn discover(
         let Some(pushed) = with_unseen_pushes(&coarse.scenes, &models, &found, &options.fit, stop)? else {
             break;
         };
-        let other = discover_in(&coarse.scenes, &pushed, options, stop)?;
+        let other = discover_in(&coarse.scenes, &pushed, options, checkpoints, stop)?;
         if !explains_pushed(&coarse.scenes, &found, &other) {
             break;
         }
@@ -88,9 +103,10 @@ fn discover_in(
     scenes: &[Scene],
     models: &[Model],
     options: &DiscoverOptions,
+    checkpoints: Option<&dyn Checkpoints>,
     stop: Stop,
 ) -> Result<Discovery, FitError> {
-    let lens = WeakFormRegression::new(scenes).until(stop);
+    let lens = WeakFormRegression::new(scenes).until(stop).kept_in(checkpoints);
     if let Some(reason) = too_little(&lens) {
         return Ok(not_identifiable(&lens, reason));
     }
@@ -103,7 +119,8 @@ fn discover_in(
     let mut known: Vec<BaseSearch> = vec![];
     for models in readings(scenes, models) {
         let models = with_nuisance(&models);
-        let first = search(&lens, &models, &progress_within(stop, SEARCH))?;
+        let first = lens
+            .step("search", &(scenes, &models), || search(&lens, &models, &progress_within(stop, SEARCH)))?;
         known.push(BaseSearch { models, first, further: None, screened: None });
     }
     if let Some(found) = decisive_formula(&lens, &known, options, &progress_within(stop, TRAJECTORIES))? {
@@ -173,9 +190,13 @@ impl BaseSearch {
         let further = match self.further.take() {
             Some(further) => further,
             None => {
-                let motion = search_on(lens, &self.models, self.first.clone(), options.max_effects, stop)?;
-                let films = WindowFits::of(&contacts(lens, &motion.models), stop)?;
-                (motion, films)
+                let inputs = (lens.scenes, &self.models, options.max_effects);
+                lens.step("further", &inputs, || -> Result<_, FitError> {
+                    let motion =
+                        search_on(lens, &self.models, self.first.clone(), options.max_effects, stop)?;
+                    let films = WindowFits::of(&contacts(lens, &motion.models), stop)?;
+                    Ok((motion, films))
+                })?
             }
         };
         Ok(self.further.insert(further))
@@ -193,7 +214,9 @@ impl BaseSearch {
         let models = self.models.clone();
         let (motion, films) = self.look(lens, options, stop)?;
         let candidates = candidates(&motion.models, lens.scenes);
-        let (contacts, lost) = screen_contacts(films, &region(lens.scenes), &candidates, stop)?;
+        let inputs = (lens.scenes, &motion.models, options.max_effects);
+        let (contacts, lost) = lens
+            .step("contacts", &inputs, || screen_contacts(films, &region(lens.scenes), &candidates, stop))?;
         let films = lost + contacts.iter().find(|c| c.proven()).map_or(films_cost(&contacts), |c| c.after);
         let reading = BaseModel { models, motion: motion.clone(), contacts, films };
         Ok(self.screened.insert(reading).clone())

@@ -4,6 +4,7 @@ use crate::effects::{EffectEntry, ParamId, ParamRole, effect};
 use crate::num::elementary;
 use crate::scene::{Object, Scene};
 use crate::world::{BODY_VALUES, MASS, MASS_BOUNDS, Model};
+use serde::{Deserialize, Serialize};
 
 /// Largest step of a difference by a parameter, as a share of its prior's deviation and as a number.
 const STEP_SHARE: f64 = 1e-4;
@@ -12,7 +13,7 @@ pub const STEP: f64 = 1e-3;
 const STRIDE: f64 = 0.04;
 
 /// One parameter that the lens can move, and where it stands in each model.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FreeParameter {
     /// As [`ParamId`] prints it; of a mass `objects[3].mass`.
     pub name: String,

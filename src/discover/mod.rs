@@ -3,6 +3,7 @@
 mod alternatives;
 mod central;
 mod change;
+mod checkpoints;
 mod compare;
 mod contact;
 mod contact_law;
@@ -45,6 +46,7 @@ mod windows;
 pub use change::{
     ChangeEvidence, ChangeResult, ChangeVerdict, Origin, PredictionErrors, change, log_evidence, weigh,
 };
+pub use checkpoints::Checkpoints;
 pub use compare::{
     Comparison, FAST, FAST_FREE, ObjectComparison, Regime, SLOW_FREE, SceneComparison, Separation, compare,
     failures, separations,
@@ -52,7 +54,7 @@ pub use compare::{
 pub use contact::{ContactCandidate, screen_contacts};
 pub use contact_law::with_contact;
 pub use cost::Cost;
-pub use discovery::{Diagnosis, diagnose, discover};
+pub use discovery::{Diagnosis, diagnose, discover, discover_with};
 pub use formula::{ResidualLaw, residual_law};
 pub use free::{at_values, flats, free_parameters};
 pub use outcome::{

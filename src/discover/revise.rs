@@ -108,14 +108,14 @@ pub fn revise_from(
     let options = &worth(options, lens, &seen);
     // The first frames before the whole film: what follows them knows where to begin.
     let shown: Vec<Scene> = lens.scenes.iter().map(first_frames).collect();
-    let first = fit_shown(&shown, models, effect, options, stop)?;
+    let first = fit_shown((lens, &shown), models, effect, options, stop)?;
     let parts = errors(lens.scenes, &shown, &first);
     let begun: Vec<Option<&Model>> =
         (0..models.len()).map(|k| begun[k].or_else(|| follows(&shown[k], &first.scenes[k]))).collect();
     let led = led(models, effect, &free, &seen);
     // What others are compared with is what a fit would give.
     let options = &FitOptions { single_precision: options.single_precision && effect.is_some(), ..*options };
-    let (fit_all, unpooled) = fit_set_up(Some(models), lens.scenes, &led, &begun, options, stop)?;
+    let (fit_all, unpooled) = fit_set_up(Some(models), lens, &led, &begun, options, stop)?;
     let (mut chi_square, mut degrees, mut squares, mut count) = (0.0, 0.0, 0.0, 0.0);
     for (scene, fitted) in lens.scenes.iter().zip(&fit_all.scenes) {
         let n = 2.0 * scene.tracks.iter().map(|t| t.samples.len()).sum::<usize>() as f64;
@@ -160,7 +160,7 @@ pub fn trajectories_from(
     let (free, seen) = fit_forces(lens, models);
     let options = &worth(options, lens, &seen);
     let led = led(models, effect, &free, &seen);
-    let (mut found, apart) = fit_set_up(None, lens.scenes, &led, begun, options, stop)?;
+    let (mut found, apart) = fit_set_up(None, lens, &led, begun, options, stop)?;
     found.scenes.iter_mut().zip(models).for_each(|(fitted, asked)| fitted.model.copy_priors_from(asked));
     Ok((found, apart))
 }
@@ -194,15 +194,19 @@ fn led(models: &[Model], effect: Option<&str>, free: &[FreeParameter], seen: &Le
 /// `asked`, as what led the search is no belief of the model, and is drawn from.
 fn fit_set_up(
     asked: Option<&[Model]>,
-    scenes: &[Scene],
+    lens: &WeakFormRegression,
     models: &[Model],
     begun: &[Option<&Model>],
     options: &FitOptions,
     stop: Stop,
 ) -> Result<(Fit, Vec<String>), FitError> {
+    let scenes = lens.scenes;
     let alone: Result<Vec<Fit>, FitError> = (scenes, models, begun)
         .into_par_iter()
-        .map(|(scene, model, begun)| fit_on(scene, model, *begun, options, stop))
+        .map(|(scene, model, begun)| {
+            let inputs = (scene, model, begun, options, options.single_precision);
+            lens.step("alone", &inputs, || fit_on(scene, model, *begun, options, stop))
+        })
         .collect();
     let mut alone = alone?;
     let right = alone.iter().flat_map(|a| &a.scenes).any(|s| s.reduced_chi_square < WELL);
@@ -223,7 +227,10 @@ fn fit_set_up(
         .map(|(scene, model, alone)| match alone.scenes.first() {
             // The lost come last, with what the others agree on.
             Some(s) if !right || s.reduced_chi_square < WELL || proof::lost(s) => Ok(None),
-            _ => estimate_one(scene, model, options, stop).map(Some),
+            _ => {
+                let inputs = (scene, model, options, options.single_precision);
+                lens.step("again", &inputs, || estimate_one(scene, model, options, stop)).map(Some)
+            }
         })
         .collect();
     let better = |(a, b): (Fit, Option<Fit>)| match b {
@@ -231,14 +238,18 @@ fn fit_set_up(
         _ => a,
     };
     let alone: Vec<Fit> = alone.into_iter().zip(again?).map(better).collect();
-    let (mut joint, alone) = common(scenes, models, alone, begun, options, stop)?;
+    let inputs = (scenes, models, &alone, begun, options, options.single_precision);
+    let (mut joint, alone) =
+        lens.step("common", &inputs, || common(scenes, models, alone.clone(), begun, options, stop))?;
     if let Some(asked) = asked {
         joint.scenes.iter_mut().zip(asked).for_each(|(fitted, asked)| fitted.model.copy_priors_from(asked));
         let found = joint.models();
         // What is lost has no say.
         let most = if proof::loses(&joint) { 0 } else { options.max_iterations.min(COMMON_ITERATIONS) };
         let near = FitOptions { start_point: StartPoint::NearOptimum, max_iterations: most, ..*options };
-        let Fit { scenes, posterior, .. } = fit::fit(scenes, &found, &near, stop)?;
+        let inputs = (scenes, &found, near, near.single_precision);
+        let Fit { scenes, posterior, .. } =
+            lens.step("drawn", &inputs, || fit::fit(scenes, &found, &near, stop))?;
         joint = Fit { scenes, posterior, ..joint };
     }
     // Where chaos keeps the common numbers from following a scene, its own fit stands for it.
@@ -479,18 +490,21 @@ pub fn held_out(
     stop: Stop,
 ) -> Result<Vec<HeldOut>, FitError> {
     let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
-    let fitted = fit_shown(&shown, models, effect, options, stop)?;
+    let lens = &WeakFormRegression::new(&[]);
+    let fitted = fit_shown((lens, &shown), models, effect, options, stop)?;
     Ok(errors(scenes, &shown, &fitted))
 }
 
+/// Fits the first frames with the checkpoints of `whole`, the lens of all frames.
 fn fit_shown(
-    shown: &[Scene],
+    (whole, shown): (&WeakFormRegression, &[Scene]),
     models: &[Model],
     effect: Option<&str>,
     options: &FitOptions,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    Ok(trajectories(&WeakFormRegression::new(shown).until(stop), models, effect, options, stop)?.0)
+    let lens = WeakFormRegression::new(shown).until(stop).kept_in(whole.checkpoints);
+    Ok(trajectories(&lens, models, effect, options, stop)?.0)
 }
 
 /// The model of the first frames, where it follows them and they tell where all objects begin.

@@ -1,5 +1,6 @@
 //! Candidates through the force lens: which law of the library would explain the free motion, and how well.
 
+use super::checkpoints::effect_by_name;
 use super::free::{FreeParameter, at_values, flats, free_parameters, stride, values_of};
 use super::search::PROOF;
 use super::weak_form::{LensFit, PROOFS, Projector, WeakFormRegression};
@@ -9,6 +10,7 @@ use crate::scene::Scene;
 use crate::world::{ActiveEffect, Model, Prior};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Seeds along each coordinate of a place: half a metre apart on a field of four, as a source that is soft within 0.3 m is
 /// felt.
@@ -36,8 +38,9 @@ const REFINEMENTS: usize = 15;
 const ONE_OF_TWENTY: f64 = 1.644_853_627;
 
 /// One candidate as the force lens sees it.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct ForceCandidate {
+    #[serde(with = "effect_by_name")]
     pub entry: &'static EffectEntry,
     /// Parameters in the order of the spec.
     pub values: Vec<f64>,

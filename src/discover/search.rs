@@ -10,6 +10,7 @@ use crate::effects::{EffectEntry, ParamId};
 use crate::num::{Stop, Stopped, elementary};
 use crate::world::Model;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::slice;
 
 /// Fall of chi-square, in units of what remains and beyond the price of its parameters (BIC), that an effect must
@@ -45,7 +46,7 @@ const FIRST_CHOICES: usize = 3;
 const SIMPLE: usize = 2;
 
 /// What the force lens found.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct FreeMotion {
     /// With the effects found, at the best values.
     pub models: Vec<Model>,

@@ -28,7 +28,7 @@ pub(super) const DISC: Shape = Shape::Disc { radius: 0.2 };
 pub(super) const CUBE: Shape = Shape::Square { half_side: 0.2 };
 
 /// Three videos of objects that pass each other.
-fn launches() -> Vec<Vec<Launch>> {
+pub(super) fn launches() -> Vec<Vec<Launch>> {
     vec![
         vec![(DISC, 0.6, [-2.0, 0.5], [1.3, 0.1]), (CUBE, 2.0, [1.5, -1.5], [-0.5, 0.9])],
         vec![(CUBE, 0.8, [0.0, 2.0], [0.4, -1.4])],

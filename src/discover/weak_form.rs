@@ -1,6 +1,7 @@
 //! The force lens: along free stretches, measured positions against the double integral of a model's
 //! accelerations along the measured path. Positions are never differentiated twice.
 
+use super::checkpoints::Checkpoints;
 use super::free::{FreeParameter, STEP, at_values, flats, free_parameters, values_of};
 use super::segment::{FreeSegment, instants, integral};
 use super::smooth_track::{SmoothTrack, paths};
@@ -12,6 +13,7 @@ use crate::num::{
 use crate::scene::Scene;
 use crate::world::{AccelerationField, FormulaForces, Kinematics, Model, Snapshot};
 use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -42,10 +44,12 @@ pub struct WeakFormRegression<'a> {
     pub folds: Vec<Vec<Range<usize>>>,
     /// Once it says so, what is computed has no meaning, and comes at once: the caller asks it, too.
     stop: Stop<'a>,
+    /// Where the steps of a discovery are kept.
+    pub checkpoints: Option<&'a dyn Checkpoints>,
 }
 
 /// A least-squares solution of the lens.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct LensFit {
     pub values: Vec<f64>,
     pub sd: Vec<f64>,
@@ -91,6 +95,7 @@ impl<'a> WeakFormRegression<'a> {
             stretches,
             folds: folds.into_values().collect(),
             stop: &never,
+            checkpoints: None,
         }
     }
 
@@ -98,6 +103,11 @@ impl<'a> WeakFormRegression<'a> {
     /// uses one.
     pub fn until(self, stop: Stop<'a>) -> Self {
         WeakFormRegression { stop, ..self }
+    }
+
+    /// The same, with long steps kept there.
+    pub fn kept_in(self, checkpoints: Option<&'a dyn Checkpoints>) -> Self {
+        WeakFormRegression { checkpoints, ..self }
     }
 
     /// Whether results have no meaning any more.

@@ -8,6 +8,7 @@ use crate::num::Stop;
 use crate::scene::Scene;
 use crate::world::{EventKind, Model, trace};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// A short film that nothing follows better than this (reduced chi-square) tells nothing.
 pub const FOLLOWED: f64 = 4.0;
@@ -25,6 +26,7 @@ pub const OPTIONS: FitOptions = FitOptions {
 };
 
 /// The films with a fit of each.
+#[derive(Serialize, Deserialize)]
 pub struct WindowFits {
     pub films: ContactWindows,
     pub fits: Vec<Fit>,

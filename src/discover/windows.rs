@@ -5,6 +5,7 @@ use super::weak_form::WeakFormRegression;
 use crate::effects::{EffectEntry, ParamRole, Scope, effect};
 use crate::scene::Scene;
 use crate::world::{Model, Parameter, Prior};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Frames before and after a contact that a short film shows.
@@ -26,6 +27,7 @@ const REACH: f64 = 2.0;
 const SCATTER: f64 = 0.15;
 
 /// The short films of a set-up, with models of what they show.
+#[derive(Serialize, Deserialize)]
 pub struct ContactWindows {
     pub scenes: Vec<Scene>,
     pub models: Vec<Model>,

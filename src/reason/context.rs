@@ -87,12 +87,11 @@ impl<'a> RolloutContext<'a> {
 
     /// A collision or an approach in the rollouts of this number, with its features.
     pub(super) fn encounter(&self, event: &SceneEvent) -> Option<&'a Encounter> {
-        let rollouts = self.scenarios.iter().filter_map(|s| s.rollouts.get(self.rollout));
         let is_collision = event.kind == SceneEventKind::Collision;
         let same = |e: &&Encounter| {
             e.is_collision == is_collision && e.time == event.time && e.objects == event.objects
         };
-        rollouts.flat_map(|r| &r.encounters).find(same)
+        (0..self.scenarios.len()).flat_map(|scenario| self.encounters(scenario)).find(same)
     }
 
     /// The approaches under these interventions in a span.
@@ -101,7 +100,7 @@ impl<'a> RolloutContext<'a> {
         interventions: &[Intervention],
         span: SpanKind,
     ) -> Result<Vec<SceneEvent>, Halt> {
-        let encounters = &self.rollout(interventions, self.frames(span))?.encounters;
+        let encounters = self.encounters(self.scenario(interventions, self.frames(span))?);
         let approaches = encounters.iter().filter(|e| !e.is_collision && self.is_in(span, e.frame));
         let event = |e: &Encounter| SceneEvent {
             kind: SceneEventKind::Approach,
@@ -110,6 +109,13 @@ impl<'a> RolloutContext<'a> {
             objects: e.objects.clone(),
         };
         Ok(approaches.map(event).collect())
+    }
+
+    /// Those of a scenario's rollout; none where no simulation stands behind it.
+    fn encounters(&self, scenario: usize) -> &'a [Encounter] {
+        let rollout = self.scenarios.get(scenario).and_then(|s| s.rollouts.get(self.rollout));
+        let trace = self.simulation(scenario);
+        rollout.zip(trace).map_or(&[], |(rollout, trace)| rollout.encounters.of(self.scene, trace))
     }
 
     fn is_in(&self, span: SpanKind, frame: usize) -> bool {
@@ -144,10 +150,14 @@ impl<'a> RolloutContext<'a> {
     pub(super) fn trace(&self, interventions: &[Intervention], frames: usize) -> Result<&'a Trace, Halt> {
         let scenario = self.scenario(interventions, frames)?;
         let missing = || Halt::NeedsSimulation(interventions.to_vec(), frames);
-        let simulation = self.simulations.get(scenario).ok_or_else(missing)?;
+        self.simulation(scenario).ok_or_else(missing)
+    }
+
+    fn simulation(&self, scenario: usize) -> Option<&'a Trace> {
+        let simulation = self.simulations.get(scenario)?;
         match self.rollout.checked_sub(1) {
-            None => Ok(&simulation.best),
-            Some(k) => simulation.ensemble.get(k).ok_or_else(missing),
+            None => Some(&simulation.best),
+            Some(k) => simulation.ensemble.get(k),
         }
     }
 

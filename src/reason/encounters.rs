@@ -8,6 +8,7 @@
 use crate::num::elementary::acos;
 use crate::scene::{Object, Scene};
 use crate::world::{Event, EventKind, PlacedShape, State, Trace, gap};
+use std::sync::OnceLock;
 
 /// Names of the features of an encounter: relative speed (m/s), its part along the normal (m/s), the angle between both (0 head-on,
 /// pi/2 glancing, and passing; rad), the speed of the slower object (m/s), and the smallest gap over the mean width of both objects (0 where
@@ -30,8 +31,34 @@ pub struct Encounter {
     pub features: [f64; ENCOUNTER_FEATURES.len()],
 }
 
+/// The encounters of one rollout. Few questions ask for them, so they are computed at the first that does.
+#[derive(Debug, Clone, Default)]
+pub struct Encounters {
+    /// The shortest approach that is one (m).
+    least: f64,
+    found: OnceLock<Vec<Encounter>>,
+}
+
+impl Encounters {
+    pub fn new(least: f64) -> Encounters {
+        Encounters { least, found: OnceLock::new() }
+    }
+
+    /// All of them, by time; `trace` is the simulation of the rollout.
+    pub fn of(&self, scene: &Scene, trace: &Trace) -> &[Encounter] {
+        self.found.get_or_init(|| encounters(scene, trace, self.least))
+    }
+}
+
+/// What was computed by now makes no difference.
+impl PartialEq for Encounters {
+    fn eq(&self, other: &Encounters) -> bool {
+        self.least == other.least
+    }
+}
+
 /// The collisions of two objects and their approaches, by time. `least`: the shortest approach that is one (m).
-pub fn encounters(scene: &Scene, trace: &Trace, least: f64) -> Vec<Encounter> {
+fn encounters(scene: &Scene, trace: &Trace, least: f64) -> Vec<Encounter> {
     let mut all: Vec<Encounter> =
         trace.events.iter().filter_map(|event| collision(scene, trace, event)).collect();
     for b in 0..scene.objects.len() {

@@ -4,7 +4,7 @@
 //! exits are known to the frame.
 
 use super::ReasonError;
-use super::encounters::{Encounter, encounters};
+use super::encounters::Encounters;
 use super::predict::{Prediction, PredictionRequest, predict};
 use crate::fit::Fit;
 use crate::num::Stop;
@@ -106,7 +106,7 @@ pub struct RolloutEvents {
     /// `moving[object][frame]` of the observed frames; `None` where the object has no sample.
     pub moving: Vec<Vec<Option<bool>>>,
     /// How two objects met, by time: all their collisions, and their approaches, which are no events of the list above.
-    pub encounters: Vec<Encounter>,
+    pub encounters: Encounters,
 }
 
 /// A simulation of scene `index` of a fit, and its events.
@@ -129,7 +129,7 @@ pub fn scenario(scene: &Scene, prediction: &Prediction, noise: f64) -> Scenario 
     let rollouts = traces.map(|trace| RolloutEvents {
         events: events(scene, trace, is_factual),
         moving: if is_factual { moving(scene, trace, noise) } else { vec![] },
-        encounters: encounters(scene, trace, MOTION_DEVIATIONS * noise),
+        encounters: Encounters::new(MOTION_DEVIATIONS * noise),
     });
     Scenario {
         interventions: prediction.interventions.clone(),

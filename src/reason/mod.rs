@@ -29,7 +29,7 @@ pub use ask::{
 };
 pub use context::{Halt, RolloutContext, active_effects};
 pub use discovery::{MissingPart, StoredDiscovery};
-pub use encounters::{ENCOUNTER_FEATURES, Encounter};
+pub use encounters::{ENCOUNTER_FEATURES, Encounter, Encounters};
 pub use events::{
     FUTURE_FRAMES, MAX_FUTURE_FRAMES, MOVING_SPEED, RolloutEvents, Scenario, SceneEvent, SceneEventKind,
     scenario, simulated,

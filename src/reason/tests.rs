@@ -271,7 +271,7 @@ fn true_events(scene: &Scene, truth: &Json, collisions: &Json, plain: bool) -> R
                 .collect()
         })
         .collect();
-    RolloutEvents { events, moving, encounters: vec![] }
+    RolloutEvents { events, moving, encounters: Encounters::default() }
 }
 
 #[test]

@@ -163,6 +163,37 @@ impl Store {
         .await
     }
 
+    /// Removes the kept steps of discoveries whose keys begin so; those that were kept before `until_ms` only, if that is given.
+    pub async fn forget_checkpoints(&self, prefix: &str, until_ms: Option<u64>) -> Result<(), StoreError> {
+        let (range, kind) = (starting_with(&self.key(prefix)), TableKind::Checkpoints);
+        self.freeing(kind.name().into(), move |db| {
+            let (read, mut keys) = (db.begin_read().map_err(failed)?, vec![]);
+            let heads = read.open_table(HEADS).map_err(failed)?;
+            let mut collect = |found: Found| {
+                if let Found::Row(key, _) = found {
+                    let kept_ms = plain_head(&heads, &kind.head_key(key))?.and_then(|head| head.created_ms);
+                    if until_ms.is_none_or(|until| kept_ms.is_none_or(|kept| kept < until)) {
+                        keys.push(key.to_string());
+                    }
+                }
+                Ok(ControlFlow::Continue(()))
+            };
+            scan(&read.open_table(kind.table()).map_err(failed)?, range.clone(), &mut collect)?;
+            if keys.is_empty() {
+                return Ok(());
+            }
+            let write = begin(db)?;
+            {
+                let mut heads = write.open_table(HEADS).map_err(failed)?;
+                for key in keys {
+                    remove_row(&write, &mut heads, kind, &key)?;
+                }
+            }
+            write.commit().map_err(failed)
+        })
+        .await
+    }
+
     /// Deletes a lexicon; `false` if it does not exist.
     pub async fn delete_lexicon(&self, id: &str) -> Result<bool, StoreError> {
         self.remove(TableKind::Lexica, self.key(id)).await
@@ -270,7 +301,7 @@ impl Owned {
             };
             scan(&table, range, &mut found)
         };
-        for kind in [TableKind::Fits, TableKind::Studies, TableKind::Stills] {
+        for kind in [TableKind::Fits, TableKind::Studies, TableKind::Stills, TableKind::Checkpoints] {
             collect(kind, starting_with(&format!("{whole}/")), &|_, _| true)?;
         }
         let ours = if tenant.is_empty() {

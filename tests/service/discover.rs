@@ -16,7 +16,7 @@ pub async fn post(service: &Running, group: &str) -> Vec<String> {
     videos
 }
 
-fn request(videos: &[String]) -> v1::DiscoverEffectsRequest {
+pub fn request(videos: &[String]) -> v1::DiscoverEffectsRequest {
     let study = v1::StudyRequest { videos: videos.to_vec(), ..Default::default() };
     v1::DiscoverEffectsRequest { study: Some(study), ..Default::default() }
 }

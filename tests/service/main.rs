@@ -2,6 +2,7 @@
 
 mod agreement;
 mod camera;
+mod checkpoints;
 mod concepts;
 mod crowd;
 mod data;

@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 pub struct BothPorts {
     child: Child,
@@ -66,6 +67,15 @@ impl BothPorts {
             std::thread::sleep(std::time::Duration::from_millis(50));
         }
         panic!("no {text:?} in {}", self.log());
+    }
+
+    /// CPU time that it has used.
+    pub fn cpu(&self) -> Duration {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.child.id())).unwrap();
+        // User and system time are fields 14 and 15; the name, field 2, ends with the last bracket. A tick is 10 ms.
+        let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+        let ticks = |field: usize| fields[field - 3].parse::<u64>().unwrap();
+        Duration::from_millis(10 * (ticks(14) + ticks(15)))
     }
 
     /// A value of its status, such as `VmRSS:` (MiB).

@@ -1,5 +1,6 @@
 //! Studies of a set-up's videos: comparisons, diagnoses, discoveries and changes of their models.
 
+mod checkpoints;
 mod input;
 mod revision;
 mod run;

@@ -1,9 +1,10 @@
 //! Runs studies. Each is computed once and stored; the revisions that it makes become models of the videos, which can be
 //! simulated, asked and revised like any other.
 
+use super::checkpoints::KeptSteps;
 use super::input::{StudyInput, StudyKind, check_request};
 use super::revision;
-use crate::discover::{DiscoverOptions, compare, diagnose, discover};
+use crate::discover::{Checkpoints, DiscoverOptions, compare, diagnose, discover_with};
 use crate::engine::cache::JobHandle;
 use crate::engine::error::EngineError;
 use crate::engine::joint::one_set_up;
@@ -24,12 +25,15 @@ use crate::num::Stop;
 use crate::scene::Scene;
 use crate::store::TableKind;
 use crate::world::Model;
+use std::pin::pin;
 use std::sync::Arc;
 
 /// Studies the videos of one set-up.
 struct StudyTask {
     input: StudyInput,
     study: StudyKind,
+    /// Of a discovery.
+    kept: Option<KeptSteps>,
 }
 
 impl Task for StudyTask {
@@ -49,8 +53,8 @@ impl Task for StudyTask {
     }
 
     fn perform(self, report: ReportSink, stop: Stop) -> Result<(Self::Output, Vec<TraceFile>), EngineError> {
-        let StudyTask { input, study } = self;
-        let made = findings(&input, &study, report, stop)?;
+        let StudyTask { input, study, kept } = self;
+        let made = findings(&input, &study, kept.as_ref(), report, stop)?;
         let files = match &made.0 {
             Findings::Discovery(found) => file::discovery(&input.videos, &input.scenes, found)?,
             _ => vec![],
@@ -104,7 +108,7 @@ impl Engine {
         let engine = self.clone();
         let work = {
             let id = id.clone();
-            let task = StudyTask { input, study: kind };
+            let task = StudyTask { input, study: kind, kept: None };
             move |context| async move { engine.run_study(id, task, context).await }
         };
         Ok(self.studies.join(format!("{key}{id}"), &first, self.deadline(), work).await)
@@ -158,8 +162,10 @@ impl Engine {
         }
         metric_names::count_result("study", "made");
         let progress = context.progress.clone();
-        let Performed { output: (findings, revisions), batch, slot: _slot } =
-            self.perform(task, context).await?;
+        let Performed { output: (findings, revisions), batch, slot: _slot } = match task.study {
+            StudyKind::Discover { .. } => self.discover_with_checkpoints(&first, &id, task, context).await?,
+            _ => self.perform(task, context).await?,
+        };
         progress(Report::Phase(Phase::Storing));
         self.publish(batch).await?;
         for fit in revisions {
@@ -176,10 +182,30 @@ impl Engine {
     }
 }
 
+impl Engine {
+    /// Discovers from where an earlier attempt was cut short, and keeps what it computes.
+    async fn discover_with_checkpoints(
+        &self,
+        video: &str,
+        study: &str,
+        task: StudyTask,
+        context: JobContext,
+    ) -> Result<Performed<(Findings, Vec<StoredFit>)>, EngineError> {
+        let (kept, mut writer) = self.kept_steps(video, study).await?;
+        let task = StudyTask { kept: Some(kept), ..task };
+        let mut work = pin!(self.perform(task, context));
+        tokio::select! {
+            done = &mut work => done,
+            () = writer.write() => work.await,
+        }
+    }
+}
+
 /// The findings, and the fits of the revisions that were made.
 fn findings(
     input: &StudyInput,
     kind: &StudyKind,
+    kept: Option<&KeptSteps>,
     report: ReportSink,
     stop: Stop,
 ) -> Result<(Findings, Vec<StoredFit>), FitError> {
@@ -214,7 +240,8 @@ fn findings(
         StudyKind::Discover { max_effects, frames } => {
             let options = DiscoverOptions { max_effects: *max_effects, ..DiscoverOptions::default() };
             report(Report::Phase(Phase::Discovering));
-            let discovery = discover(scenes, &input.models, &options, stop)?;
+            let kept = kept.map(|kept| kept as &dyn Checkpoints);
+            let discovery = discover_with(scenes, &input.models, &options, kept, stop)?;
             let (records, fits) = revision::discovered(input, &discovery);
             let ends = discovery.revisions.first().zip(discovery.revisions.last());
             let pair = |(k, scene): (usize, &Scene)| {

@@ -7,6 +7,7 @@ use crate::engine::metric_names;
 use crate::engine::state::Engine;
 use crate::store::{
     BackupReport, CheckReport, PageStart, Quota, StorageState, StoredBytes, TableKind, Tenant, TimedRow,
+    now_ms,
 };
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -19,6 +20,8 @@ use std::time::{Duration, Instant};
 const EXPIRY_INTERVAL: Duration = Duration::from_secs(60);
 /// How often all files are compared with the records.
 const ORPHAN_INTERVAL: Duration = Duration::from_secs(3600);
+/// How long the steps of a discovery are kept that a service's end cut short: longer than any operation may take.
+const CHECKPOINT_AGE: Duration = Duration::from_secs(24 * 3600);
 /// Removal by size goes down to this share of the limit, so that the next new trace needs no count of all traces.
 const SIZE_AFTER_REMOVAL: f64 = 0.9;
 
@@ -109,6 +112,12 @@ impl Engine {
         Ok(removed)
     }
 
+    /// Removes what discoveries have left that nobody asked for again since a service ended.
+    async fn forget_old_checkpoints(&self) -> Result<(), EngineError> {
+        let until = now_ms().saturating_sub(CHECKPOINT_AGE.as_millis() as u64);
+        Ok(self.store.of_everyone().forget_checkpoints("", Some(until)).await?)
+    }
+
     /// Removes the trace files of all tenants that have no record and that nobody writes now. Returns how many.
     pub async fn remove_orphans(&self) -> Result<usize, EngineError> {
         let mut removed = 0;
@@ -127,6 +136,9 @@ impl Engine {
         loop {
             if self.retention.take_orphans() || Instant::now() >= search {
                 search = Instant::now() + ORPHAN_INTERVAL;
+                if let Err(error) = self.forget_old_checkpoints().await {
+                    tracing::error!(%error, "old steps of discoveries were not removed");
+                }
                 match self.remove_orphans().await {
                     Ok(0) => {}
                     Ok(files) => tracing::warn!(files, "trace files without records were removed"),

@@ -7,6 +7,7 @@ use crate::store::error::{StoreError, broken, failed};
 use crate::store::folder::Store;
 use crate::store::scan::{ByteTable, Found, scan};
 use crate::store::schema::heads::{PlainHead, RowHead, VideoHead};
+use crate::store::schema::migrations::{SCHEMA_VERSION, schema_of};
 use crate::store::schema::rows::{readable, unsealed};
 use crate::store::schema::tables::{HEADS, OPERATION_RESULTS, TABLES, TableKind};
 use redb::{Database, ReadTransaction, ReadableDatabase};
@@ -64,8 +65,13 @@ impl Check<'_> {
     fn all(&mut self, db: &Database) -> Result<(), StoreError> {
         let read = db.begin_read().map_err(failed)?;
         let mut named = self.heads(&read)?;
+        let is_older = schema_of(db)? != Some(SCHEMA_VERSION);
         for kind in TABLES {
-            let Ok(table) = caught(|| read.open_table(kind.table()).map_err(failed)) else {
+            let opened = read.open_table(kind.table());
+            if matches!(opened, Err(redb::TableError::TableDoesNotExist(_))) && is_older {
+                continue;
+            }
+            let Ok(table) = caught(|| opened.map_err(failed)) else {
                 self.fault(kind.name().into(), "the table cannot be opened");
                 continue;
             };

@@ -4,7 +4,7 @@
 //! before or after it, and the next start goes on from there.
 
 use super::heads::head_of_row;
-use super::tables::{HEADS, META, OPERATION_RESULTS, TABLES, TIMES};
+use super::tables::{HEADS, META, OPERATION_RESULTS, TABLES, TIMES, TableKind};
 use crate::store::disk::database::begin;
 use crate::store::error::{StoreError, failed};
 use redb::{Database, ReadableDatabase, ReadableTable, TableError, WriteTransaction};
@@ -12,7 +12,7 @@ use redb::{Database, ReadableDatabase, ReadableTable, TableError, WriteTransacti
 type Migration = fn(&WriteTransaction) -> Result<(), StoreError>;
 
 /// `MIGRATIONS[k]` makes schema `k + 2` of schema `k + 1`.
-const MIGRATIONS: [Migration; 1] = [heads_of_all_rows];
+const MIGRATIONS: [Migration; 2] = [heads_of_all_rows, table_of_checkpoints];
 
 /// Layout of the tables; a store with a newer one is refused.
 pub const SCHEMA_VERSION: u64 = MIGRATIONS.len() as u64 + 1;
@@ -70,5 +70,13 @@ fn heads_of_all_rows(write: &WriteTransaction) -> Result<(), StoreError> {
         }
     }
     write.delete_table(TIMES).map_err(failed)?;
+    Ok(())
+}
+
+/// Schema 3: the steps of running discoveries have a table. A restored folder may lack that of the heads, too.
+fn table_of_checkpoints(write: &WriteTransaction) -> Result<(), StoreError> {
+    for table in [TableKind::Checkpoints.table(), HEADS] {
+        write.open_table(table).map_err(failed)?;
+    }
     Ok(())
 }

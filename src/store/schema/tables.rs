@@ -31,9 +31,11 @@ pub enum TableKind {
     Operations,
     /// By lexicon id.
     Lexica,
+    /// By `{first video}/{study}/{step}`: results of a discovery that runs.
+    Checkpoints,
 }
 
-pub const TABLES: [TableKind; 7] = [
+pub const TABLES: [TableKind; 8] = [
     TableKind::Videos,
     TableKind::Fits,
     TableKind::Studies,
@@ -41,6 +43,7 @@ pub const TABLES: [TableKind; 7] = [
     TableKind::Traces,
     TableKind::Operations,
     TableKind::Lexica,
+    TableKind::Checkpoints,
 ];
 
 impl TableKind {
@@ -57,6 +60,7 @@ impl TableKind {
             TableKind::Traces => "traces",
             TableKind::Operations => "operations",
             TableKind::Lexica => "lexica",
+            TableKind::Checkpoints => "checkpoints",
         }
     }
 

@@ -4,14 +4,21 @@ use super::*;
 use crate::store::schema::migrations::schema_of;
 use crate::store::schema::tables::{HEADS, TABLES, TIMES};
 use redb::ReadableTableMetadata;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 
-/// A folder that schema 1 wrote, with two tenants; its process was killed. It must stay as it is for ever.
-const OLD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/folder_schema_1");
+/// Schemas of which a folder is kept, with two tenants; its process was killed. These must stay as they are for ever.
+const OLD: [u64; SCHEMA_VERSION as usize - 1] = [1, 2];
 
-fn copied(to: &Path) {
+fn kept(schema: u64) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/folder_schema_{schema}"))
+}
+
+fn copied(schema: u64, to: &Path) {
+    let from = kept(schema);
     std::fs::create_dir_all(to.join("traces")).unwrap();
-    std::fs::copy(format!("{OLD}/vrdp.redb"), to.join("vrdp.redb")).unwrap();
-    for entry in std::fs::read_dir(format!("{OLD}/traces")).unwrap() {
+    std::fs::copy(from.join("vrdp.redb"), to.join("vrdp.redb")).unwrap();
+    for entry in std::fs::read_dir(from.join("traces")).unwrap() {
         let entry = entry.unwrap();
         std::fs::copy(entry.path(), to.join("traces").join(entry.file_name())).unwrap();
     }
@@ -40,33 +47,43 @@ async fn is_whole(store: &Store) {
 }
 
 #[tokio::test]
-async fn a_folder_of_schema_1_is_migrated_and_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    copied(folder.path());
-    {
-        let unchanged = Store::open_unchanged(folder.path()).unwrap();
-        assert_eq!(unchanged.check().unwrap().faults, []);
-        assert_eq!(unchanged.db.run(schema_of).unwrap(), Some(1));
-        let mut archive = vec![];
-        unchanged.backup(&mut archive).unwrap();
-        let restored = folder.path().join("restored");
-        restore(archive.as_slice(), &restored).unwrap();
-        is_whole(&Store::open(&restored).unwrap()).await;
+async fn folders_of_older_schemas_are_migrated_and_whole() {
+    for schema in OLD {
+        let folder = tempfile::tempdir().unwrap();
+        copied(schema, folder.path());
+        {
+            let unchanged = Store::open_unchanged(folder.path()).unwrap();
+            assert_eq!(unchanged.check().unwrap().faults, [], "schema {schema}");
+            assert_eq!(unchanged.db.run(schema_of).unwrap(), Some(schema));
+            let mut archive = vec![];
+            unchanged.backup(&mut archive).unwrap();
+            let restored = folder.path().join("restored");
+            restore(archive.as_slice(), &restored).unwrap();
+            is_whole(&Store::open(&restored).unwrap()).await;
+        }
+        let store = Store::open(folder.path()).unwrap();
+        assert_eq!(store.db.run(schema_of).unwrap(), Some(SCHEMA_VERSION));
+        is_whole(&store).await;
     }
-    let store = Store::open(folder.path()).unwrap();
-    assert_eq!(store.db.run(schema_of).unwrap(), Some(SCHEMA_VERSION));
-    is_whole(&store).await;
 }
 
 #[tokio::test]
 async fn a_migration_that_is_killed_at_any_write_goes_on_at_the_next_start() {
-    let old = std::fs::read(format!("{OLD}/vrdp.redb")).unwrap();
+    for schema in OLD {
+        let found = killed_migrations(schema).await;
+        assert_eq!(found, (schema..=SCHEMA_VERSION).collect(), "from schema {schema}");
+    }
+}
+
+/// Kills the migration from a schema after each write; the schemas that were left.
+async fn killed_migrations(schema: u64) -> BTreeSet<u64> {
+    let old = std::fs::read(kept(schema).join("vrdp.redb")).unwrap();
     let open = |disk: &MemoryDisk, folder: &Path| {
-        copied(folder);
+        copied(schema, folder);
         let disk = disk.clone();
         Store::opened(folder, move |_| database(disk.clone()), migrate)
     };
-    let (mut before, mut after) = (0, 0);
+    let mut left = BTreeSet::new();
     for writes in 0..10_000 {
         let disk = MemoryDisk::of(old.clone());
         disk.faults.lock().unwrap().writes = Some(writes);
@@ -74,18 +91,15 @@ async fn a_migration_that_is_killed_at_any_write_goes_on_at_the_next_start() {
         let killed = open(&disk, folder.path()).is_err();
         // The process is gone: what was not written never will be.
         let rest = MemoryDisk::of(disk.image());
-        match database(rest.clone()).map(|db| schema_of(&db).unwrap()) {
-            Ok(Some(1)) => before += 1,
-            Ok(Some(SCHEMA_VERSION)) => after += 1,
-            other => panic!("after {writes} writes: {other:?}"),
-        }
+        let found = database(rest.clone()).map(|db| schema_of(&db).unwrap());
+        left.insert(found.unwrap().unwrap_or_else(|| panic!("after {writes} writes")));
         let rest = MemoryDisk::of(disk.image());
         is_whole(&open(&rest, folder.path()).unwrap()).await;
         if !killed {
             break;
         }
     }
-    assert!(before > 0 && after > 0, "{before} before, {after} after");
+    left
 }
 
 #[test]
@@ -108,7 +122,7 @@ fn a_newer_schema_is_refused_and_left_as_it_is() {
 fn a_missing_database_beside_traces_is_refused() {
     for is_empty in [true, false] {
         let folder = tempfile::tempdir().unwrap();
-        copied(folder.path());
+        copied(1, folder.path());
         let database = folder.path().join("vrdp.redb");
         match is_empty {
             true => std::fs::write(&database, b"").unwrap(),
@@ -123,7 +137,7 @@ fn a_missing_database_beside_traces_is_refused() {
 #[test]
 fn the_times_of_rows_stand_in_their_heads() {
     let folder = tempfile::tempdir().unwrap();
-    copied(folder.path());
+    copied(1, folder.path());
     let store = Store::open(folder.path()).unwrap();
     let counted = |db: &Database| {
         let read = db.begin_read().unwrap();
