@@ -5,7 +5,7 @@ use crate::endure::{count, is_long};
 use crate::harness::*;
 use crate::process::BothPorts;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tonic::transport::{Channel, Endpoint};
 use v1::operation::Result as Outcome;
 use v1::start_operation_request::Work;
@@ -22,21 +22,33 @@ async fn begun(program: &BothPorts, videos: &[String]) -> String {
     connected(program).await.start_operation(request).await.unwrap().into_inner().name
 }
 
-/// Waits until the operation has ended or `most` is over.
-async fn found_within(program: &BothPorts, name: &str, most: Duration) -> Option<v1::Discovery> {
-    let waiting = async {
-        let request = v1::WaitOperationRequest { name: name.into() };
-        let mut stream = connected(program).await.wait_operation(request).await.unwrap().into_inner();
-        let mut last = None;
-        while let Some(operation) = stream.message().await.unwrap() {
-            last = Some(operation);
+/// Waits until the operation has ended, or until `is_far` of its fraction and of the time since the call.
+async fn found_before(
+    program: &BothPorts,
+    name: &str,
+    is_far: impl Fn(f64, Duration) -> bool,
+) -> Option<v1::Discovery> {
+    let start = Instant::now();
+    let request = v1::WaitOperationRequest { name: name.into() };
+    let mut stream = connected(program).await.wait_operation(request).await.unwrap().into_inner();
+    let (mut last, mut fraction) = (None, 0.0);
+    loop {
+        match tokio::time::timeout(Duration::from_millis(100), stream.message()).await {
+            Ok(update) => match update.unwrap() {
+                Some(operation) => {
+                    fraction = operation.progress.map_or(fraction, |p: v1::Progress| p.fraction);
+                    last = Some(operation);
+                }
+                None => break,
+            },
+            Err(_) if is_far(fraction, start.elapsed()) => return None,
+            Err(_) => {}
         }
-        match last.unwrap().result {
-            Some(Outcome::Discovery(found)) => found,
-            other => panic!("{other:?}"),
-        }
-    };
-    tokio::time::timeout(most, waiting).await.ok()
+    }
+    match last.unwrap().result {
+        Some(Outcome::Discovery(found)) => Some(found),
+        other => panic!("{other:?}"),
+    }
 }
 
 /// A folder with the videos of a group; their names.
@@ -54,20 +66,24 @@ async fn a_discovery_goes_on_from_its_steps_after_a_kill() {
     let [whole, cut] = [&folders[0], &folders[1]].map(|f| f.path());
     let videos = posted(whole).await;
     assert_eq!(posted(cut).await, videos);
+    let never = |_: f64, _: Duration| false;
     let program = BothPorts::start(whole, &[]);
     let name = begun(&program, &videos).await;
-    let expected = found_within(&program, &name, Duration::MAX).await.unwrap();
+    let expected = found_before(&program, &name, never).await.unwrap();
     let alone = program.cpu();
     drop(program);
 
     let mut program = BothPorts::start(cut, &[]);
     let name = begun(&program, &videos).await;
     let restarts = count(20, 1);
-    // In the middle, on two CPU threads; or as often as it keeps some.
-    let slice = if is_long() { Duration::from_secs(4) } else { alone / 4 };
+    // Behind the search and the first write; or every four seconds.
+    let is_far = |fraction: f64, time: Duration| match is_long() {
+        true => time > Duration::from_secs(4),
+        false => fraction > 0.35 && time > Duration::from_millis(2500),
+    };
     let (mut found, mut used, mut done) = (None, Duration::ZERO, 0);
     for k in 0..restarts {
-        found = found_within(&program, &name, slice).await;
+        found = found_before(&program, &name, is_far).await;
         if found.is_some() {
             break;
         }
@@ -76,12 +92,14 @@ async fn a_discovery_goes_on_from_its_steps_after_a_kill() {
         program.signal(if k % 2 == 0 { "KILL" } else { "TERM" });
         program.ended();
         program = BothPorts::start(cut, &[]);
-        program.logged("a discovery goes on from what was kept of it");
         done += 1;
+        if !is_long() {
+            program.logged("a discovery goes on from what was kept of it");
+        }
     }
     let found = match found {
         Some(found) => found,
-        None => found_within(&program, &name, Duration::MAX).await.unwrap(),
+        None => found_before(&program, &name, never).await.unwrap(),
     };
     used += program.cpu();
     assert!(done > 0, "it ended before the first kill");
