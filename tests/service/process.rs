@@ -19,6 +19,7 @@ impl BothPorts {
         let mut child = Command::new(env!("CARGO_BIN_EXE_vrdp"))
             .args(["serve", "--listen", "127.0.0.1:0", "--http", "127.0.0.1:0", "--data-dir"])
             .arg(data)
+            .env_remove("VRDP_LONG_TESTS")
             .envs(settings.iter().copied())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
