@@ -103,6 +103,7 @@ pub struct ParserConfig {
 
 impl Default for Config {
     fn default() -> Self {
+        let ports = PortLimits::default();
         Config {
             listen: SocketAddr::from(([127, 0, 0, 1], 50051)),
             http: Some(DEFAULT_HTTP),
@@ -122,10 +123,10 @@ impl Default for Config {
             tenant_trace_bytes: 0,
             reserve_bytes: RESERVE_BYTES,
             connections: 0,
-            request_bytes: 64 << 20,
-            reply_bytes: 128 << 20,
-            min_free_bytes: 64 << 20,
-            max_wait_s: 300,
+            request_bytes: ports.request_bytes,
+            reply_bytes: ports.reply_bytes,
+            min_free_bytes: ports.readiness.free_bytes,
+            max_wait_s: ports.readiness.oldest_wait.as_secs(),
             log: "info".into(),
             log_json: false,
             otlp: String::new(),
@@ -298,9 +299,8 @@ impl Config {
                 return Err(ConfigError::Incomplete { key, needs });
             }
         }
-        let open = |address: &SocketAddr| !self.insecure && !address.ip().is_loopback();
-        match [Some(self.listen), self.http].into_iter().flatten().find(open) {
-            Some(exposed) if !self.is_secure() => Err(ConfigError::Exposed(exposed)),
+        match self.exposed().first() {
+            Some(exposed) if !self.insecure => Err(ConfigError::Exposed(*exposed)),
             _ => Ok(()),
         }
     }
@@ -322,9 +322,8 @@ impl Config {
     }
 
     pub fn retention(&self) -> Retention {
-        let on = |limit: u64| (limit > 0).then_some(limit);
-        let max_age = on(self.trace_max_age_s).map(Duration::from_secs);
-        Retention { max_age, max_bytes: on(self.trace_max_bytes) }
+        let max_age = limit(self.trace_max_age_s).map(Duration::from_secs);
+        Retention { max_age, max_bytes: limit(self.trace_max_bytes) }
     }
 
     /// The language model for questions that our reader does not understand, if there is one.
@@ -341,14 +340,7 @@ impl Config {
             (false, false) => {}
         }
         let key = match key_file {
-            Some(path) => {
-                let text = std::fs::read_to_string(path).map_err(|e| ConfigError::File {
-                    key: "parser.key_file",
-                    path: path.clone(),
-                    problem: e.to_string(),
-                })?;
-                Some(text.trim().to_string())
-            }
+            Some(path) => Some(read("parser.key_file", path)?.trim().to_string()),
             None => None,
         };
         let timeout = Duration::from_secs(timeout_s.unwrap_or(PARSER_TIMEOUT_S));
@@ -356,8 +348,7 @@ impl Config {
     }
 
     pub fn quota(&self) -> Quota {
-        let on = |limit: u64| (limit > 0).then_some(limit);
-        Quota { video_bytes: on(self.tenant_video_bytes), trace_bytes: on(self.tenant_trace_bytes) }
+        Quota { video_bytes: limit(self.tenant_video_bytes), trace_bytes: limit(self.tenant_trace_bytes) }
     }
 
     /// Reads the files of certificates and tokens.
@@ -414,7 +405,21 @@ impl Config {
     }
 }
 
+/// The limit that a setting means; 0: none.
+fn limit(given: u64) -> Option<u64> {
+    (given > 0).then_some(given)
+}
+
+/// The text of the file that a setting names.
 fn read(key: &'static str, path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|e| ConfigError::File {
+        key,
+        path: path.into(),
+        problem: e.to_string(),
+    })
+}
+
+fn read_pem(key: &'static str, path: &Path) -> Result<String, ConfigError> {
     let wrong = |problem: String| ConfigError::File { key, path: path.into(), problem };
     pem_text(std::fs::read(path).map_err(|e| wrong(e.to_string()))?).map_err(|problem| wrong(problem.into()))
 }
@@ -425,7 +430,7 @@ fn checked(
     path: &Path,
     problem: fn(&str) -> Option<&'static str>,
 ) -> Result<String, ConfigError> {
-    let text = read(key, path)?;
+    let text = read_pem(key, path)?;
     match problem(&text) {
         Some(problem) => Err(ConfigError::File { key, path: path.into(), problem: problem.into() }),
         None => Ok(text),

@@ -25,7 +25,6 @@ mod schema;
 mod tenant;
 mod write;
 
-pub use care::archive::ArchiveError;
 pub use care::backup::BackupReport;
 pub use care::check::{CheckReport, FolderFault};
 pub use care::restore::{RestoreReport, restore};

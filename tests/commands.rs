@@ -245,6 +245,13 @@ fn objects(file: &str) -> Vec<(String, std::collections::BTreeMap<u64, [f64; 2]>
 }
 
 #[test]
+fn a_result_that_cannot_be_written_is_refused_at_once() {
+    let (done, out, err) = run(&["parse", "--operations", "--json", "/nowhere/operations.json"]);
+    assert!(done.status.code() == Some(2) && err.contains("give a writable file"), "{err}");
+    assert_eq!(out, "");
+}
+
+#[test]
 fn a_video_becomes_tracks_near_those_that_were_measured() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let video = root.join("videos/scene_00011/video.mp4").display().to_string();

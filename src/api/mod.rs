@@ -16,6 +16,7 @@ pub use server::connections::tls::{Tls, TlsError};
 pub use server::port_context::{PortContext, PortLimits};
 pub use server::readiness::ReadinessLimits;
 pub use server::serve::{ServeError, ServerLimits, serve};
+pub use server::services::resume_operations;
 
 /// Messages, clients and servers of package `vrdp.v1`, generated from `proto/`.
 #[allow(clippy::all, missing_docs)]

@@ -103,10 +103,8 @@ fn storage(error: &StoreError, message: String) -> Status {
             let about: HashMap<String, String> =
                 about.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
             let details = ErrorDetails::with_error_info("QUOTA", DOMAIN, about);
-            let mut status = Status::with_error_details(Code::ResourceExhausted, message, details);
-            // Clients that retry by themselves do not: only a deletion helps.
-            status.metadata_mut().insert(PUSHBACK, MetadataValue::from_static("-1"));
-            status
+            // Only a deletion helps.
+            never_again(Status::with_error_details(Code::ResourceExhausted, message, details))
         }
         StoreError::Full => {
             tracing::error!("the disk of the data folder is full");
@@ -162,7 +160,11 @@ pub fn busy(message: String, reason: &str) -> Status {
 /// The refusal of a message that is larger than allowed. RESOURCE_EXHAUSTED is what gRPC's own libraries return; clients that
 /// retry by themselves are asked not to.
 pub fn too_large(message: String) -> Status {
-    let mut status = plain(Code::ResourceExhausted, short(message), "TOO_LARGE");
+    never_again(plain(Code::ResourceExhausted, short(message), "TOO_LARGE"))
+}
+
+/// The same status, after which clients that retry by themselves do not.
+fn never_again(mut status: Status) -> Status {
     status.metadata_mut().insert(PUSHBACK, MetadataValue::from(-1));
     status
 }

@@ -2,6 +2,7 @@
 
 use crate::concepts::ConceptError;
 use crate::fit::FitError;
+use crate::num::Stopped;
 use crate::reason::ReasonError;
 use crate::recording::RecordingError;
 use crate::scene::Violation;
@@ -61,6 +62,14 @@ impl EngineError {
         EngineError::NotFound { name: format!("videos/{id}") }
     }
 
+    /// Why what belongs to a video was not stored.
+    pub(super) fn of_video(id: &str, error: StoreError) -> Self {
+        match error {
+            StoreError::VideoGone => EngineError::no_video(id),
+            other => other.into(),
+        }
+    }
+
     /// Whether the work ended because its stop token said so.
     pub(super) fn is_stopped(&self) -> bool {
         matches!(
@@ -75,6 +84,12 @@ impl EngineError {
 impl From<FitError> for EngineError {
     fn from(error: FitError) -> Self {
         EngineError::Fit(error)
+    }
+}
+
+impl From<Stopped> for EngineError {
+    fn from(stopped: Stopped) -> Self {
+        EngineError::Fit(FitError::Stopped(stopped))
     }
 }
 

@@ -105,20 +105,6 @@ impl Engine {
         found.ok_or_else(|| EngineError::NotFound { name: format!("videos/{video}/models/{id}") })
     }
 
-    /// Up to `limit` models of a video after the one with the id `after`, by id.
-    pub async fn models(
-        &self,
-        video: &str,
-        after: &str,
-        limit: usize,
-    ) -> Result<Vec<StoredFit>, EngineError> {
-        self.video(video).await?;
-        let prefix = format!("{video}/");
-        let after = format!("{prefix}{after}");
-        let rows = self.store.list(TableKind::Fits, &prefix, &after, limit, |_: &StoredFit| true).await?;
-        Ok(rows.into_iter().map(|(_, fit)| fit).collect())
-    }
-
     /// A fit with the draws from its posterior that predictions need.
     pub(super) async fn drawn(
         self: &Arc<Self>,

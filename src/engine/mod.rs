@@ -34,7 +34,7 @@ mod traces;
 mod videos;
 mod words;
 
-pub use crate::store::{Listing, Quota, StorageState, StoredBytes, Tenant, TimedRow, VideoHead};
+pub use crate::store::{Listing, Quota, StorageState, Tenant, TimedRow, VideoHead};
 pub use cache::{Job, JobHandle, Update};
 pub use error::EngineError;
 pub use joint::JointVideos;

@@ -219,23 +219,23 @@ impl Engine {
                 ids.push(id);
             }
         }
-        self.compute_as(JobKind::Page, move |_| {
+        self.compute_as(JobKind::Page, move |stop| {
             let scenes: Vec<_> = scenes.iter().map(|s| s.as_ref().clone()).collect();
             let answered = answers.iter().filter_map(|(question, scene, model, done)| {
                 let model = &model.fit.scenes.first()?.model;
                 Some(AnsweredQuestion { question, scene, model, answer: &done.answer })
             });
-            let answers: Vec<AnsweredQuestion> = answered.collect();
-            let (html, pictures) = report(&ReportData {
+            let data = ReportData {
                 scenes: &scenes,
                 stills: &stills,
                 discovery: &subject.discovery,
                 steps: &subject.steps,
                 kept: subject.kept.as_ref(),
-                answers: &answers,
+                answers: &answered.collect::<Vec<_>>(),
                 words: &words,
                 traces: &linked,
-            });
+            };
+            let (html, pictures) = report(&data, stop)?;
             Ok(ReportPage { html, pictures, traces: ids })
         })
         .await

@@ -7,7 +7,7 @@ use super::results::{Findings, StoredFit};
 use super::state::Engine;
 use super::studies::StudyKind;
 use crate::discover::{Comparison, Separation, log_evidence, separations};
-use crate::fit::{FitError, FitOptions, SceneFit};
+use crate::fit::{FitOptions, SceneFit};
 use crate::scene::Scene;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -69,7 +69,7 @@ impl Engine {
         self.compute_as(JobKind::Comparison, move |stop| {
             let pairs = scenes.iter().zip(ours.iter().zip(&others));
             let apart = |(scene, (a, b)): (&Arc<Scene>, (&StoredFit, &StoredFit))| {
-                stop(0.0).map_err(FitError::from)?;
+                stop(0.0)?;
                 let models = a.fit.scenes.first().zip(b.fit.scenes.first());
                 Ok(models.map_or(vec![], |(a, b)| separations(scene, [&a.model, &b.model])))
             };

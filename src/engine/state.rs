@@ -13,7 +13,7 @@ use super::traces::retention::TraceRetention;
 use crate::concepts::Lexicon;
 use crate::num::Stop;
 use crate::scene::Scene;
-use crate::store::{Store, StoreError, TableKind, Tenant};
+use crate::store::{Store, TableKind, Tenant};
 use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
@@ -211,10 +211,8 @@ impl Engine {
         key: &str,
         value: &T,
     ) -> Result<(), EngineError> {
-        self.store.put_of_video(kind, video, key, value).await.map_err(|error| match error {
-            StoreError::VideoGone => EngineError::no_video(video),
-            other => other.into(),
-        })
+        let stored = self.store.put_of_video(kind, video, key, value).await;
+        stored.map_err(|error| EngineError::of_video(video, error))
     }
 }
 

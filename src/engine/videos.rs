@@ -4,7 +4,6 @@ use super::error::EngineError;
 use super::pool::{JobContext, JobKind};
 use super::progress::Report;
 use super::state::Engine;
-use crate::fit::FitError;
 use crate::media::{Still, Video};
 use crate::num::Stop;
 use crate::perception::{Perception, PerceptionError, PerceptionOptions, PerceptionReport, perceive};
@@ -68,11 +67,11 @@ impl Engine {
             let video = Video::open(bytes).map_err(|e| EngineError::invalid("data", e.to_string()))?;
             let Perception { scene, report, stills } =
                 perceive(&video, &options, stop).map_err(|e| match e {
-                    PerceptionError::Stopped(stopped) => FitError::Stopped(stopped).into(),
+                    PerceptionError::Stopped(stopped) => stopped.into(),
                     e => EngineError::invalid("data", e.to_string()),
                 })?;
-            let scene =
-                Scene { setup, ..scene }.validate().map_err(|e| EngineError::Invalid(e.violations))?;
+            let checked = Scene { setup, ..scene }.validate_until(stop)?;
+            let scene = checked.map_err(|e| EngineError::Invalid(e.violations))?;
             Ok((scene.digest(), scene, report, stills))
         };
         let ((id, scene, report, stills), _slot) =

@@ -18,6 +18,7 @@ pub use numbers::step_words;
 
 use crate::discover::Discovery;
 use crate::media::Still;
+use crate::num::{Stop, Stopped};
 use crate::reason::{Answer, WordProbabilities};
 use crate::scene::Scene;
 use crate::world::Model;
@@ -65,12 +66,18 @@ pub struct TraceLink {
 }
 
 /// The page, and each of its pictures as `(file name, SVG)`.
-pub fn report(report: &ReportData) -> (String, Vec<(String, String)>) {
+pub fn report(report: &ReportData, stop: Stop) -> Result<(String, Vec<(String, String)>), Stopped> {
     let views = views::ReportViews::of(report);
+    stop(0.2)?;
     let mut pictures = plots::all(report, &views);
+    stop(0.4)?;
     pictures.extend(stills::all(report, &views));
+    stop(0.6)?;
     let strobes = top_view::strobes(report, &views);
-    let files = pictures.iter().chain(&strobes).map(|p| (p.name.clone() + ".svg", p.file()));
-    let files: Vec<(String, String)> = files.collect();
-    (page::html(report, &views, &pictures), files)
+    let mut files = vec![];
+    for picture in pictures.iter().chain(&strobes) {
+        stop(0.8)?;
+        files.push((picture.name.clone() + ".svg", picture.file()));
+    }
+    Ok((page::html(report, &views, &pictures), files))
 }

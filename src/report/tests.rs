@@ -5,7 +5,7 @@ use super::*;
 use crate::discover::{FoundEffect, ParameterEstimate, ParameterValue, RankedEffect, Revision, Verdict};
 use crate::fit::{FitOptions, fit};
 use crate::media::VideoFrame;
-use crate::num::{never, vec2};
+use crate::num::{Stopped, never, vec2};
 use crate::reason::{
     AskOptions, ChangeWord, ChangedQuantity, FamilyProbabilities, Question, WordFamily, WordProbabilities,
     ask,
@@ -141,7 +141,7 @@ fn made_of(
         discovery.revisions.iter().map(|r| step_words(r.effect.as_deref(), None)).collect();
     let (discovery, steps, kept) = (&discovery, &steps, None);
     let stills = &[stills];
-    report(&ReportData {
+    let data = ReportData {
         scenes: &scenes,
         stills,
         discovery,
@@ -150,7 +150,9 @@ fn made_of(
         answers: &answers,
         words: &words,
         traces: &traces,
-    })
+    };
+    assert_eq!(report(&data, &|_| Err(Stopped)), Err(Stopped));
+    report(&data, &never).unwrap()
 }
 
 #[test]

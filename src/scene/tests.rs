@@ -5,6 +5,7 @@ use crate::num::{Stopped, never, vec2};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 #[test]
 fn a_description_names_color_material_and_shape() {
@@ -111,6 +112,22 @@ fn pairs_without_a_camera_are_refused() {
     let refused = |pairs: &[PointPair]| calibrate(pairs, SIZE, &never).unwrap_err();
     let plane = grid(|_| 0.2, 0.0);
     assert_eq!(calibrate(&plane, SIZE, &|_| Err(Stopped)), Err(CalibrateError::Stopped(Stopped)));
+    // Wherever it stops, nothing comes of it.
+    let polls = AtomicUsize::new(0);
+    let counted = |_: f64| {
+        polls.fetch_add(1, Ordering::Relaxed);
+        Ok(())
+    };
+    calibrate(&plane, SIZE, &counted).unwrap();
+    for after in (0..polls.into_inner()).step_by(7) {
+        let left = AtomicUsize::new(after);
+        let stop = |_: f64| {
+            let one_less = |left: usize| left.checked_sub(1);
+            let found = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_less);
+            found.map(|_| ()).map_err(|_| Stopped)
+        };
+        assert_eq!(calibrate(&plane, SIZE, &stop), Err(CalibrateError::Stopped(Stopped)), "{after}");
+    }
     let swapped = |p: &PointPair| PointPair { world: [p.world[1], p.world[0], p.world[2]], ..*p };
     let mirrored = |pairs: Vec<PointPair>| refused(&pairs.iter().map(swapped).collect::<Vec<_>>());
     assert_eq!(mirrored(plane.clone()), CalibrateError::Mirrored);

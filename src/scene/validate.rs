@@ -1,5 +1,6 @@
 //! Checks a scene and reports everything that is wrong with it at once; ignores tracking outliers.
 
+use crate::num::{Stop, Stopped, never};
 use crate::scene::camera::projection::CameraError;
 use crate::scene::limits::{
     FPS_RANGE, MASS_RANGE, MAX_FRAMES, MAX_NAME, MAX_OBJECTS, MAX_POSITION, NOISE_RANGE, SIZE_RANGE,
@@ -21,20 +22,27 @@ pub(super) const MIN_DISTANCE_SHARE: f64 = 0.5;
 impl Scene {
     /// The scene with its outliers moved from `tracks` to `outliers`, and with what its tracks show of how they were measured; or
     /// everything that is wrong with it.
-    pub fn validate(mut self) -> Result<Scene, SceneError> {
+    pub fn validate(self) -> Result<Scene, SceneError> {
+        // The second error never comes.
+        self.validate_until(&never).unwrap_or_else(|stopped| Err(SceneError::single("", stopped.to_string())))
+    }
+
+    /// The same, until the caller stops it.
+    pub fn validate_until(mut self, stop: Stop) -> Result<Result<Scene, SceneError>, Stopped> {
         let mut violations = SceneViolations::default();
         self.check_values(&mut violations);
         self.put_absent_objects_aside();
+        stop(0.0)?;
         let (tracks, outliers) = reject_outliers(&self);
+        stop(0.0)?;
         if violations.is_empty() {
             (self.tracks, self.outliers) = (tracks, outliers);
-            examine(&mut self);
+            examine(&mut self, stop)?;
             self.check_places(&self.tracks, &mut violations);
         } else {
             self.check_places(&tracks, &mut violations);
         }
-        violations.finish()?;
-        Ok(self)
+        Ok(violations.finish().map(|()| self))
     }
 
     /// Moves objects without samples to `absent`, as long as others have some.

@@ -4,11 +4,11 @@ use super::disk::backend::DataFile;
 use super::disk::database::{OpenDatabase, caught, database};
 use super::disk::reserve::{Reserve, free_bytes};
 use super::error::{StoreError, broken, failed, io_failed};
-use super::scan::{Found, scan};
-use super::schema::heads::{PlainHead, RowHead};
+use super::scan::{Found, head_range, scan};
+use super::schema::heads::PlainHead;
 use super::schema::migrations::{SCHEMA_VERSION, migrate, schema_of};
-use super::schema::tables::{HEADS, TABLES};
-use super::schema::usage::{Quota, StoredBytes, UsageTable};
+use super::schema::tables::HEADS;
+use super::schema::usage::{COUNTED, Quota, StoredBytes, UsageTable};
 use super::tenant::Tenant;
 use object_store::local::LocalFileSystem;
 use redb::{Database, DatabaseError, ReadOnlyDatabase, ReadableDatabase};
@@ -168,6 +168,11 @@ impl Store {
         self.reserve.set(bytes)
     }
 
+    /// Whether space that should be kept back is not: it went to a deletion, or there was no room for it.
+    pub fn lacks_reserve(&self) -> bool {
+        self.reserve.is_missing()
+    }
+
     /// Makes the reserve whole again, if there is space.
     pub fn rebuild_reserve(&self) -> Result<(), StoreError> {
         self.reserve.rebuild()
@@ -181,6 +186,11 @@ impl Store {
     /// What the tenant has stored.
     pub fn stored_bytes(&self) -> StoredBytes {
         self.usage.lock().unwrap_or_else(PoisonError::into_inner).of(&self.tenant)
+    }
+
+    /// The tenants that have stored more bytes of traces, and how many each has.
+    pub fn tenants_with_more_traces(&self, than: u64) -> Vec<(Tenant, u64)> {
+        self.usage.lock().unwrap_or_else(PoisonError::into_inner).with_more_traces(than)
     }
 
     /// The whole key of one of the tenant's rows.
@@ -226,22 +236,23 @@ impl Store {
 fn stored_bytes(db: &Database) -> Result<UsageTable, StoreError> {
     let mut usage = UsageTable::default();
     let read = db.begin_read().map_err(failed)?;
-    let table = match read.open_table(HEADS) {
+    let heads = match read.open_table(HEADS) {
         // A folder of an older schema that is only looked at.
         Err(redb::TableError::TableDoesNotExist(_)) => return Ok(usage),
-        table => table.map_err(failed)?,
+        heads => heads.map_err(failed)?,
     };
-    let mut sum = |found: Found| {
-        if let Found::Row(head_key, row) = found
-            && let Some((name, key)) = head_key.split_once('/')
-            && let Some(kind) = TABLES.into_iter().find(|kind| kind.name() == name)
-        {
-            let head: Option<PlainHead> = RowHead::read(head_key, row);
-            usage.change(kind, key, 0, head.map_or(0, |head| head.bytes));
-        }
-        Ok(ControlFlow::Continue(()))
-    };
-    scan(&table, (Bound::Unbounded, Bound::Unbounded), &mut sum)?;
+    for kind in COUNTED {
+        let mut sum = |found: Found| {
+            if let Found::Row(head_key, row) = found
+                && let Some((_, key)) = head_key.split_once('/')
+                && let Some(head) = PlainHead::read(head_key, row)
+            {
+                usage.change(kind, key, 0, head.bytes);
+            }
+            Ok(ControlFlow::Continue(()))
+        };
+        scan(&heads, head_range(kind, (Bound::Unbounded, Bound::Unbounded)), &mut sum)?;
+    }
     Ok(usage)
 }
 

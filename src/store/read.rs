@@ -3,7 +3,7 @@
 use super::disk::database::caught;
 use super::error::{StoreError, damaged, failed};
 use super::folder::Store;
-use super::scan::{ByteTable, Found, KeyRange, scan};
+use super::scan::{ByteTable, Found, KeyRange, head_range, scan};
 use super::schema::heads::{PlainHead, RowHead, VideoHead};
 use super::schema::rows::{decode, readable};
 use super::schema::tables::{HEADS, TableKind, after_prefix};
@@ -11,6 +11,7 @@ use crate::scene::Scene;
 use redb::{Database, ReadTransaction, ReadableDatabase};
 use serde::de::DeserializeOwned;
 use std::ops::{Bound, ControlFlow};
+use tokio_util::sync::CancellationToken;
 
 /// Most bytes of the rows of one page: what it holds in memory is a small multiple.
 const PAGE_BYTES: usize = 8 << 20;
@@ -49,6 +50,9 @@ struct Listed<'r, T> {
     bytes: usize,
 }
 
+/// Whether the caller of a scan has left.
+type IsLeft<'l> = &'l dyn Fn() -> bool;
+
 type VisitListed<'v, T> = &'v mut dyn FnMut(Listed<T>) -> ControlFlow<()>;
 
 impl Store {
@@ -64,7 +68,7 @@ impl Store {
             let table = read.open_table(kind.table()).map_err(failed)?;
             match table.get(key.as_str()).map_err(failed)? {
                 Some(found) => decode(&record, &key, found.value()).map(Some),
-                None if head(&read, &record).is_some() => Err(damaged(&record)),
+                None if head(heads(&read).as_ref(), &record).is_some() => Err(damaged(&record)),
                 None => Ok(None),
             }
         })
@@ -76,7 +80,7 @@ impl Store {
         let head_key = kind.head_key(&self.key(key));
         self.blocking(head_key.clone(), move |db| {
             let read = db.begin_read().map_err(failed)?;
-            Ok(head(&read, &head_key).and_then(|head| head.created_ms))
+            Ok(head(heads(&read).as_ref(), &head_key).and_then(|head| head.created_ms))
         })
         .await
     }
@@ -105,7 +109,7 @@ impl Store {
         if limit == 0 {
             return Ok(found);
         }
-        Ok(self.fold(kind, PageStart { prefix, after, size: limit }, found, step).await?.0)
+        Ok(self.fold(kind, (prefix, after), found, step).await?.0)
     }
 
     /// A page of values that `keep` accepts, with the times at which they were stored first (milliseconds after 1970).
@@ -119,10 +123,10 @@ impl Store {
         T: DeserializeOwned + Send + 'static,
         K: Fn(&T, Option<u64>) -> bool + Send + 'static,
     {
-        let (store, range, size) = (self.clone(), self.range(page), page.size);
-        self.blocking(kind.name().into(), move |db| {
+        let (store, range, size) = (self.clone(), self.range(page.prefix, page.after), page.size);
+        self.scanning(kind, move |db, is_left| {
             let mut page = OpenPage::new(&store, size, keep);
-            let unreadable = visit_rows(db, kind, range, &mut |row| page.add(row))?;
+            let unreadable = visit_rows(db, (kind, range), is_left, &mut |row| page.add(row))?;
             Ok(page.listing(unreadable))
         })
         .await
@@ -133,21 +137,21 @@ impl Store {
     where
         K: Fn(&VideoHead, Option<u64>) -> bool + Send + 'static,
     {
-        let (store, range, size) = (self.clone(), self.range(page), page.size);
-        self.blocking(TableKind::Videos.name().into(), move |db| {
+        let (store, range, size) = (self.clone(), self.range(page.prefix, page.after), page.size);
+        self.scanning(TableKind::Videos, move |db, is_left| {
             let mut page = OpenPage::new(&store, size, keep);
-            let unreadable = visit_videos(db, range, &mut |row| page.add(row))?;
+            let unreadable = visit_videos(db, range, is_left, &mut |row| page.add(row))?;
             Ok(page.listing(unreadable))
         })
         .await
     }
 
-    /// Passes the values of a range to `step`, one at a time, until it breaks off. Returns the state, and the number of
-    /// damaged rows.
+    /// Passes the values whose keys start with `prefix` and come after `after` to `step`, one at a time, until it breaks
+    /// off. Returns the state, and the number of damaged rows.
     pub async fn fold<T, S, F>(
         &self,
         kind: TableKind,
-        page: PageStart<'_>,
+        (prefix, after): (&str, &str),
         mut state: S,
         mut step: F,
     ) -> Result<(S, usize), StoreError>
@@ -156,11 +160,11 @@ impl Store {
         S: Send + 'static,
         F: FnMut(&mut S, TimedRow<T>) -> ControlFlow<()> + Send + 'static,
     {
-        let (store, range) = (self.clone(), self.range(page));
-        self.blocking(kind.name().into(), move |db| {
+        let (store, range) = (self.clone(), self.range(prefix, after));
+        self.scanning(kind, move |db, is_left| {
             let mut visit =
                 |row: Listed<T>| step(&mut state, store.timed(row.key, row.value, row.created_ms));
-            let unreadable = visit_rows(db, kind, range, &mut visit)?;
+            let unreadable = visit_rows(db, (kind, range), is_left, &mut visit)?;
             Ok((state, unreadable))
         })
         .await
@@ -172,17 +176,27 @@ impl Store {
         S: Send + 'static,
         F: FnMut(&mut S, TimedRow<VideoHead>) + Send + 'static,
     {
-        let (store, range) =
-            (self.clone(), self.range(PageStart { prefix: "", after: "", size: usize::MAX }));
-        self.blocking(TableKind::Videos.name().into(), move |db| {
+        let (store, range) = (self.clone(), self.range("", ""));
+        self.scanning(TableKind::Videos, move |db, is_left| {
             let mut visit = |row: Listed<VideoHead>| {
                 step(&mut state, store.timed(row.key, row.value, row.created_ms));
                 ControlFlow::Continue(())
             };
-            let unreadable = visit_videos(db, range, &mut visit)?;
+            let unreadable = visit_videos(db, range, is_left, &mut visit)?;
             Ok((state, unreadable))
         })
         .await
+    }
+
+    /// Runs a scan of a table, which ends early where its caller leaves.
+    async fn scanning<T, F>(&self, kind: TableKind, scan: F) -> Result<T, StoreError>
+    where
+        T: Send + 'static,
+        F: FnOnce(&Database, IsLeft) -> Result<T, StoreError> + Send + 'static,
+    {
+        let token = CancellationToken::new();
+        let _left = token.clone().drop_guard();
+        self.blocking(kind.name().into(), move |db| scan(db, &|| token.is_cancelled())).await
     }
 
     fn timed<T>(&self, key: &str, value: T, created_ms: Option<u64>) -> TimedRow<T> {
@@ -194,9 +208,9 @@ impl Store {
         key.strip_prefix(self.tenant.prefix()).unwrap_or(key).to_string()
     }
 
-    /// The whole keys of a page and of those after it.
-    fn range(&self, page: PageStart) -> KeyRange {
-        let (prefix, after) = (self.key(page.prefix), self.key(page.after));
+    /// The whole keys that start with `prefix` and come after `after`.
+    pub(super) fn range(&self, prefix: &str, after: &str) -> KeyRange {
+        let (prefix, after) = (self.key(prefix), self.key(after));
         let end = match prefix.as_str() {
             // The keys of other tenants come after those of the unnamed one.
             "" if !self.everyone => Some("~".to_string()),
@@ -242,14 +256,15 @@ impl<'s, T, K: Fn(&T, Option<u64>) -> bool> OpenPage<'s, T, K> {
     }
 }
 
+/// The heads, unless damage hides them.
+fn heads(read: &ReadTransaction) -> Option<ByteTable> {
+    caught(|| read.open_table(HEADS).map_err(failed)).ok()
+}
+
 /// The head under this key, if it can be read.
-fn head(read: &ReadTransaction, head_key: &str) -> Option<PlainHead> {
-    let found = caught(|| {
-        let heads = read.open_table(HEADS).map_err(failed)?;
-        let row = heads.get(head_key).map_err(failed)?;
-        Ok(row.and_then(|row| RowHead::read(head_key, row.value())))
-    });
-    found.ok().flatten()
+fn head(heads: Option<&ByteTable>, head_key: &str) -> Option<PlainHead> {
+    let heads = heads?;
+    caught(|| PlainHead::of(heads, head_key)).ok().flatten()
 }
 
 /// A table, unless damage hides it.
@@ -261,22 +276,22 @@ fn table(read: &ReadTransaction, kind: TableKind) -> Result<ByteTable, StoreErro
 /// hides.
 fn visit_rows<T: DeserializeOwned>(
     db: &Database,
-    kind: TableKind,
-    range: KeyRange,
+    (kind, range): (TableKind, KeyRange),
+    is_left: IsLeft,
     visit: VisitListed<T>,
 ) -> Result<usize, StoreError> {
     let read = db.begin_read().map_err(failed)?;
     let rows = table(&read, kind)?;
+    // Nobody asks for the times of other rows.
+    let times = if kind == TableKind::Fits { heads(&read) } else { None };
     let mut unreadable = 0;
     let mut found = |found: Found| -> Result<ControlFlow<()>, StoreError> {
         match found {
+            _ if is_left() => Ok(ControlFlow::Break(())),
             Found::Row(key, row) => match readable(key, row) {
                 Some(value) => {
-                    // Of other rows nobody asks.
-                    let created_ms = match kind {
-                        TableKind::Fits => head(&read, &kind.head_key(key)).and_then(|head| head.created_ms),
-                        _ => None,
-                    };
+                    let created_ms =
+                        head(times.as_ref(), &kind.head_key(key)).and_then(|head| head.created_ms);
                     Ok(visit(Listed { key, value, created_ms, bytes: row.len() }))
                 }
                 None => {
@@ -320,7 +335,12 @@ fn visit_rows<T: DeserializeOwned>(
 
 /// Gives the readable heads of a range of videos to `visit`; returns how many videos are damaged. A head that cannot be
 /// read is made of its row again.
-fn visit_videos(db: &Database, range: KeyRange, visit: VisitListed<VideoHead>) -> Result<usize, StoreError> {
+fn visit_videos(
+    db: &Database,
+    range: KeyRange,
+    is_left: IsLeft,
+    visit: VisitListed<VideoHead>,
+) -> Result<usize, StoreError> {
     let kind = TableKind::Videos;
     let read = db.begin_read().map_err(failed)?;
     let mut unreadable = 0;
@@ -335,6 +355,7 @@ fn visit_videos(db: &Database, range: KeyRange, visit: VisitListed<VideoHead>) -
     let heads = caught(|| read.open_table(HEADS).map_err(failed));
     let mut found = |found: Found| -> Result<ControlFlow<()>, StoreError> {
         let (head_key, row) = match found {
+            _ if is_left() => return Ok(ControlFlow::Break(())),
             Found::Row(head_key, row) => (head_key, row),
             Found::Gap(_) => {
                 gap.get_or_insert(last.clone());
@@ -389,21 +410,4 @@ fn visit_scenes(
     };
     scan(&table(read, TableKind::Videos)?, range, &mut found)?;
     Ok((unreadable, flow))
-}
-
-/// The keys of the heads of a range of rows.
-fn head_range(kind: TableKind, (from, to): KeyRange) -> KeyRange {
-    let of = |key: String| kind.head_key(&key);
-    let all = of(String::new());
-    let from = match from {
-        Bound::Included(key) => Bound::Included(of(key)),
-        Bound::Excluded(key) => Bound::Excluded(of(key)),
-        Bound::Unbounded => Bound::Included(all.clone()),
-    };
-    let to = match to {
-        Bound::Included(key) => Bound::Included(of(key)),
-        Bound::Excluded(key) => Bound::Excluded(of(key)),
-        Bound::Unbounded => after_prefix(&all).map_or(Bound::Unbounded, Bound::Excluded),
-    };
-    (from, to)
 }

@@ -2,8 +2,9 @@
 
 use super::disk::database::caught;
 use super::error::{StoreError, failed};
+use super::schema::tables::{TableKind, after_prefix};
 use redb::ReadOnlyTable;
-use std::ops::{Bound, ControlFlow};
+use std::ops::{Bound, ControlFlow, RangeBounds};
 
 pub type ByteTable = ReadOnlyTable<&'static str, &'static [u8]>;
 
@@ -102,7 +103,7 @@ fn walk(
             Err(error) => return Err(error),
         };
         let is_in_order = before.as_ref().is_none_or(|b| if is_reverse { key < *b } else { key > *b });
-        if !is_in_order || !is_within(&key, &bounds) {
+        if !is_in_order || !RangeBounds::<str>::contains(&bounds, &*key) {
             return Ok(Walked::Broken);
         }
         if visit(&key, value.value())?.is_break() {
@@ -110,20 +111,6 @@ fn walk(
         }
         before = Some(key);
     }
-}
-
-fn is_within(key: &str, (from, to): &(Bound<&str>, Bound<&str>)) -> bool {
-    let above = match from {
-        Bound::Included(from) => key >= *from,
-        Bound::Excluded(from) => key > *from,
-        Bound::Unbounded => true,
-    };
-    let below = match to {
-        Bound::Included(to) => key <= *to,
-        Bound::Excluded(to) => key < *to,
-        Bound::Unbounded => true,
-    };
-    above && below
 }
 
 /// Whether no key can be in the range; redb takes no range whose end is before its start.
@@ -135,4 +122,21 @@ fn is_empty(bounds: &(Bound<&str>, Bound<&str>)) -> bool {
         }
         _ => false,
     }
+}
+
+/// The keys of the heads of a range of rows.
+pub fn head_range(kind: TableKind, (from, to): KeyRange) -> KeyRange {
+    let of = |key: String| kind.head_key(&key);
+    let all = of(String::new());
+    let from = match from {
+        Bound::Included(key) => Bound::Included(of(key)),
+        Bound::Excluded(key) => Bound::Excluded(of(key)),
+        Bound::Unbounded => Bound::Included(all.clone()),
+    };
+    let to = match to {
+        Bound::Included(key) => Bound::Included(of(key)),
+        Bound::Excluded(key) => Bound::Excluded(of(key)),
+        Bound::Unbounded => after_prefix(&all).map_or(Bound::Unbounded, Bound::Excluded),
+    };
+    (from, to)
 }

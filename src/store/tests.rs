@@ -14,7 +14,10 @@ use crate::scene::{Scene, parse_csv};
 use bytes::Bytes;
 use disk::MemoryDisk;
 use redb::{Database, ReadableDatabase};
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
 
 /// A video of so many frames.
 fn scene(name: &str, frames: usize) -> Scene {
@@ -150,6 +153,62 @@ async fn a_tenant_stores_no_more_than_its_quota() {
     store.delete_trace("t").await.unwrap();
     store.admit_trace("u", 1).await.unwrap();
     assert_eq!(other.stored_bytes().videos, one);
+    store.put_trace("c", "t", &trace_record("c"), 10).await.unwrap();
+    assert_eq!(store.tenants_with_more_traces(9), [(Tenant::default(), 10)]);
+    assert_eq!(store.tenants_with_more_traces(10), []);
+}
+
+#[tokio::test]
+async fn a_trace_without_a_quota_waits_for_no_thread() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let most = store.blocking_permits.available_permits() as u32;
+    let _all = store.blocking_permits.acquire_many(most).await.unwrap();
+    let admitted = tokio::time::timeout(std::time::Duration::from_secs(20), store.admit_trace("t", 9)).await;
+    assert_eq!(admitted.unwrap(), Ok(()));
+}
+
+#[test]
+fn a_reserve_without_room_at_the_start_is_made_later() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    // No file of this name can be made.
+    std::fs::create_dir(folder.path().join("reserve")).unwrap();
+    assert!(store.keep_reserve(4096).is_err());
+    assert!(store.lacks_reserve() && !store.storage().is_full);
+    std::fs::remove_dir(folder.path().join("reserve")).unwrap();
+    store.rebuild_reserve().unwrap();
+    assert!(!store.lacks_reserve());
+    assert_eq!(std::fs::metadata(folder.path().join("reserve")).unwrap().len(), 4096);
+}
+
+#[tokio::test]
+async fn a_scan_ends_when_its_caller_leaves() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    for k in 0..9 {
+        store.put_lexicon(&format!("{k}"), &k).await.unwrap();
+    }
+    let ((has_started, started), (go_on, may_go_on)) = (mpsc::channel(), mpsc::channel::<()>());
+    let (scan, seen) = (store.clone(), Arc::new(AtomicUsize::new(0)));
+    let count = seen.clone();
+    let scan = tokio::spawn(async move {
+        let step = move |_: &mut (), _: TimedRow<i32>| {
+            if count.fetch_add(1, Ordering::SeqCst) == 0 {
+                has_started.send(()).unwrap();
+                may_go_on.recv().unwrap();
+            }
+            ControlFlow::Continue(())
+        };
+        scan.fold(TableKind::Lexica, ("", ""), (), step).await
+    });
+    tokio::task::spawn_blocking(move || started.recv().unwrap()).await.unwrap();
+    scan.abort();
+    assert!(scan.await.unwrap_err().is_cancelled());
+    go_on.send(()).unwrap();
+    // All permits are there again when it has ended.
+    let _all = store.blocking_permits.acquire_many(8).await.unwrap();
+    assert_eq!(seen.load(Ordering::SeqCst), 1);
 }
 
 #[tokio::test]

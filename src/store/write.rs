@@ -6,11 +6,11 @@ use super::folder::Store;
 use super::scan::{Found, KeyRange, scan};
 use super::schema::heads::{PlainHead, RowHead, VideoHead};
 use super::schema::rows::{encode, readable, sealed};
-use super::schema::tables::{HEADS, OPERATION_RESULTS, TableKind, after_prefix};
+use super::schema::tables::{HEADS, OPERATION_RESULTS, TableKind};
 use crate::scene::Scene;
 use redb::{Database, ReadableDatabase, ReadableTable, Table, WriteTransaction};
 use serde::Serialize;
-use std::ops::{Bound, ControlFlow};
+use std::ops::ControlFlow;
 use std::sync::PoisonError;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -110,6 +110,10 @@ impl Store {
 
     /// Refuses a trace file of so many bytes if its tenant would then have more than its quota, or if the disk is full.
     pub async fn admit_trace(&self, id: &str, bytes: u64) -> Result<(), StoreError> {
+        // Usual traces wait for no thread.
+        if self.quota.trace_bytes.is_none() && !self.reserve.is_spent() {
+            return Ok(());
+        }
         let (key, quota, usage) = (self.key(id), self.quota, self.usage.clone());
         let reserve = self.reserve.clone();
         self.blocking(TableKind::Traces.head_key(&key), move |db| {
@@ -142,7 +146,7 @@ impl Store {
             let old = {
                 let mut heads = write.open_table(HEADS).map_err(failed)?;
                 let head_key = new.kind.head_key(&new.key);
-                let before = plain_head(&heads, &head_key)?;
+                let before = PlainHead::of(&heads, &head_key)?;
                 let old = before.as_ref().map_or(0, |head| head.bytes);
                 usage.admit(&quota, new.kind, &new.key, [old, new.bytes])?;
                 let created_ms = before.map_or_else(|| Some(now_ms()), |head| head.created_ms);
@@ -165,13 +169,14 @@ impl Store {
 
     /// Removes the kept steps of discoveries whose keys begin so; those that were kept before `until_ms` only, if that is given.
     pub async fn forget_checkpoints(&self, prefix: &str, until_ms: Option<u64>) -> Result<(), StoreError> {
-        let (range, kind) = (starting_with(&self.key(prefix)), TableKind::Checkpoints);
+        let (range, kind) = (self.range(prefix, ""), TableKind::Checkpoints);
         self.freeing(kind.name().into(), move |db| {
             let (read, mut keys) = (db.begin_read().map_err(failed)?, vec![]);
             let heads = read.open_table(HEADS).map_err(failed)?;
             let mut collect = |found: Found| {
                 if let Found::Row(key, _) = found {
-                    let kept_ms = plain_head(&heads, &kind.head_key(key))?.and_then(|head| head.created_ms);
+                    let kept_ms =
+                        PlainHead::of(&heads, &kind.head_key(key))?.and_then(|head| head.created_ms);
                     if until_ms.is_none_or(|until| kept_ms.is_none_or(|kept| kept < until)) {
                         keys.push(key.to_string());
                     }
@@ -232,11 +237,12 @@ impl Store {
 
     /// Deletes a video with its models, studies, stills, operations and traces; `false` if it does not exist.
     pub async fn delete_video(&self, id: &str) -> Result<bool, StoreError> {
-        let (video, whole, tenant, usage) = (id.to_string(), self.key(id), self.key(""), self.usage.clone());
+        let (video, whole, usage) = (id.to_string(), self.key(id), self.usage.clone());
+        let ranges = [self.range(&format!("{id}/"), ""), self.range("", "")];
         let (found, traces) = self
             .freeing(TableKind::Videos.head_key(&whole), move |db| {
                 let write = begin(db)?;
-                let owned = Owned::of(db, &whole, &video, &tenant)?;
+                let owned = Owned::of(db, &video, &ranges)?;
                 let mut usage = usage.lock().unwrap_or_else(PoisonError::into_inner);
                 let (found, removed) = {
                     let mut heads = write.open_table(HEADS).map_err(failed)?;
@@ -283,10 +289,11 @@ struct Owned {
 impl Owned {
     /// Looks at the last commit, which no other writer changes meanwhile. What a damaged page hides is not found: its file
     /// is removed when the folder is next looked through.
-    fn of(db: &Database, whole: &str, video: &str, tenant: &str) -> Result<Owned, StoreError> {
+    /// `ranges` are the keys of the video's own rows, and of all of the tenant.
+    fn of(db: &Database, video: &str, [own, all]: &[KeyRange; 2]) -> Result<Owned, StoreError> {
         let read = db.begin_read().map_err(failed)?;
         let mut owned = Owned { rows: vec![], operations: vec![] };
-        let mut collect = |kind: TableKind, range: KeyRange, is_owned: &dyn Fn(&str, &[u8]) -> bool| {
+        let mut collect = |kind: TableKind, range: &KeyRange, is_owned: &dyn Fn(&str, &[u8]) -> bool| {
             let table = read.open_table(kind.table()).map_err(failed)?;
             let mut found = |found: Found| {
                 if let Found::Row(key, row) = found
@@ -299,45 +306,26 @@ impl Owned {
                 }
                 Ok(ControlFlow::Continue(()))
             };
-            scan(&table, range, &mut found)
+            scan(&table, range.clone(), &mut found)
         };
         for kind in [TableKind::Fits, TableKind::Studies, TableKind::Stills, TableKind::Checkpoints] {
-            collect(kind, starting_with(&format!("{whole}/")), &|_, _| true)?;
+            collect(kind, own, &|_, _| true)?;
         }
-        let ours = if tenant.is_empty() {
-            (Bound::Unbounded, Bound::Excluded("~".to_string()))
-        } else {
-            starting_with(tenant)
-        };
-        collect(TableKind::Traces, ours.clone(), &|key, row| {
+        collect(TableKind::Traces, all, &|key, row| {
             readable::<OfVideo>(key, row).is_some_and(|v| v.video == video)
         })?;
-        collect(TableKind::Operations, ours, &|key, row| {
+        collect(TableKind::Operations, all, &|key, row| {
             readable::<OfVideos>(key, row).is_some_and(|v| v.videos.iter().any(|v| v == video))
         })?;
         Ok(owned)
     }
 }
 
-fn starting_with(prefix: &str) -> KeyRange {
-    let end = after_prefix(prefix).map_or(Bound::Unbounded, Bound::Excluded);
-    (Bound::Included(prefix.to_string()), end)
-}
-
-/// The head under this key; one that is damaged is none.
-fn plain_head(
-    heads: &impl ReadableTable<&'static str, &'static [u8]>,
-    head_key: &str,
-) -> Result<Option<PlainHead>, StoreError> {
-    let row = heads.get(head_key).map_err(failed)?;
-    Ok(row.and_then(|row| RowHead::read(head_key, row.value())))
-}
-
 fn bytes_of(
     heads: &impl ReadableTable<&'static str, &'static [u8]>,
     head_key: &str,
 ) -> Result<u64, StoreError> {
-    Ok(plain_head(heads, head_key)?.map_or(0, |head| head.bytes))
+    Ok(PlainHead::of(heads, head_key)?.map_or(0, |head| head.bytes))
 }
 
 /// Removes a row with its head; `false` if neither exists.

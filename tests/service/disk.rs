@@ -22,11 +22,6 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
-async fn simulate(channel: &Channel, video: &str) -> Result<v1::SimulateResponse, tonic::Status> {
-    let request = v1::SimulateRequest { video: video.into(), rollouts: Some(1), ..Default::default() };
-    Ok(ReasoningClient::new(channel.clone()).simulate(request).await?.into_inner())
-}
-
 /// Posts and simulates until a write fails; returns the error.
 async fn fill(channel: &Channel, acknowledged: &mut Acknowledged) -> Option<tonic::Status> {
     for k in 0..40 {

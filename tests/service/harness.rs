@@ -61,9 +61,16 @@ pub async fn start_engine(
     let url = format!("http://{}", listener.local_addr().unwrap());
     let stop = CancellationToken::new();
     let ended = stop.clone().cancelled_owned();
+    api::resume_operations(&engine).await;
     let task = tokio::spawn(api::serve(listener, engine.clone(), ServerLimits::default(), security, ended));
     let channel = client(url.clone()).connect().await.unwrap();
     Running { engine, channel, url, stop, task }
+}
+
+/// Simulates a video once.
+pub async fn simulate(channel: &Channel, video: &str) -> Result<v1::SimulateResponse, Status> {
+    let request = v1::SimulateRequest { video: video.into(), rollouts: Some(1), ..Default::default() };
+    Ok(ReasoningClient::new(channel.clone()).simulate(request).await?.into_inner())
 }
 
 impl Running {

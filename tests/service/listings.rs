@@ -150,3 +150,21 @@ async fn models_and_revisions_are_filtered_and_paged() {
     assert_eq!(service.models().list_models(missing).await.unwrap_err().code(), Code::NotFound);
     service.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn objects_that_a_video_does_not_show_come_back_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut posted = video("a", 20);
+    let unseen = v1::Object { id: 77, samples: vec![], mass: Some(0.3), ..posted.objects[0].clone() };
+    posted.objects.insert(0, unseen.clone());
+    let name = service.create(posted.clone()).await.unwrap();
+    let get = v1::GetVideoRequest { name: name.clone(), read_mask: None };
+    let found = service.videos().get_video(get).await.unwrap().into_inner();
+    assert_eq!(found.objects.last(), Some(&unseen));
+    assert_eq!(found.objects[..found.objects.len() - 1], posted.objects[1..]);
+    assert_eq!(service.create(found).await.unwrap(), name, "what came back is the same video");
+    let listed = videos(&service, v1::ListVideosRequest::default()).await;
+    assert_eq!(listed[0].objects.last(), Some(&unseen));
+    service.stop().await;
+}

@@ -145,6 +145,12 @@ async fn after_a_restart_results_are_there_and_what_ran_goes_on() {
     service.stop().await;
     let broken = broken.await.unwrap().expect("the stream does not end as if the operation had");
     assert_eq!(broken.code(), Code::Unavailable, "who waits may wait again");
+    // A command that uses the folder for a moment starts nothing of it.
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_vrdp"));
+    command.args(["operations", "list", "--data-dir"]).arg(folder.path()).env_remove("VRDP_SERVER");
+    let shown = command.output().unwrap();
+    let shown = String::from_utf8(shown.stdout).unwrap();
+    assert!(shown.contains("aborted") && !shown.contains("running"), "{shown}");
 
     let service = start(folder.path(), CAPACITY).await;
     assert_eq!(get(&service, &finished.name).await.unwrap(), finished);

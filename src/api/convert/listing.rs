@@ -83,7 +83,7 @@ pub fn listed_model(row: &TimedRow<StoredFit>) -> v1::Model {
 pub fn revisions(given: v1::ListRevisionsRequest) -> Result<ListingPage<RevisionFilter>, EngineError> {
     let mut violations = Violations::default();
     let filter = RevisionFilter {
-        video: (!given.video.is_empty()).then(|| violations.id("video", &given.video, "videos")),
+        video: violations.optional_id("video", &given.video, "videos"),
         effect: Some(given.effect).filter(|effect| !effect.is_empty()),
         created: created(&mut violations, given.created_from, given.created_before),
     };

@@ -36,16 +36,16 @@ const STATES: [(OperationState, v1::OperationState); 5] = [
 ];
 
 /// What a new operation is about, and its work; the work's own fields are checked when it starts.
-pub fn start(given: v1::StartOperationRequest) -> Result<(NewOperation, Work), EngineError> {
+pub fn start(mut given: v1::StartOperationRequest) -> Result<(NewOperation, Work), EngineError> {
     let mut violations = Violations::default();
-    violations.request_id(&given.request_id);
+    let request_id = std::mem::take(&mut given.request_id);
+    violations.request_id(&request_id);
+    // The same work under another name is kept as the same request.
+    let request = given.encode_to_vec();
     let Some(work) = given.work else {
         violations.add("work", "is missing; give the request of the call that does the same");
         return Err(EngineError::Invalid(violations.0));
     };
-    let request_id = given.request_id;
-    let request = v1::StartOperationRequest { work: Some(work.clone()), request_id: String::new() };
-    let request = request.encode_to_vec();
     let request_digest = blake3::hash(&request).to_hex().to_string();
     let (kind, videos) = subject(&work);
     let videos = ids(videos);
@@ -148,9 +148,10 @@ pub fn ended(status: &OperationStatus, bytes: &[u8]) -> Result<v1::Operation, En
     let result = match status.record.state {
         OperationState::Running => None,
         OperationState::Cancelled => error(Code::Cancelled, "cancelled by a caller"),
-        OperationState::Aborted => {
-            error(Code::Aborted, "the service ended before it; start it again, which reuses what is stored")
-        }
+        OperationState::Aborted => error(
+            Code::Aborted,
+            "the service ended before it, and the next one goes on with it if it can; or start it again, which reuses what is stored",
+        ),
         OperationState::Succeeded | OperationState::Failed => {
             let kept = v1::Operation::decode(bytes).ok().and_then(|kept| kept.result);
             let lost = || EngineError::NotFound { name: operation_name(&status.record.id) };
@@ -163,7 +164,7 @@ pub fn ended(status: &OperationStatus, bytes: &[u8]) -> Result<v1::Operation, En
 /// Which operations to list, how many and after which.
 pub fn list(given: v1::ListOperationsRequest) -> Result<(OperationFilter, usize, String), EngineError> {
     let mut violations = Violations::default();
-    let video = (!given.video.is_empty()).then(|| violations.id("video", &given.video, "videos"));
+    let video = violations.optional_id("video", &given.video, "videos");
     let mut filter = OperationFilter { video, ..Default::default() };
     for (i, number) in given.states.into_iter().enumerate() {
         match STATES.iter().find(|(_, state)| i32::from(*state) == number) {

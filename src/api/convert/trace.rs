@@ -13,7 +13,7 @@ const SPEEDS: [f64; 2] = [0.001, 1000.0];
 /// Which traces to list, how many and after which.
 pub fn list(given: v1::ListTracesRequest) -> Result<(TraceFilter, usize, String), EngineError> {
     let mut violations = Violations::default();
-    let video = (!given.video.is_empty()).then(|| violations.id("video", &given.video, "videos"));
+    let video = violations.optional_id("video", &given.video, "videos");
     let mut filter = TraceFilter { video, ..TraceFilter::default() };
     if !given.model.is_empty() {
         match model_ids(&given.model) {

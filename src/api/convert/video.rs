@@ -4,7 +4,7 @@ use super::ingest::camera;
 use super::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
-use crate::num::vec2;
+use crate::num::{Stop, never, vec2};
 use crate::scene::{
     FindingKind, MAX_FRAMES, Object, Outlier, Pixel, Sample, Scene, Shape, Table, Track, TrackFinding,
     Violation, WorldKind,
@@ -15,6 +15,11 @@ pub const DEFAULT_FPS: f64 = 25.0;
 
 /// The scene of a message, or all its violations at once.
 pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError> {
+    scene_until(video, &never)
+}
+
+/// The same, until the caller stops it.
+pub fn scene_until(video: Option<v1::Video>, stop: Stop) -> Result<Scene, EngineError> {
     let Some(video) = video else {
         return Err(EngineError::invalid("video", "is missing"));
     };
@@ -56,7 +61,7 @@ pub fn scene_from_message(video: Option<v1::Video>) -> Result<Scene, EngineError
     if !pixels.is_empty() && !r.0.is_empty() {
         return r.finish(scene);
     }
-    match scene.clone().validate() {
+    match scene.clone().validate_until(stop)? {
         Ok(scene) => r.finish(scene),
         Err(error) => {
             r.0.extend(error.violations.into_iter().map(|v| violation(&scene, v)));
@@ -160,7 +165,7 @@ fn size_field(scene: &Scene, at: &str, size: &str) -> String {
     }
 }
 
-/// The message of a scene; without its times, samples and features in a list.
+/// The message of a scene; without its times, samples and features in a list. Objects of which nothing was seen are the last.
 pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
     let world = match scene.world {
         WorldKind::Clevrer => v1::World::Clevrer,
@@ -168,10 +173,11 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         WorldKind::AirTable => v1::World::AirTable,
         WorldKind::Billiards => v1::World::Billiards,
     };
-    let objects = scene.objects.iter().enumerate().map(|(index, object)| match whole {
+    let seen = scene.objects.iter().enumerate().map(|(index, object)| match whole {
         true => object_message(object, &scene.all_samples(index)),
         false => v1::Object { features: vec![], ..object_message(object, &[]) },
     });
+    let absent = scene.absent.iter().map(|object| object_message(object, &[]));
     let outlier = |outlier: &Outlier| v1::Outlier {
         object: scene.objects.get(outlier.object).map_or(0, |o| o.id),
         frame: outlier.sample.frame as u32,
@@ -187,7 +193,7 @@ pub fn video_message(id: &str, scene: &Scene, whole: bool) -> v1::Video {
         camera: scene.camera.as_ref().map(camera::camera_message),
         table: scene.table.map(|t| v1::Table { x_min: t.x[0], x_max: t.x[1], y_min: t.y[0], y_max: t.y[1] }),
         noise_sigma: scene.noise_sigma,
-        objects: objects.collect(),
+        objects: seen.chain(absent).collect(),
         image_noise_px: 0.0,
         linking: None,
         assumptions: vec![],

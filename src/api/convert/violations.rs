@@ -98,6 +98,11 @@ impl Violations {
         }
     }
 
+    /// The id in a name; none where the name is empty.
+    pub fn optional_id(&mut self, path: &str, name: &str, collection: &str) -> Option<String> {
+        (!name.is_empty()).then(|| self.id(path, name, collection))
+    }
+
     /// The model that a request means. A fitted model must be of `video`.
     pub fn source(
         &mut self,
@@ -167,19 +172,19 @@ impl Violations {
 
     /// A word or two of a caller's own.
     pub fn word(&mut self, path: &str, word: String) -> String {
-        if word.trim().is_empty() {
-            self.add(path, "is empty");
-        } else if word.len() > MAX_TOKEN {
-            self.add(path, format!("has {} bytes; at most {MAX_TOKEN} are allowed", word.len()));
-        }
-        word
+        self.filled(path, word, MAX_TOKEN)
     }
 
     pub fn text(&mut self, path: &str, text: String) -> String {
+        self.filled(path, text, MAX_TEXT)
+    }
+
+    /// A text that is not empty and has at most so many bytes.
+    fn filled(&mut self, path: &str, text: String, most: usize) -> String {
         if text.trim().is_empty() {
             self.add(path, "is empty");
-        } else if text.len() > MAX_TEXT {
-            self.add(path, format!("has {} bytes; at most {MAX_TEXT} are allowed", text.len()));
+        } else if text.len() > most {
+            self.add(path, format!("has {} bytes; at most {most} are allowed", text.len()));
         }
         text
     }

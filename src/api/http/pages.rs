@@ -6,7 +6,7 @@ use crate::api::convert::study;
 use crate::api::server::byte_budget::OverBudget;
 use crate::api::server::reply_body::counted;
 use crate::api::server::sessions::random_name;
-use crate::api::status::{busy, status};
+use crate::api::status::status;
 use crate::api::v1;
 use crate::engine::{EngineError, ReportContents, Tenant};
 use crate::report::dashboard::dashboard;
@@ -37,7 +37,7 @@ impl From<EngineError> for Refusal {
 
 impl From<OverBudget> for Refusal {
     fn from(over: OverBudget) -> Self {
-        Refusal(busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))
+        Refusal(over.into())
     }
 }
 
@@ -78,8 +78,16 @@ fn headed(html: String) -> ([(HeaderName, String); 3], String) {
         (CONTENT_SECURITY_POLICY, policy),
         (CACHE_CONTROL, "no-store".to_string()),
     ];
-    // Texts in it have no tags: the one script is ours.
-    (head, html.replace("<script>", &format!("<script nonce=\"{own}\">")))
+    (head, named_script(html, &own))
+}
+
+/// The page whose one script has this name. Texts in it have no tags.
+fn named_script(mut html: String, own: &str) -> String {
+    const SCRIPT: &str = "<script";
+    if let Some(at) = html.rfind("<script>") {
+        html.insert_str(at + SCRIPT.len(), &format!(" nonce=\"{own}\""));
+    }
+    html
 }
 
 /// A page whose bytes are counted until they are sent.
@@ -153,4 +161,16 @@ pub async fn trace(
         Ok::<_, EngineError>((!chunk.is_empty()).then_some((chunk, download)))
     });
     Ok((head, Body::from_stream(stream::once(async { Ok(first) }).chain(others))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_script_of_a_page_is_named() {
+        let named = named_script("<p>x</p><script>run()</script>".into(), "abc");
+        assert_eq!(named, "<p>x</p><script nonce=\"abc\">run()</script>");
+        assert_eq!(named_script("<p>x</p>".into(), "abc"), "<p>x</p>");
+    }
 }

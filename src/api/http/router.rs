@@ -78,8 +78,7 @@ impl HttpPort {
             engine: tenant.map_or_else(|| self.engine.clone(), |tenant| self.engine.of(tenant)),
             context: self.context.clone(),
             tenant: tenant.cloned(),
-            holder: tenant
-                .map_or(Holder::Connection(connection.seat.id), |tenant| Holder::Tenant(tenant.clone())),
+            holder: Holder::of(tenant, Some(connection.seat.id)),
             is_encrypted: security.tls.is_some(),
         };
         if OPEN.contains(&path) {

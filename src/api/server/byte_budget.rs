@@ -1,11 +1,13 @@
 //! Budgets in bytes: how much memory messages in flight may take, in all and for each caller.
 
+use crate::api::status::busy;
 use crate::engine::Tenant;
 use crate::media::MAX_VIDEO_BYTES;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio_util::sync::CancellationToken;
+use tonic::Status;
 
 /// Bytes that were reserved so long ago may be taken from a connection that does not read its replies.
 const STALLED_AFTER: Duration = Duration::from_secs(10);
@@ -31,14 +33,24 @@ impl Budgets {
     }
 }
 
-/// Bytes before a message.
-const PREFIX: usize = 5;
+/// Bytes before each message: a flag of compression and the length.
+pub const PREFIX: usize = 5;
 
 /// Who holds bytes: a tenant, or the connection of a caller without one.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Holder {
     Tenant(Tenant),
     Connection(u64),
+}
+
+impl Holder {
+    /// The tenant; where there is none, the connection. Callers without either are one.
+    pub fn of(tenant: Option<&Tenant>, connection: Option<u64>) -> Holder {
+        match tenant {
+            Some(tenant) => Holder::Tenant(tenant.clone()),
+            None => Holder::Connection(connection.unwrap_or_default()),
+        }
+    }
 }
 
 /// A number of bytes that reservations share.
@@ -66,6 +78,19 @@ pub enum OverBudget {
     Total { bytes: usize, total: usize },
     #[error("this caller has {share} bytes in flight, its share, and {bytes} more do not fit")]
     Share { bytes: usize, share: usize },
+}
+
+impl OverBudget {
+    /// The refusal, with what helps.
+    pub fn refusal(self, advice: &str) -> Status {
+        busy(format!("{self}; {advice}"), "BYTES_IN_FLIGHT")
+    }
+}
+
+impl From<OverBudget> for Status {
+    fn from(over: OverBudget) -> Status {
+        over.refusal("try again later")
+    }
 }
 
 /// Bytes of a budget until it is dropped.

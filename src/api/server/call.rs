@@ -61,10 +61,7 @@ impl Call {
     /// Who the bytes of its reply are counted for, and what closes the connection of a caller that does not read them.
     pub fn reader(&self) -> (Holder, CancellationToken) {
         let seat = self.connection.as_ref().map(|info| &info.seat);
-        let holder = match self.tenant.0.get() {
-            Some(tenant) => Holder::Tenant(tenant.clone()),
-            None => Holder::Connection(seat.map_or(0, |seat| seat.id)),
-        };
+        let holder = Holder::of(self.tenant.0.get(), seat.map(|seat| seat.id));
         (holder, seat.map(|seat| seat.close.clone()).unwrap_or_default())
     }
 }

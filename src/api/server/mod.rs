@@ -12,5 +12,5 @@ pub mod reply_body;
 pub mod request_body;
 pub mod request_layer;
 pub mod serve;
-mod services;
+pub mod services;
 pub mod sessions;

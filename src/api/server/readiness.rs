@@ -55,6 +55,7 @@ impl Readiness {
     /// From now on the service is not ready.
     pub fn drain(&self) {
         self.draining.store(true, Ordering::Relaxed);
+        metrics::gauge!(READY).set(0.0);
     }
 
     /// Asks the store, the disk and the queue.

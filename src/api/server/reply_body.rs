@@ -2,7 +2,7 @@
 
 use super::byte_budget::{ByteBudget, OverBudget, ReservedBytes};
 use super::call::Call;
-use crate::api::status::{busy, clarify};
+use crate::api::status::clarify;
 use bytes::Bytes;
 use http::HeaderMap;
 use http_body::{Body as _, Frame, SizeHint};
@@ -63,8 +63,7 @@ impl ReplyBody {
         let frame = match frame.into_data() {
             Ok(bytes) => match self.counted(bytes) {
                 Ok(bytes) => Frame::data(bytes),
-                Err(over) => self
-                    .end_with(&busy(format!("{over}; read replies, or try again later"), "BYTES_IN_FLIGHT")),
+                Err(over) => self.end_with(&over.refusal("read replies, or try again later")),
             },
             Err(frame) => frame,
         };

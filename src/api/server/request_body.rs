@@ -3,11 +3,10 @@
 //! A gRPC message says its length in front. It is reserved before a byte of the message is kept, so that a caller is refused at
 //! once and not when the memory is full.
 
-use super::byte_budget::{ByteBudget, HeldBytes, Holder};
+use super::byte_budget::{ByteBudget, HeldBytes, Holder, PREFIX};
 use super::connections::connection::ConnectionInfo;
 use super::metrics::Methods;
-use crate::api::status::{busy, malformed, plain, too_large};
-use crate::engine::Tenant;
+use crate::api::status::{malformed, plain, too_large};
 use bytes::Bytes;
 use http::Request;
 use http_body::{Frame, SizeHint};
@@ -25,8 +24,6 @@ use tower::{Layer, Service};
 const IDLE: Duration = Duration::from_secs(10);
 /// Slowest rate at which a message must arrive (bytes/s): half a megabit a second.
 const SLOWEST: u64 = 64 << 10;
-/// Bytes before each message: a flag of compression and the length.
-const PREFIX: usize = 5;
 
 /// The layer.
 #[derive(Clone)]
@@ -88,10 +85,7 @@ where
 
 /// Who a call's bytes are counted for.
 pub fn holder(extensions: &http::Extensions) -> Holder {
-    match extensions.get::<Tenant>() {
-        Some(tenant) => Holder::Tenant(tenant.clone()),
-        None => Holder::Connection(extensions.get::<ConnectionInfo>().map_or(0, |info| info.seat.id)),
-    }
+    Holder::of(extensions.get(), extensions.get().map(|info: &ConnectionInfo| info.seat.id))
 }
 
 /// Where a body is: in a prefix, or with so many bytes of a message to come.
@@ -167,8 +161,7 @@ impl RequestBody {
                 held.clear();
             }
             (*received, *waited) = (0, Duration::ZERO);
-            let reserved = budget.reserve(holder, length);
-            held.add(reserved.map_err(|over| busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))?);
+            held.add(budget.reserve(holder, length)?);
             Ok(())
         })?;
         *received += bytes.len() as u64;

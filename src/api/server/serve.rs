@@ -7,7 +7,7 @@ use super::port_context::PortContext;
 use super::readiness::Readiness;
 use super::request_body::BodyLayer;
 use super::request_layer::RequestLayer;
-use super::services::{Services, resume_operations};
+use super::services::Services;
 use crate::api::{DESCRIPTORS, v1};
 use crate::engine::Engine;
 use std::future::Future;
@@ -102,7 +102,6 @@ pub async fn serve(
     context: impl Into<PortContext>,
     shutdown: impl Future<Output = ()> + Send,
 ) -> Result<(), ServeError> {
-    resume_operations(&engine).await;
     let PortContext { security, budgets, connections: most, readiness, .. } = context.into();
     let services = Services { engine: engine.clone(), imports: budgets.imports };
     macro_rules! limited {

@@ -1,7 +1,7 @@
 //! The service as a command uses it: a remote one, or one started inside this process on a loopback port.
 
 use super::data_folder::{self, DataFolder};
-use super::local::{LocalService, start_with};
+use super::local::{CutOperations, LocalService, start_with};
 use super::remote::{ServiceChannel, remote};
 use super::stream::{self, StreamEvent};
 use super::target::Target;
@@ -55,9 +55,13 @@ impl Connection {
             workers: target.threads,
             ..Flags::default()
         };
-        let config = Config::for_command(flags).map_err(|e| Failure::input(e.to_string()))?;
+        let mut config = Config::for_command(flags).map_err(|e| Failure::input(e.to_string()))?;
+        if store.is_some() {
+            // Nothing is deleted from a temporary folder.
+            config.reserve_bytes = 0;
+        }
         let service = match data_folder::open(&config).await? {
-            DataFolder::Own(engine) => start_with(&config, *engine).await?,
+            DataFolder::Own(engine) => start_with(&config, *engine, CutOperations::Stay).await?,
             DataFolder::Served(url) => {
                 let channel = remote(&url, &Target::default()).await?;
                 return Ok(Connection { channel, service: None, store: None });

@@ -22,6 +22,8 @@ const BACKUP: &str = "backup";
 const CHECK: &str = "check";
 /// Longest that a command may take to ask, or to take a chunk: a backup keeps old pages of the database.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// How long no connection is taken after one that could not be.
+const ACCEPT_PAUSE: Duration = Duration::from_secs(1);
 /// Most bytes of a request.
 const MAX_REQUEST: u64 = 16;
 /// Bytes of a chunk.
@@ -60,7 +62,16 @@ pub async fn serve_data_socket(folder: PathBuf, engine: Arc<Engine>) {
             return;
         }
     };
-    while let Ok((stream, _)) = listener.accept().await {
+    loop {
+        let stream = match listener.accept().await {
+            Ok((stream, _)) => stream,
+            // Such as no free file: it may pass.
+            Err(error) => {
+                tracing::warn!(%error, "the socket in the data folder took no connection");
+                tokio::time::sleep(ACCEPT_PAUSE).await;
+                continue;
+            }
+        };
         let engine = engine.clone();
         let answered = tokio::task::spawn_blocking(move || {
             let stream = stream.into_std()?;

@@ -32,7 +32,16 @@ impl LocalService {
 /// Starts the service; when this returns, it accepts calls.
 pub async fn start(config: &Config) -> Result<LocalService, Failure> {
     // Before the ports are bound: a data folder in use says more than a port in use.
-    start_with(config, open_store(config).map_err(store_failure)?).await
+    start_with(config, open_store(config).map_err(store_failure)?, CutOperations::GoOn).await
+}
+
+/// What becomes of operations that the end of the last service cut short.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum CutOperations {
+    /// They go on: this is a service.
+    GoOn,
+    /// They stay for the next service: this is the service of one command.
+    Stay,
 }
 
 /// The engine with the data folder of the settings.
@@ -56,7 +65,11 @@ pub fn store_failure(error: EngineError) -> Failure {
 }
 
 /// Starts the service with an open data folder.
-pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService, Failure> {
+pub async fn start_with(
+    config: &Config,
+    engine: Engine,
+    operations: CutOperations,
+) -> Result<LocalService, Failure> {
     let listen = config.listen;
     let security = config.security().map_err(|e| Failure::input(e.to_string()))?;
     let listener = TcpListener::bind(listen)
@@ -84,6 +97,9 @@ pub async fn start_with(config: &Config, engine: Engine) -> Result<LocalService,
         tokio::spawn(api::serve_http(listener, engine.clone(), context.clone(), stop))
     });
     let task = tokio::spawn(async move {
+        if operations == CutOperations::GoOn {
+            api::resume_operations(&engine).await;
+        }
         let served = api::serve(listener, engine, limits, context, stop).await.map_err(Failure::other);
         housekeeping.abort();
         socket.abort();

@@ -37,6 +37,14 @@ pub(super) enum Instruction {
     Max,
 }
 
+impl Instruction {
+    /// Whether it takes two numbers and gives one.
+    fn takes_two(self) -> bool {
+        use Instruction::*;
+        matches!(self, Add | Subtract | Multiply | Divide | Power | Min | Max)
+    }
+}
+
 /// Names, numbers of arguments, and what they do.
 pub(super) const FUNCTIONS: [(&str, usize, Instruction); 11] = [
     ("sin", 1, Instruction::Sin),
@@ -182,15 +190,9 @@ fn run<T: Real, O: Operand<T>>(steps: &[Instruction], variables: &[O], parameter
             Instruction::Number(v) => O::constant(T::constant(v)),
             Instruction::Variable(i) => variables.get(i).cloned().unwrap_or_else(missing),
             Instruction::Parameter(i) => parameters.get(i).cloned().unwrap_or_else(missing),
-            Instruction::Add
-            | Instruction::Subtract
-            | Instruction::Multiply
-            | Instruction::Divide
-            | Instruction::Power
-            | Instruction::Min
-            | Instruction::Max => {
+            operator if operator.takes_two() => {
                 let (b, a) = (pop(), pop());
-                match *step {
+                match operator {
                     Instruction::Add => a.with(b, |a, b| a + b),
                     Instruction::Subtract => a.with(b, |a, b| a - b),
                     Instruction::Multiply => a.with(b, |a, b| a * b),
@@ -216,21 +218,11 @@ pub(super) fn has_runaway_constant(steps: &[Instruction], is_acceleration: bool)
             Instruction::Variable(_) | Instruction::Parameter(_) => None,
             Instruction::Number(v) => Some(v),
             step => {
-                let two = matches!(
-                    step,
-                    Instruction::Add
-                        | Instruction::Subtract
-                        | Instruction::Multiply
-                        | Instruction::Divide
-                        | Instruction::Power
-                        | Instruction::Min
-                        | Instruction::Max
-                );
                 let last = stack.pop().flatten();
                 if step == Instruction::Divide && last == Some(0.0) {
                     return true;
                 }
-                let first = if two { stack.pop().flatten() } else { Some(0.0) };
+                let first = if step.takes_two() { stack.pop().flatten() } else { Some(0.0) };
                 first.zip(last).map(|(a, b)| {
                     let given: &[Instruction] = &[Instruction::Number(a), Instruction::Number(b), step];
                     run(given, &[], &[])

@@ -94,12 +94,12 @@ impl Engine {
         for row in found.rows {
             videos.push(self.video_row(row.key, row.value).await?);
         }
-        let all = PageStart { prefix: "", after: "", size: usize::MAX };
         let add = |seen: &mut LatestTraces, row: TimedRow<TraceRecord>| {
             seen.add(row.value);
             ControlFlow::Continue(())
         };
-        let (mut traces, _) = self.store.fold(TableKind::Traces, all, LatestTraces::default(), add).await?;
+        let (mut traces, _) =
+            self.store.fold(TableKind::Traces, ("", ""), LatestTraces::default(), add).await?;
         traces.cut();
         let trace = |r: TraceRecord| TraceRow {
             about: match (&r.interventions[..], r.kind) {
@@ -135,7 +135,6 @@ impl Engine {
 
     async fn video_row(&self, id: String, video: VideoHead) -> Result<VideoRow, EngineError> {
         let prefix = format!("{id}/");
-        let page = PageStart { prefix: &prefix, after: &prefix, size: MOST_MODELS };
         type Best = (usize, Option<ModelOutline>);
         let step = |(count, best): &mut Best, row: TimedRow<ModelOutline>| {
             *count += 1;
@@ -144,7 +143,8 @@ impl Engine {
             }
             if *count < MOST_MODELS { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
-        let ((models, best), _) = self.store.fold(TableKind::Fits, page, (0, None), step).await?;
+        let ((models, best), _) =
+            self.store.fold(TableKind::Fits, (&prefix, &prefix), (0, None), step).await?;
         let error = best.as_ref().and_then(|m| m.fit.scenes.first()).map(|s| (s.rmse, s.noise_sigma));
         Ok(VideoRow {
             frames: video.frames,

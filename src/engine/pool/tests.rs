@@ -225,7 +225,7 @@ async fn an_upload_ends_while_a_discovery_holds_the_only_worker() {
             let work = move |stop: crate::num::Stop| {
                 let _ = started.send(());
                 while finish.load(Ordering::SeqCst) == 0 {
-                    stop(0.5).map_err(crate::fit::FitError::from)?;
+                    stop(0.5)?;
                 }
                 Ok(())
             };

@@ -6,7 +6,6 @@
 
 use super::file::TraceFile;
 use crate::engine::error::EngineError;
-use crate::fit::FitError;
 use crate::num::Stop;
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,7 +40,7 @@ impl Backlog {
             if let Ok(share) = self.0.clone().try_acquire_many_owned(kib) {
                 return Ok(Batch { files, _share: share });
             }
-            stop(1.0).map_err(FitError::from)?;
+            stop(1.0)?;
             std::thread::sleep(POLL_INTERVAL);
         }
     }

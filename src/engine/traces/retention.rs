@@ -8,7 +8,7 @@
 //! * Leases are keyed by the whole key in the store, so that tenants do not block each other.
 
 use crate::store::now_ms;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -33,7 +33,7 @@ pub struct Retention {
 #[derive(Default)]
 pub struct TraceRetention {
     pub limits: Retention,
-    /// Notified when a trace was stored.
+    /// Notified when traces were stored.
     pub stored: Notify,
     uses: Uses,
     ages: Mutex<TraceAges>,
@@ -135,7 +135,15 @@ impl TraceRetention {
         if self.limits.max_age.is_some() {
             locked(&self.ages).stored.insert(short_digest(key), Instant::now());
         }
-        self.stored.notify_one();
+    }
+
+    /// Forgets when traces were stored that are not among these: they were deleted with their videos. The time of one that
+    /// was stored after `since` is kept, as whoever looked for them may not have seen it.
+    pub fn keep_ages<'k>(&self, keys: impl Iterator<Item = &'k str>, since: Instant) {
+        if self.limits.max_age.is_some() {
+            let known: HashSet<u128> = keys.map(short_digest).collect();
+            locked(&self.ages).stored.retain(|key, stored| *stored >= since || known.contains(key));
+        }
     }
 
     /// Notes that a trace is gone.
@@ -228,6 +236,20 @@ mod tests {
             retention.note_removed("new");
             assert!(!retention.is_too_old("new", now.after(DAY).wall_ms));
         }
+    }
+
+    #[test]
+    fn times_of_deleted_traces_are_forgotten() {
+        let retention = TraceRetention::new(Retention { max_age: Some(DAY), max_bytes: None });
+        for key in ["kept", "deleted"] {
+            retention.note_stored(key);
+        }
+        let since = Instant::now();
+        retention.note_stored("new");
+        retention.keep_ages(["kept"].into_iter(), since);
+        let ages = locked(&retention.ages);
+        let known = ["kept", "deleted", "new"].map(|key| ages.stored.contains_key(&short_digest(key)));
+        assert_eq!(known, [true, false, true]);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::retention::Lease;
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::state::Engine;
-use crate::store::{Listing, PageStart, StoreError, TableKind, now_ms};
+use crate::store::{Listing, PageStart, TableKind, now_ms};
 use bytes::Bytes;
 use std::sync::Arc;
 
@@ -30,29 +30,43 @@ impl Engine {
     #[tracing::instrument(skip_all)]
     pub(crate) async fn publish(&self, batch: Batch) -> Result<Vec<String>, EngineError> {
         let mut ids = Vec::with_capacity(batch.files.len());
-        for TraceFile { bytes, record } in batch.files {
-            let key = self.store.key(&record.id);
-            let _lease = self.retention.lease_when_free(&key).await;
-            let record = TraceRecord { stored_ms: now_ms(), ..record };
-            self.store.admit_trace(&record.id, record.size_bytes).await?;
-            self.store.put_blob(&record.id, bytes).await?;
-            metrics::counter!(metric_names::TRACES).increment(1);
-            metrics::counter!(metric_names::TRACE_BYTES).increment(record.size_bytes);
-            let stored = self.store.put_trace(&record.video, &record.id, &record, record.size_bytes).await;
-            if let Err(error) = stored {
-                // Nothing would name the file.
-                if self.store.delete_orphan(&key).await.is_err() {
-                    self.retention.look_for_orphans();
-                }
-                return Err(match error {
-                    StoreError::VideoGone => EngineError::no_video(&record.video),
-                    other => other.into(),
-                });
-            }
-            self.retention.note_stored(&key);
-            ids.push(record.id);
+        for file in batch.files {
+            ids.push(self.publish_file(file).await?);
+        }
+        if !ids.is_empty() {
+            self.retention.stored.notify_one();
         }
         Ok(ids)
+    }
+
+    async fn publish_file(&self, file: TraceFile) -> Result<String, EngineError> {
+        let TraceFile { bytes, record } = file;
+        let key = self.store.key(&record.id);
+        let lease = self.retention.lease_when_free(&key).await;
+        let record = TraceRecord { stored_ms: now_ms(), ..record };
+        self.store.admit_trace(&record.id, record.size_bytes).await?;
+        self.store.put_blob(&record.id, bytes).await?;
+        metrics::counter!(metric_names::TRACES).increment(1);
+        metrics::counter!(metric_names::TRACE_BYTES).increment(record.size_bytes);
+        let stored = self.store.put_trace(&record.video, &record.id, &record, record.size_bytes).await;
+        if let Err(error) = stored {
+            drop(lease);
+            self.remove_unrecorded(&key).await;
+            return Err(EngineError::of_video(&record.video, error));
+        }
+        self.retention.note_stored(&key);
+        Ok(record.id)
+    }
+
+    /// Removes a file that no record names. Another call may be about to record it: then it is looked for later.
+    async fn remove_unrecorded(&self, key: &str) {
+        let is_removed = match self.retention.removal(key) {
+            Some(_right) => self.store.delete_orphan(key).await.is_ok(),
+            None => false,
+        };
+        if !is_removed {
+            self.retention.look_for_orphans();
+        }
     }
 
     /// Up to `limit` traces that match the filter, after the id `after`, by id.
@@ -144,5 +158,27 @@ impl Download {
             return Err(self.engine.damaged(&self.record, "its checksum is wrong".into()));
         }
         Ok((offset, bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::state::Capacity;
+    use std::time::Duration;
+
+    #[tokio::test]
+    async fn a_file_that_another_call_may_record_is_not_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let capacity = Capacity { workers: 1, queue: 1, job_timeout: Duration::from_secs(60) };
+        let engine = Engine::open(folder.path(), capacity).unwrap();
+        engine.store.put_blob("t", Bytes::from_static(b"whole")).await.unwrap();
+        let other = engine.retention.lease("t").unwrap();
+        engine.remove_unrecorded("t").await;
+        assert_eq!(engine.store.blob_size("t").await, Ok(5));
+        assert!(engine.retention.take_orphans(), "it is looked for later");
+        drop(other);
+        engine.remove_unrecorded("t").await;
+        assert!(engine.store.blob_size("t").await.is_err() && !engine.retention.take_orphans());
     }
 }

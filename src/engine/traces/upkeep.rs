@@ -5,10 +5,7 @@ use super::retention::{ClockReading, Retention, TraceRetention};
 use crate::engine::error::EngineError;
 use crate::engine::metric_names;
 use crate::engine::state::Engine;
-use crate::store::{
-    BackupReport, CheckReport, PageStart, Quota, StorageState, StoredBytes, TableKind, Tenant, TimedRow,
-    now_ms,
-};
+use crate::store::{BackupReport, CheckReport, Quota, StorageState, TableKind, Tenant, TimedRow, now_ms};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -60,38 +57,30 @@ impl Engine {
         self.store.storage()
     }
 
-    /// What the tenant has stored.
-    pub fn stored_bytes(&self) -> StoredBytes {
-        self.store.stored_bytes()
+    /// How many bytes of traces each tenant that has too many must lose.
+    fn surplus(&self) -> BTreeMap<Tenant, u64> {
+        let Some(most) = self.retention.limits.max_bytes else { return BTreeMap::new() };
+        let left = (most as f64 * SIZE_AFTER_REMOVAL) as u64;
+        let over = self.store.tenants_with_more_traces(most).into_iter();
+        over.map(|(tenant, bytes)| (tenant, bytes.saturating_sub(left))).collect()
     }
 
     /// Removes the traces that exceed the limits now: by age of all tenants, by size of each tenant by itself, the oldest
     /// first; traces in use stay. Returns their ids.
     pub async fn remove_expired(&self, now: ClockReading) -> Result<Vec<String>, EngineError> {
-        let Retention { max_age, max_bytes } = self.retention.limits;
         self.retention.observe(now);
-        if max_age.is_none() && max_bytes.is_none() {
+        let (mut surplus, start) = (self.surplus(), Instant::now());
+        if self.retention.limits.max_age.is_none() && surplus.is_empty() {
             return Ok(vec![]);
         }
         let store = self.store.of_everyone();
-        let all = PageStart { prefix: "", after: "", size: usize::MAX };
         let collect = |rows: &mut Vec<TimedRow<AgedTrace>>, row| {
             rows.push(row);
             ControlFlow::Continue(())
         };
-        let (mut rows, _) = store.fold(TableKind::Traces, all, vec![], collect).await?;
+        let (mut rows, _) = store.fold(TableKind::Traces, ("", ""), vec![], collect).await?;
+        self.retention.keep_ages(rows.iter().map(|row| row.key.as_str()), start);
         rows.sort_by(|a, b| (a.value.stored_ms, &a.key).cmp(&(b.value.stored_ms, &b.key)));
-        let mut bytes = BTreeMap::<Tenant, u64>::new();
-        for row in &rows {
-            *bytes.entry(Tenant::of_key(&row.key)).or_default() += row.value.size_bytes;
-        }
-        // How much each tenant that has too much must lose.
-        let surplus = |bytes: &u64| {
-            let most = max_bytes.filter(|most| bytes > most)?;
-            Some(bytes.saturating_sub((most as f64 * SIZE_AFTER_REMOVAL) as u64))
-        };
-        let mut surplus: BTreeMap<Tenant, u64> =
-            bytes.iter().filter_map(|(tenant, bytes)| Some((tenant.clone(), surplus(bytes)?))).collect();
         let mut removed = vec![];
         for TimedRow { key, value: trace, .. } in rows {
             let tenant = Tenant::of_key(&key);
@@ -129,10 +118,10 @@ impl Engine {
         Ok(removed)
     }
 
-    /// Removes expired traces after every new trace and once a minute, and files without records at the start, each hour,
-    /// and a minute after a deletion failed, until it is dropped.
+    /// Removes traces beyond the limits of size after new ones, those that are too old once a minute, and files without
+    /// records at the start, each hour, and a minute after a deletion failed, until it is dropped.
     pub async fn enforce_retention(self: Arc<Self>) {
-        let mut search = Instant::now();
+        let (mut search, mut minute) = (Instant::now(), Instant::now() + EXPIRY_INTERVAL);
         loop {
             if self.retention.take_orphans() || Instant::now() >= search {
                 search = Instant::now() + ORPHAN_INTERVAL;
@@ -145,14 +134,32 @@ impl Engine {
                     Err(error) => tracing::error!(%error, "files without records were not removed"),
                 }
             }
-            let _ = tokio::time::timeout(EXPIRY_INTERVAL, self.retention.stored.notified()).await;
-            if self.storage().is_full && self.store.rebuild_reserve().is_ok() {
-                tracing::info!("the reserve of disk space is whole again");
+            let left = minute.saturating_duration_since(Instant::now());
+            let _ = tokio::time::timeout(left, self.retention.stored.notified()).await;
+            let is_due = Instant::now() >= minute;
+            if is_due {
+                minute = Instant::now() + EXPIRY_INTERVAL;
+                self.renew_reserve().await;
+            }
+            // A new trace is not too old.
+            if !is_due && self.surplus().is_empty() {
+                continue;
             }
             match self.remove_expired(ClockReading::now()).await {
                 Ok(removed) if removed.is_empty() => {}
                 Ok(removed) => tracing::info!(traces = removed.len(), "retention removed traces"),
                 Err(error) => tracing::error!(%error, "retention failed"),
+            }
+        }
+    }
+
+    /// Makes the reserve of disk space, if it is not there and there is room for it now.
+    async fn renew_reserve(&self) {
+        if self.store.lacks_reserve() {
+            let store = self.store.clone();
+            let made = tokio::task::spawn_blocking(move || store.rebuild_reserve()).await;
+            if matches!(made, Ok(Ok(()))) {
+                tracing::info!("the reserve of disk space is whole again");
             }
         }
     }

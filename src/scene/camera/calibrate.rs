@@ -180,7 +180,7 @@ fn best(
     size: [f64; 2],
     stop: Stop,
 ) -> Result<Option<CameraFit>, Stopped> {
-    let starts = starting_values(pairs, cloud, size).into_iter();
+    let starts = starting_values(pairs, cloud, size, stop)?.into_iter();
     let refined: Vec<CameraFit> =
         starts.map(|start| robust(pairs, start, size, stop)).collect::<Result<_, _>>()?;
     Ok(refined.into_iter().filter(|f| f.sigma.is_finite()).min_by(|a, b| a.sigma.total_cmp(&b.sigma)))

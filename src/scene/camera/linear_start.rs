@@ -8,7 +8,7 @@
 //! kept (Rousseeuw, 1984) and fitted again to the pairs within 2.5 such medians. Focal length and pose follow from a plane's
 //! map as in Zhang (2000), from a spatial map by splitting `K R` (Hartley and Zisserman, section 6.2.4).
 
-use crate::num::{elementary, quantile};
+use crate::num::{Stop, Stopped, elementary, quantile};
 use crate::scene::camera::lens_pose::{LensPose, PointPair, lens_pose};
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -20,6 +20,8 @@ pub(super) const MIN_PAIRS: usize = 4;
 const MIN_SPATIAL_PAIRS: usize = 6;
 /// Random minimal sets. With up to 40 % outliers one of them is almost certainly free of outliers.
 const TRIALS: usize = 400;
+/// Sets between two polls: some milliseconds.
+const POLL_TRIALS: usize = 16;
 /// Most pairs by which a map is judged.
 const MAX_JUDGING_PAIRS: usize = 400;
 /// Pairs with a residual up to this many medians are used for the last fit of a map.
@@ -78,7 +80,12 @@ impl PointPlane {
 }
 
 /// Starting values for a camera of an image of this size (px).
-pub(super) fn starting_values(pairs: &[PointPair], cloud: &PointPlane, size: [f64; 2]) -> Vec<LensPose> {
+pub(super) fn starting_values(
+    pairs: &[PointPair],
+    cloud: &PointPlane,
+    size: [f64; 2],
+    stop: Stop,
+) -> Result<Vec<LensPose>, Stopped> {
     let mut starts: Vec<LensPose> = vec![];
     if cloud.thickness < MAX_PLANE_THICKNESS {
         let flat: Vec<([f64; 2], Vec<f64>)> = pairs
@@ -88,22 +95,26 @@ pub(super) fn starting_values(pairs: &[PointPair], cloud: &PointPlane, size: [f6
                 (p.image, vec![along.x, along.y, 1.0])
             })
             .collect();
-        if let Some(h) = least_median(&flat, MIN_PAIRS) {
+        if let Some(h) = least_median(&flat, MIN_PAIRS, stop)? {
             starts.extend(from_plane(&Matrix3::from_fn(|i, j| h[(i, j)]), cloud, size));
         }
     }
     if cloud.thickness >= MIN_VOLUME_THICKNESS && pairs.len() >= MIN_SPATIAL_PAIRS {
         let solid: Vec<([f64; 2], Vec<f64>)> =
             pairs.iter().map(|p| (p.image, vec![p.world[0], p.world[1], p.world[2], 1.0])).collect();
-        let p = least_median(&solid, MIN_SPATIAL_PAIRS);
+        let p = least_median(&solid, MIN_SPATIAL_PAIRS, stop)?;
         starts.extend(p.and_then(|p| from_matrix(&Matrix3x4::from_fn(|i, j| p[(i, j)]), size)));
     }
-    starts
+    Ok(starts)
 }
 
 /// The projective map (3 x n) from homogeneous points to pixels with the least median residual, over random minimal sets of
 /// `minimal` pairs; fitted again to the pairs near it.
-fn least_median(points: &[([f64; 2], Vec<f64>)], minimal: usize) -> Option<DMatrix<f64>> {
+fn least_median(
+    points: &[([f64; 2], Vec<f64>)],
+    minimal: usize,
+    stop: Stop,
+) -> Result<Option<DMatrix<f64>>, Stopped> {
     let mut random = ChaCha8Rng::seed_from_u64(points.len() as u64);
     let stride = points.len().div_ceil(MAX_JUDGING_PAIRS);
     let judges: Vec<usize> = (0..points.len()).step_by(stride).collect();
@@ -122,7 +133,10 @@ fn least_median(points: &[([f64; 2], Vec<f64>)], minimal: usize) -> Option<DMatr
     let all: Vec<usize> = (0..points.len()).collect();
     let mut candidates: Vec<DMatrix<f64>> = linear(points, &all).into_iter().collect();
     if points.len() >= 2 * MIN_PAIRS {
-        for _ in 0..TRIALS {
+        for trial in 0..TRIALS {
+            if trial % POLL_TRIALS == 0 {
+                stop(0.0)?;
+            }
             let mut set: Vec<usize> = vec![];
             while set.len() < minimal {
                 let i = (random.next_u64() % points.len() as u64) as usize;
@@ -133,11 +147,18 @@ fn least_median(points: &[([f64; 2], Vec<f64>)], minimal: usize) -> Option<DMatr
             candidates.extend(linear(points, &set));
         }
     }
-    let judged = candidates.into_iter().filter_map(|map| Some((median(&map)?, map)));
-    let (limit, map) = judged.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let mut judged = vec![];
+    for (k, map) in candidates.into_iter().enumerate() {
+        if k % POLL_TRIALS == 0 {
+            stop(0.0)?;
+        }
+        judged.extend(median(&map).map(|median| (median, map)));
+    }
+    let best = judged.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((limit, map)) = best else { return Ok(None) };
     let near: Vec<usize> = all.into_iter().filter(|&i| residual(&map, i) <= NEAR_MEDIANS * limit).collect();
     let polished = linear(points, &near).filter(|p| median(p).is_some_and(|m| m <= limit));
-    Some(polished.unwrap_or(map))
+    Ok(Some(polished.unwrap_or(map)))
 }
 
 /// Direct linear transform of the pairs `set`, with normalised coordinates.

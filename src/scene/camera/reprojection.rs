@@ -16,6 +16,9 @@ const CENTRE_DEVIATION: f64 = 0.03;
 /// Most iterations.
 const MAX_ITERATIONS: usize = 100;
 
+/// Pairs of which the derivatives are taken between two polls: some milliseconds.
+const POLL_PAIRS: usize = 512;
+
 /// Minimises the cost of `calibrate` at a fixed pixel noise `sigma` (px); also returns the standard deviation of the focal
 /// length's logarithm.
 pub(super) fn refine(
@@ -27,6 +30,7 @@ pub(super) fn refine(
     let mut problem = Reprojection { pairs, sigma, size, focal_sd: FOCAL_DEVIATION, stop };
     let start = start.as_slice().to_vec();
     let found = levenberg_marquardt(&mut problem, start, None, &Schedule::MARQUARDT, MAX_ITERATIONS)?;
+    stop(1.0)?;
     Ok((LensPose::from_column_slice(&found.point), problem.focal_sd))
 }
 
@@ -85,7 +89,11 @@ impl Reprojection<'_> {
             })
         });
         let turn = rotation(at);
-        for pair in self.pairs {
+        for (i, pair) in self.pairs.iter().enumerate() {
+            // Whoever stops takes no result: the next poll ends the search.
+            if i % POLL_PAIRS == 0 && self.poll(0.0).is_err() {
+                break;
+            }
             let Some(r) = residual(at, &turn, pair, self.size) else { continue };
             let slope = |k: usize, c: usize| {
                 let [(a, ta, step), (b, tb, _)] = &moved[k];

@@ -35,7 +35,7 @@ pub use dependence::dependence;
 pub use finding::{FindingKind, TrackFinding};
 pub use steps::step;
 
-use crate::num::quantile;
+use crate::num::{Stop, Stopped, quantile};
 use crate::scene::covariance::Covariance;
 use crate::scene::observation::{Outlier, Sample, Scene};
 use camera_motion::{take_out_bumps, take_out_shake};
@@ -52,15 +52,22 @@ use uneven_noise::state_uneven_noise;
 const COARSE: f64 = 1.0;
 
 /// Examines a scene whose values are all in their bounds. What was found before, and leaves no trace, stays found.
-pub(in crate::scene) fn examine(scene: &mut Scene) {
+pub(in crate::scene) fn examine(scene: &mut Scene, stop: Stop) -> Result<(), Stopped> {
     let mut found = leave_out_markers(scene);
     let step = step(scene);
+    stop(0.0)?;
     found.extend(leave_out_repeats(scene, step));
+    stop(0.0)?;
     found.extend(leave_out_interpolated(scene, step));
+    stop(0.0)?;
     found.extend(take_in_lost_frames(scene, step));
+    stop(0.0)?;
     found.extend(take_out_bumps(scene, step));
+    stop(0.0)?;
     found.extend(put_identities_right(scene, step));
+    stop(0.0)?;
     found.extend(take_out_slow_motion(scene, step));
+    stop(0.0)?;
     // Of a video's outlines the covariances hold what neighbouring frames share.
     let ratio = if states_noise(scene) { 1.0 } else { dependence(scene, step) };
     if ratio <= 1.0 {
@@ -69,7 +76,9 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
         found.extend(leave_out_ends(scene, step));
     }
     // Where one track is on another object, both have all in common.
+    stop(0.0)?;
     found.extend(take_out_shake(scene, step));
+    stop(0.0)?;
     found.extend(state_uneven_noise(scene, step));
     let finding = |kind, value| TrackFinding { kind, objects: vec![], frames: vec![], value };
     let noise = position_sds(scene, 0.0).into_iter().fold(f64::INFINITY, f64::min);
@@ -83,6 +92,7 @@ pub(in crate::scene) fn examine(scene: &mut Scene) {
     let lost = |old: &TrackFinding| found.iter().all(|new| new != old);
     let earlier: Vec<TrackFinding> = known.into_iter().filter(lost).collect();
     scene.findings = [earlier, found].concat();
+    Ok(())
 }
 
 /// Whether the noise is known, with the covariance of each position.

@@ -9,6 +9,7 @@ use crate::store::schema::tables::{HEADS, META, OPERATION_RESULTS, RowTable, TAB
 use crate::store::write::is_recorded;
 use redb::{Database, ReadTransaction, ReadableDatabase, ReadableTable, TableError, TableHandle};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Write};
 use std::ops::{Bound, ControlFlow};
 
@@ -30,6 +31,7 @@ impl Store {
             store: self,
             to: ArchiveWriter::new(to).map_err(|e| unwritten(&e))?,
             report: BackupReport::default(),
+            left_out: BTreeSet::new(),
         };
         self.db.run(|db| copy.all(db))?;
         copy.to.finish().map_err(|e| unwritten(&e))?;
@@ -47,6 +49,8 @@ struct BackupCopy<'s, W> {
     store: &'s Store,
     to: ArchiveWriter<W>,
     report: BackupReport,
+    /// Keys of the heads of traces that were deleted since it started.
+    left_out: BTreeSet<String>,
 }
 
 impl<W: Write> BackupCopy<'_, W> {
@@ -111,7 +115,13 @@ impl<W: Write> BackupCopy<'_, W> {
         (key, row): (&str, &[u8]),
         kind: Option<TableKind>,
     ) -> Result<(), StoreError> {
-        if kind == Some(TableKind::Traces) && !self.file(db, key)? {
+        if let Some(kind @ TableKind::Traces) = kind
+            && !self.file(db, key)?
+        {
+            self.left_out.insert(kind.head_key(key));
+            return Ok(());
+        }
+        if table == HEADS.name() && self.left_out.contains(key) {
             return Ok(());
         }
         let name = format!("{table}/{key}");

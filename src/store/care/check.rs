@@ -10,7 +10,7 @@ use crate::store::schema::heads::{PlainHead, RowHead, VideoHead};
 use crate::store::schema::migrations::{SCHEMA_VERSION, schema_of};
 use crate::store::schema::rows::{readable, unsealed};
 use crate::store::schema::tables::{HEADS, OPERATION_RESULTS, TABLES, TableKind};
-use redb::{Database, ReadTransaction, ReadableDatabase};
+use redb::{Database, ReadTransaction, ReadableDatabase, TableError};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -67,15 +67,11 @@ impl Check<'_> {
         let mut named = self.heads(&read)?;
         let is_older = schema_of(db)? != Some(SCHEMA_VERSION);
         for kind in TABLES {
-            let opened = read.open_table(kind.table());
-            if matches!(opened, Err(redb::TableError::TableDoesNotExist(_))) && is_older {
-                continue;
+            match caught(|| Ok(read.open_table(kind.table()))) {
+                Ok(Ok(table)) => self.rows(kind, &table, named.as_mut())?,
+                Ok(Err(TableError::TableDoesNotExist(_))) if is_older => {}
+                _ => self.fault(kind.name().into(), "the table cannot be opened"),
             }
-            let Ok(table) = caught(|| opened.map_err(failed)) else {
-                self.fault(kind.name().into(), "the table cannot be opened");
-                continue;
-            };
-            self.rows(kind, &table, named.as_mut())?;
         }
         for record in named.into_iter().flatten() {
             self.fault(record, "its row is missing");
@@ -93,7 +89,7 @@ impl Check<'_> {
     /// Reads all heads, and returns the records that they name; `None`: a folder of an older schema has no heads.
     fn heads(&mut self, read: &ReadTransaction) -> Result<Option<BTreeSet<String>>, StoreError> {
         let heads = match read.open_table(HEADS) {
-            Err(redb::TableError::TableDoesNotExist(_)) => return Ok(None),
+            Err(TableError::TableDoesNotExist(_)) => return Ok(None),
             heads => heads.map_err(failed)?,
         };
         let mut named = BTreeSet::new();

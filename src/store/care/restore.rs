@@ -10,7 +10,7 @@ use crate::store::disk::database::{begin, database};
 use crate::store::error::{StoreError, failed, io_failed};
 use crate::store::folder::{DATABASE_FILE, TRACES_FOLDER};
 use crate::store::schema::migrations::{SCHEMA_VERSION, schema_of};
-use crate::store::schema::tables::{HEADS, META, OPERATION_RESULTS, RowTable, TABLES, TIMES, TableKind};
+use crate::store::schema::tables::{HEADS, META, TIMES, row_tables};
 use redb::{Database, TableHandle};
 use std::fs::File;
 use std::io::Read;
@@ -99,20 +99,12 @@ fn restored(from: impl Read, folder: &Path) -> Result<RestoreReport, StoreError>
 fn create_tables(db: &Database) -> Result<(), StoreError> {
     let schema = schema_of(db)?;
     let write = begin(db)?;
-    for table in TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS]) {
+    // Older schemas have no heads; their migration makes them.
+    let has_heads = schema == Some(SCHEMA_VERSION);
+    for table in row_tables().filter(|table| has_heads || table.name() != HEADS.name()) {
         write.open_table(table).map_err(failed)?;
     }
-    // Older schemas have no heads; their migration makes them.
-    if schema == Some(SCHEMA_VERSION) {
-        write.open_table(HEADS).map_err(failed)?;
-    }
     write.commit().map_err(failed)
-}
-
-/// The table of a row's name.
-fn row_table(name: &str) -> Option<RowTable> {
-    let known = TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS, HEADS]);
-    known.into_iter().find(|table| table.name() == name)
 }
 
 fn store(db: &Database, batch: Vec<Waiting>) -> Result<(), StoreError> {
@@ -122,7 +114,7 @@ fn store(db: &Database, batch: Vec<Waiting>) -> Result<(), StoreError> {
         let unknown = || wrong(format!("{:?} is a row that this program does not know", head.name));
         let (table, key) = head.name.split_once('/').ok_or_else(unknown)?;
         if head.kind == EntryKind::Row {
-            let table = row_table(table).ok_or_else(unknown)?;
+            let table = row_tables().find(|known| known.name() == table).ok_or_else(unknown)?;
             write.open_table(table).map_err(failed)?.insert(key, content.as_slice()).map_err(failed)?;
             continue;
         }

@@ -3,7 +3,7 @@
 use redb::backends::FileBackend;
 use redb::{BackendError, DatabaseError, StorageBackend};
 use std::fs::{File, OpenOptions};
-use std::io;
+use std::io::{self, ErrorKind};
 use std::ops::Bound;
 use std::path::Path;
 
@@ -32,6 +32,15 @@ impl DataFile {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path)?;
         Ok(DataFile { inner: FileBackend::new(file.try_clone()?)?, file })
     }
+
+    /// Reads what the file has, and zeros beyond it.
+    fn read_to_the_end(&self, offset: u64, out: &mut [u8]) -> io::Result<()> {
+        let left = self.file.metadata()?.len().saturating_sub(offset);
+        let within = usize::try_from(left).unwrap_or(usize::MAX).min(out.len());
+        let (stored, beyond) = out.split_at_mut(within);
+        beyond.fill(0);
+        if stored.is_empty() { Ok(()) } else { self.inner.read(offset, stored) }
+    }
 }
 
 impl StorageBackend for DataFile {
@@ -40,11 +49,10 @@ impl StorageBackend for DataFile {
     }
 
     fn read(&self, offset: u64, out: &mut [u8]) -> io::Result<()> {
-        let left = self.file.metadata()?.len().saturating_sub(offset);
-        let within = usize::try_from(left).unwrap_or(usize::MAX).min(out.len());
-        let (stored, beyond) = out.split_at_mut(within);
-        beyond.fill(0);
-        if stored.is_empty() { Ok(()) } else { self.inner.read(offset, stored) }
+        match self.inner.read(offset, out) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => self.read_to_the_end(offset, out),
+            done => done,
+        }
     }
 
     fn set_len(&self, len: u64) -> io::Result<()> {
@@ -85,5 +93,24 @@ impl StorageBackend for DataFile {
 
     fn query_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         self.inner.query_lock_range(start, end)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_reads_as_zeros_beyond_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file");
+        std::fs::write(&path, [7; 10]).unwrap();
+        let file = DataFile::open(&path).unwrap();
+        let read = |offset| {
+            let mut out = [1; 4];
+            file.read(offset, &mut out).map(|()| out)
+        };
+        let found = [0, 6, 8, 10, 1 << 52].map(|offset| read(offset).unwrap());
+        assert_eq!(found, [[7; 4], [7; 4], [7, 7, 0, 0], [0; 4], [0; 4]]);
     }
 }

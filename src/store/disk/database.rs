@@ -3,6 +3,7 @@
 //! redb takes no more work after an error of its disk, and panics at some kinds of damage. Both end the call with a typed
 //! error, and the database is opened again if it does not work any more.
 
+use super::checked_pages::CheckedPages;
 use crate::store::error::{StoreError, broken, failed};
 use redb::{Database, DatabaseError, Durability, ReadableDatabase, StorageBackend, WriteTransaction};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -14,7 +15,7 @@ const CACHE_BYTES: usize = 64 << 20;
 
 /// Opens or creates the database on this storage.
 pub fn database(storage: impl StorageBackend) -> Result<Database, DatabaseError> {
-    Database::builder().set_cache_size(CACHE_BYTES).create_with_backend(storage)
+    Database::builder().set_cache_size(CACHE_BYTES).create_with_backend(CheckedPages(storage))
 }
 
 /// The start of a durable write.
@@ -50,14 +51,19 @@ impl OpenDatabase {
 
     /// Runs `work`. If the database then takes no more work, it is opened again for the next call.
     pub fn run<T>(&self, work: impl FnOnce(&Database) -> Result<T, StoreError>) -> Result<T, StoreError> {
-        if self.open.read().unwrap_or_else(PoisonError::into_inner).is_err() {
+        let reading = || self.open.read().unwrap_or_else(PoisonError::into_inner);
+        if reading().is_err() {
             self.reopen();
         }
-        let result = match self.open.read().unwrap_or_else(PoisonError::into_inner).as_ref() {
+        let open = reading();
+        let result = match open.as_ref() {
             Ok(db) => caught(|| work(db)),
-            Err(reason) => Err(reason.clone()),
+            Err(reason) => return Err(reason.clone()),
         };
-        if matches!(result, Err(StoreError::Failed(_) | StoreError::Full | StoreError::Damaged { .. })) {
+        // Other calls go on while it is looked at: a damaged row or a full disk must not end a backup.
+        let is_suspect = result.as_ref().is_err_and(is_of_database);
+        if is_suspect && !open.as_ref().is_ok_and(is_usable) {
+            drop(open);
             self.reopen();
         }
         result
@@ -101,8 +107,17 @@ fn close(open: &mut Result<Database, StoreError>) {
     }
 }
 
-/// Whether the database still works; no other call uses it now. One that is damaged where it must write can be read, and
-/// might not open again.
+/// Whether an error may be one of the whole database. A row whose checksum is wrong is named, and is a matter of itself.
+fn is_of_database(error: &StoreError) -> bool {
+    match error {
+        StoreError::Failed(_) | StoreError::Full => true,
+        StoreError::Damaged { key } => key.is_empty(),
+        _ => false,
+    }
+}
+
+/// Whether the database still works. Others may use it meanwhile; a write that runs is waited for. One that is damaged
+/// where it must write can be read, and might not open again.
 fn is_usable(db: &Database) -> bool {
     let works = || {
         db.begin_read().map_err(failed)?;

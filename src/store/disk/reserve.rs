@@ -26,11 +26,14 @@ pub struct Reserve {
     bytes: AtomicU64,
     /// It existed in this process, and was given to a deletion.
     is_spent: AtomicBool,
+    /// It should exist and does not.
+    is_missing: AtomicBool,
 }
 
 impl Reserve {
     pub fn new(folder: &Path) -> Reserve {
-        Reserve { file: folder.join(FILE_NAME), bytes: AtomicU64::new(0), is_spent: AtomicBool::new(false) }
+        let (bytes, [is_spent, is_missing]) = (AtomicU64::new(0), [false; 2].map(AtomicBool::new));
+        Reserve { file: folder.join(FILE_NAME), bytes, is_spent, is_missing }
     }
 
     /// Keeps back so many bytes from now on; 0: none.
@@ -48,14 +51,16 @@ impl Reserve {
     /// Makes the reserve whole, if there is space for it.
     pub fn rebuild(&self) -> Result<(), StoreError> {
         let bytes = self.bytes.load(Ordering::SeqCst);
-        if bytes == 0 || std::fs::metadata(&self.file).is_ok_and(|file| file.len() == bytes) {
-            self.is_spent.store(false, Ordering::SeqCst);
-            return Ok(());
-        }
-        let made = File::create(&self.file).and_then(|file| {
-            fallocate(&file, FallocateFlags::empty(), 0, bytes)?;
-            file.sync_all()
-        });
+        let made = match bytes == 0
+            || std::fs::metadata(&self.file).is_ok_and(|file| file.is_file() && file.len() == bytes)
+        {
+            true => Ok(()),
+            false => File::create(&self.file).and_then(|file| {
+                fallocate(&file, FallocateFlags::empty(), 0, bytes)?;
+                file.sync_all()
+            }),
+        };
+        self.is_missing.store(made.is_err(), Ordering::SeqCst);
         match made {
             Ok(()) => {
                 self.is_spent.store(false, Ordering::SeqCst);
@@ -73,6 +78,7 @@ impl Reserve {
         let released = std::fs::remove_file(&self.file).is_ok();
         if released {
             self.is_spent.store(true, Ordering::SeqCst);
+            self.is_missing.store(true, Ordering::SeqCst);
             tracing::warn!("the disk is full: the reserve was released for a deletion");
         }
         released
@@ -84,6 +90,11 @@ impl Reserve {
             return Err(StoreError::Full);
         }
         Ok(())
+    }
+
+    /// Whether it should exist and does not: deletions have taken it, or there was no room for it.
+    pub fn is_missing(&self) -> bool {
+        self.is_missing.load(Ordering::SeqCst)
     }
 
     /// Whether deletions have taken it.

@@ -3,6 +3,8 @@
 use super::rows;
 use super::tables::TableKind;
 use crate::scene::{Object, Scene};
+use crate::store::error::{StoreError, failed};
+use redb::ReadableTable;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 
@@ -72,8 +74,16 @@ impl<T: DeserializeOwned> RowHead<T> {
     /// Reads the head under this key of `HEADS`.
     pub fn read(head_key: &str, row: &[u8]) -> Option<RowHead<T>> {
         // Heads have always had the checksum of their key: one without is damaged.
-        rows::unsealed(head_key, row)?;
-        rows::readable(head_key, row)
+        rows::value(rows::unsealed(head_key, row)?)
+    }
+
+    /// The head under this key; one that is damaged is none.
+    pub fn of(
+        heads: &impl ReadableTable<&'static str, &'static [u8]>,
+        head_key: &str,
+    ) -> Result<Option<RowHead<T>>, StoreError> {
+        let row = heads.get(head_key).map_err(failed)?;
+        Ok(row.and_then(|row| RowHead::read(head_key, row.value())))
     }
 }
 

@@ -4,7 +4,7 @@
 //! before or after it, and the next start goes on from there.
 
 use super::heads::head_of_row;
-use super::tables::{HEADS, META, OPERATION_RESULTS, TABLES, TIMES, TableKind};
+use super::tables::{HEADS, META, OPERATION_RESULTS, TABLES, TIMES, TableKind, row_tables};
 use crate::store::disk::database::begin;
 use crate::store::error::{StoreError, failed};
 use redb::{Database, ReadableDatabase, ReadableTable, TableError, WriteTransaction};
@@ -44,11 +44,9 @@ pub fn migrate(db: &Database) -> Result<(), StoreError> {
 fn create(db: &Database) -> Result<(), StoreError> {
     let write = begin(db)?;
     write.open_table(META).map_err(failed)?.insert("schema", SCHEMA_VERSION).map_err(failed)?;
-    for kind in TABLES {
-        write.open_table(kind.table()).map_err(failed)?;
+    for table in row_tables() {
+        write.open_table(table).map_err(failed)?;
     }
-    write.open_table(OPERATION_RESULTS).map_err(failed)?;
-    write.open_table(HEADS).map_err(failed)?;
     write.commit().map_err(failed)
 }
 

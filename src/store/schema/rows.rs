@@ -38,7 +38,11 @@ pub fn decode<T: DeserializeOwned>(record: &str, key: &str, row: &[u8]) -> Resul
 
 /// The same, where nobody waits for the reason.
 pub fn readable<T: DeserializeOwned>(key: &str, row: &[u8]) -> Option<T> {
-    let mut rest = unsealed(key, row).unwrap_or(row);
+    value(unsealed(key, row).unwrap_or(row))
+}
+
+/// The value of a row without its checksum.
+pub fn value<T: DeserializeOwned>(mut rest: &[u8]) -> Option<T> {
     let value = ciborium::from_reader(&mut rest).ok()?;
     rest.is_empty().then_some(value)
 }

@@ -46,6 +46,11 @@ pub const TABLES: [TableKind; 8] = [
     TableKind::Checkpoints,
 ];
 
+/// All tables of bytes; the heads, which older schemas lack, are the last.
+pub fn row_tables() -> impl Iterator<Item = RowTable> {
+    TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS, HEADS])
+}
+
 impl TableKind {
     pub fn table(self) -> RowTable {
         TableDefinition::new(self.name())

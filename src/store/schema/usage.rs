@@ -21,6 +21,9 @@ pub struct StoredBytes {
     pub traces: u64,
 }
 
+/// The tables whose rows count.
+pub const COUNTED: [TableKind; 3] = [TableKind::Videos, TableKind::Stills, TableKind::Traces];
+
 impl StoredBytes {
     fn part(&mut self, kind: TableKind) -> Option<&mut u64> {
         match kind {
@@ -40,6 +43,12 @@ pub struct UsageTable {
 impl UsageTable {
     pub fn of(&self, tenant: &Tenant) -> StoredBytes {
         self.tenants.get(tenant).copied().unwrap_or_default()
+    }
+
+    /// The tenants that have more bytes of traces.
+    pub fn with_more_traces(&self, than: u64) -> Vec<(Tenant, u64)> {
+        let traces = self.tenants.iter().map(|(tenant, stored)| (tenant, stored.traces));
+        traces.filter(|(_, bytes)| *bytes > than).map(|(tenant, bytes)| (tenant.clone(), bytes)).collect()
     }
 
     /// Notes that the row under this whole key has `new` bytes instead of `old`.

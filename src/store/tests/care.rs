@@ -1,18 +1,20 @@
 //! Backups of a folder that is being written, checks, and folders made of backups.
 
 use super::*;
-use crate::store::schema::tables::{HEADS, OPERATION_RESULTS, TABLES};
+use crate::store::schema::tables::{HEADS, row_tables};
 use redb::{ReadableTable, TableHandle};
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
 
 /// All rows of all tables, byte by byte.
 fn rows(store: &Store) -> BTreeMap<String, Vec<u8>> {
     let rows = |db: &Database| {
         let read = db.begin_read().unwrap();
         let mut rows = BTreeMap::new();
-        for table in TABLES.map(TableKind::table).into_iter().chain([OPERATION_RESULTS, HEADS]) {
+        for table in row_tables() {
             for row in read.open_table(table).unwrap().iter().unwrap() {
                 let (key, value) = row.unwrap();
                 rows.insert(format!("{}/{}", table.name(), key.value()), value.value().to_vec());
@@ -113,6 +115,87 @@ async fn a_backup_is_of_one_moment_while_others_write_and_delete() {
     }
     stop.store(true, Ordering::SeqCst);
     assert!(writer.await.unwrap() > 0, "the writer went on");
+}
+
+/// Says when the first row is written, and then waits until it may go on.
+struct PausedWriter {
+    to: Vec<u8>,
+    has_started: Option<mpsc::Sender<()>>,
+    may_go_on: mpsc::Receiver<()>,
+}
+
+impl Write for PausedWriter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // The first bytes are written before the database is read.
+        if !self.to.is_empty()
+            && let Some(started) = self.has_started.take()
+        {
+            started.send(()).map_err(io::Error::other)?;
+            self.may_go_on.recv().map_err(io::Error::other)?;
+        }
+        self.to.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A backup during which `meanwhile` happens.
+async fn backup_while(store: &Store, meanwhile: impl AsyncFnOnce(&Store)) -> (Vec<u8>, BackupReport) {
+    let ((has_started, started), (go_on, may_go_on)) = (mpsc::channel(), mpsc::channel());
+    let from = store.clone();
+    let backup = tokio::task::spawn_blocking(move || {
+        let mut to = PausedWriter { to: vec![], has_started: Some(has_started), may_go_on };
+        from.backup(&mut to).map(|report| (to.to, report))
+    });
+    tokio::task::spawn_blocking(move || started.recv().unwrap()).await.unwrap();
+    meanwhile(store).await;
+    go_on.send(()).unwrap();
+    backup.await.unwrap().unwrap()
+}
+
+#[tokio::test]
+async fn traces_that_go_during_a_backup_leave_no_head_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(&folder.path().join("old")).await;
+    let (archive, report) = backup_while(&store, async |store| {
+        assert!(store.delete_video("v3").await.unwrap());
+    })
+    .await;
+    assert_eq!((report.trace_files, report.unreadable), (19, vec![]));
+    let new = folder.path().join("new");
+    restore(archive.as_slice(), &new).unwrap();
+    assert_eq!(Store::open(&new).unwrap().check().unwrap().faults, []);
+}
+
+#[tokio::test]
+async fn a_damaged_row_ends_no_backup_and_nobody_waits_for_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path()).await;
+    let damage = |db: &Database| {
+        let write = db.begin_write().unwrap();
+        write.open_table(TableKind::Videos.table()).unwrap().insert("v3", &b"?"[..]).unwrap();
+        write.commit().unwrap();
+        Ok(())
+    };
+    store.db.run(damage).unwrap();
+    let failures = [StoreError::Damaged { key: String::new() }, StoreError::Full];
+    let (_, report) = backup_while(&store, async |store| {
+        let read = store.get::<Scene>(TableKind::Videos, "v3");
+        let read = tokio::time::timeout(Duration::from_secs(20), read).await.expect("it waits for nobody");
+        assert_eq!(read, Err(StoreError::Damaged { key: "videos/v3".into() }));
+        for error in failures {
+            let (store, failure) = (store.clone(), error.clone());
+            let failing = store.blocking("x".into(), move |_| Err::<(), _>(failure));
+            let failed = tokio::time::timeout(Duration::from_secs(20), failing).await.expect("nor does this");
+            assert_eq!(failed, Err(error.at("x")));
+        }
+        assert!(!store.db.must_yield());
+    })
+    .await;
+    assert_eq!(report, store.backup(io::sink()).unwrap());
 }
 
 #[tokio::test]

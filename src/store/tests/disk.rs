@@ -4,6 +4,7 @@ use redb::StorageBackend;
 use std::collections::BTreeSet;
 use std::io::{self, ErrorKind};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 const PAGE: u64 = 4096;
@@ -24,6 +25,8 @@ pub struct Faults {
 pub struct MemoryDisk {
     pub bytes: Arc<Mutex<Vec<u8>>>,
     pub faults: Arc<Mutex<Faults>>,
+    /// Bytes of the largest read.
+    pub largest_read: Arc<AtomicUsize>,
     written: Arc<Mutex<BTreeSet<u64>>>,
 }
 
@@ -31,7 +34,7 @@ impl MemoryDisk {
     pub fn of(bytes: Vec<u8>) -> MemoryDisk {
         let pages = (0..bytes.len() as u64 / PAGE).collect();
         let written = Arc::new(Mutex::new(pages));
-        MemoryDisk { bytes: Arc::new(Mutex::new(bytes)), faults: Arc::default(), written }
+        MemoryDisk { bytes: Arc::new(Mutex::new(bytes)), written, ..MemoryDisk::default() }
     }
 
     pub fn image(&self) -> Vec<u8> {
@@ -50,6 +53,7 @@ impl StorageBackend for MemoryDisk {
     }
 
     fn read(&self, offset: u64, out: &mut [u8]) -> io::Result<()> {
+        self.largest_read.fetch_max(out.len(), Ordering::SeqCst);
         let mut faults = self.faults.lock().unwrap();
         match faults.reads {
             Some((0, kind)) => {

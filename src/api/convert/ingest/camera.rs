@@ -3,7 +3,6 @@
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
-use crate::fit::FitError;
 use crate::scene::{
     CalibrateError, Calibration, Camera, CameraPose, Covariance, IMAGE_NOISE, IMAGE_NOISE_RANGE, Intrinsics,
     Object, Pixel, PointPair, Rotation, Track, Violation,
@@ -107,7 +106,7 @@ pub fn pairs(request: v1::CalibrateCameraRequest) -> (Vec<PointPair>, [f64; 2]) 
 /// The error of a calibration with the path of its field.
 pub fn uncalibrated(error: CalibrateError) -> EngineError {
     if let CalibrateError::Stopped(stopped) = error {
-        return FitError::from(stopped).into();
+        return stopped.into();
     }
     let text = error.to_string();
     let (path, message) = text.split_once(": ").unwrap_or(("pairs", &text));

@@ -5,7 +5,6 @@ use crate::api::convert::video::{DEFAULT_FPS, object_message};
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
-use crate::fit::FitError;
 use crate::num::Stop;
 use crate::scene::{
     AttributeScores, BoundingBox, DEFAULT_SIZE, Detection, LinkError, LinkOptions, LinkReport,
@@ -47,7 +46,7 @@ pub fn linked(request: v1::CreateVideoRequest, stop: Stop) -> Result<(v1::Video,
     let (mut detections, mut length) = (vec![], None);
     for (i, d) in request.detections.into_iter().enumerate() {
         if i % STOP_EVERY == 0 {
-            stop(0.0).map_err(FitError::from)?;
+            stop(0.0)?;
         }
         let path = format!("detections[{i}]");
         if let Err(message) = checked_features(&d.features, &mut length) {
@@ -75,7 +74,7 @@ pub fn linked(request: v1::CreateVideoRequest, stop: Stop) -> Result<(v1::Video,
 fn refused(error: LinkError) -> EngineError {
     match error {
         LinkError::Camera(e) => EngineError::invalid("video.camera.matrix", e.to_string()),
-        LinkError::Stopped(stopped) => FitError::from(stopped).into(),
+        LinkError::Stopped(stopped) => stopped.into(),
         other => EngineError::invalid("detections", other.to_string()),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::detections::linked;
 use super::stills::checked;
-use crate::api::convert::video::{scene_from_message, world};
+use crate::api::convert::video::{scene_until, world};
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::EngineError;
@@ -50,10 +50,10 @@ fn scene_from_request(
         return of_file(request);
     }
     if request.detections.is_empty() {
-        return Ok((scene_from_message(request.video)?, IngestReport::default()));
+        return Ok((scene_until(request.video, stop)?, IngestReport::default()));
     }
     let (video, report) = linked(request, stop)?;
-    Ok((scene_from_message(Some(video))?, IngestReport { linking: Some(report), ..IngestReport::default() }))
+    Ok((scene_until(Some(video), stop)?, IngestReport { linking: Some(report), ..IngestReport::default() }))
 }
 
 /// The scene of a file, which is read as the command line reads it.

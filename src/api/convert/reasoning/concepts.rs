@@ -23,8 +23,7 @@ pub fn learn_request(
     request: v1::LearnConceptsRequest,
 ) -> Result<(Option<String>, LearnRequest, u64), EngineError> {
     let mut r = Violations::default();
-    let named = Some(&request.base).filter(|name| !name.is_empty());
-    let base = named.map(|name| r.id("base", name, "lexica"));
+    let base = r.optional_id("base", &request.base, "lexica");
     let learned = match request.source {
         Some(Source::Lessons(given)) => {
             if base.is_some() {
@@ -166,7 +165,7 @@ pub fn content(bytes: &[u8]) -> Result<Lexicon, EngineError> {
 /// Id of the video whose objects a word is described for, if one is named.
 pub fn described_video(name: &str) -> Result<Option<String>, EngineError> {
     let mut r = Violations::default();
-    let id = Some(name).filter(|n| !n.is_empty()).map(|name| r.id("video", name, "videos"));
+    let id = r.optional_id("video", name, "videos");
     r.finish(id)
 }
 

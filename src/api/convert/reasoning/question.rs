@@ -20,7 +20,7 @@ pub fn ask_request(
     let options = AskOptions { rollouts: r.rollouts(request.rollouts), seed: request.seed };
     let question = question(&mut r, "", request.question, request.choices);
     let conversation = conversation(&mut r, request.previous, request.words);
-    let lexicon = named(&mut r, "lexicon", &request.lexicon, "lexica");
+    let lexicon = r.optional_id("lexicon", &request.lexicon, "lexica");
     r.finish((video, source, AskedQuestion { question, conversation, lexicon }, options))
 }
 
@@ -31,20 +31,15 @@ pub fn parse_request(
     use v1::ask_request::Question as Asked;
     use v1::parse_question_request::Question as Given;
     let mut r = Violations::default();
-    let video = named(&mut r, "video", &request.video, "videos");
+    let video = r.optional_id("video", &request.video, "videos");
     let given = request.question.map(|given| match given {
         Given::Text(text) => Asked::Text(text),
         Given::Program(program) => Asked::Program(program),
     });
     let question = question(&mut r, "", given, request.choices);
     let conversation = conversation(&mut r, request.previous, request.words);
-    let lexicon = named(&mut r, "lexicon", &request.lexicon, "lexica");
+    let lexicon = r.optional_id("lexicon", &request.lexicon, "lexica");
     r.finish((video, AskedQuestion { question, conversation, lexicon }))
-}
-
-/// The id in a name; none where the name is empty.
-fn named(r: &mut Violations, path: &str, name: &str, collection: &str) -> Option<String> {
-    (!name.is_empty()).then(|| r.id(path, name, collection))
 }
 
 /// The questions before, and the caller's own words.

@@ -6,7 +6,7 @@ use crate::api::convert::progress::progress_message;
 use crate::api::convert::video::video_message;
 use crate::api::convert::violations::check_request_id;
 use crate::api::server::byte_budget::{ByteBudget, HeldBytes, Holder};
-use crate::api::status::{busy, status};
+use crate::api::status::status;
 use crate::api::v1;
 use crate::engine::{Engine, EngineError, JobProgress};
 use crate::media::MAX_VIDEO_BYTES;
@@ -68,8 +68,7 @@ async fn received(
     let (mut options, mut bytes, mut background) = (None, vec![], vec![]);
     let held = HeldBytes::default();
     let hold = |part: &[u8]| -> Result<(), Status> {
-        let reserved = room.budget.reserve(&room.holder, part.len());
-        held.add(reserved.map_err(|over| busy(format!("{over}; try again later"), "BYTES_IN_FLIGHT"))?);
+        held.add(room.budget.reserve(&room.holder, part.len())?);
         Ok(())
     };
     while let Some(message) = parts.message().await? {

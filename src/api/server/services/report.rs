@@ -2,8 +2,9 @@
 
 use super::comparison;
 use crate::api::convert::names::{trace_name, video_name};
-use crate::api::convert::reasoning::{concepts, question};
+use crate::api::convert::reasoning::question;
 use crate::api::convert::study;
+use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::{
     Engine, EngineError, JobHandle, ModelSource, ReportContents, ReportPage, ReportQuestion, Study,
@@ -78,10 +79,9 @@ fn contents(
     prefix: String,
     lexicon: &str,
 ) -> Result<ReportContents, EngineError> {
-    let lexicon = match lexicon {
-        "" => None,
-        name => Some(concepts::lexicon_id("lexicon", name)?),
-    };
+    let mut violations = Violations::default();
+    let lexicon = violations.optional_id("lexicon", lexicon, "lexica");
+    let lexicon = violations.finish(lexicon)?;
     let prefix = Some(prefix).filter(|p| !p.is_empty());
     Ok(ReportContents { questions: questions(asked, first)?, prefix, lexicon })
 }

@@ -44,6 +44,9 @@ enum Schema {
 
 pub async fn run(target: &Target, args: ParseArgs) -> Result<(), Failure> {
     let json = args.json.as_deref();
+    if let Some(file) = json {
+        output::writable("--json", file.as_ref())?;
+    }
     let connection = Connection::open(target).await?;
     if args.operations || args.schema.is_some() {
         let request = ReasoningListOperationsRequest {};
