@@ -265,11 +265,13 @@ impl Trainer<'_> {
         let mut distinct = batch.to_vec();
         distinct.sort_unstable();
         distinct.dedup();
-        loop {
+        let (mut done, mut losses): (Vec<(usize, RecordedLoss)>, Vec<(usize, VideoLoss)>) = (vec![], vec![]);
+        let mut open = distinct;
+        while !open.is_empty() {
             let recorded: Vec<Option<RecordedLoss>> =
-                distinct.iter().map(|v| videos[*v].recorded.take()).collect();
+                open.iter().map(|v| videos[*v].recorded.take()).collect();
             let ready: &[PreparedVideo] = videos;
-            let runs: Vec<Result<(RecordedLoss, VideoLoss), Halt>> = distinct
+            let runs: Vec<Result<(RecordedLoss, VideoLoss), Halt>> = open
                 .par_iter()
                 .zip(recorded)
                 .map(|(v, last)| {
@@ -279,29 +281,29 @@ impl Trainer<'_> {
                     Ok((run, loss))
                 })
                 .collect();
-            let (mut done, mut losses, mut needs) = (vec![], vec![], vec![]);
-            for (v, run) in distinct.iter().zip(runs) {
+            let mut needs = vec![];
+            for (v, run) in open.iter().zip(runs) {
                 match run {
                     Ok((run, loss)) => {
                         done.push((*v, run));
-                        losses.push(loss);
+                        losses.push((*v, loss));
                     }
                     Err(Halt::NeedsSimulation(interventions, frames)) => {
                         needs.push((*v, interventions, frames));
                     }
-                    Err(Halt::Undetermined(_)) => losses.push(VideoLoss::default()),
+                    Err(Halt::Undetermined(_)) => losses.push((*v, VideoLoss::default())),
                     Err(Halt::Error(error)) => return Err(error.into()),
                 }
             }
-            if needs.is_empty() {
-                keep(videos, done);
-                let at = |v: &usize| distinct.binary_search(v).ok().and_then(|k| losses.get(k).cloned());
-                return Ok(batch.iter().map(|v| at(v).unwrap_or_default()).collect());
-            }
+            open = needs.iter().map(|n| n.0).collect();
             for (v, interventions, frames) in needs {
                 videos[v].simulate(&interventions, frames, stop)?;
             }
         }
+        done.sort_by_key(|d| d.0);
+        keep(videos, done);
+        let of = |v: &usize| losses.iter().find(|l| l.0 == *v).map(|l| l.1.clone()).unwrap_or_default();
+        Ok(batch.iter().map(of).collect())
     }
 
     /// The items of a video for these logits: the last run again if it took the path that this one takes, else on a new tape.
@@ -432,19 +434,23 @@ impl Trainer<'_> {
             return families;
         }
         let maps: Vec<Vec<LogitMap>> = left_out.iter().map(|(_, f)| logit_maps(f, videos)).collect();
-        let mut runs: Vec<Option<RecordedLoss>> = videos.iter().map(|_| None).collect();
-        let mut answers = |temperature: f64| -> Vec<f64> {
-            let each = videos.par_iter().zip(&mut runs).enumerate().map(|(v, (video, run))| {
-                let fold = left_out.iter().zip(&maps).find(|((fold, _), _)| v % folds == *fold);
-                let Some(((_, learned), maps)) = fold else { return vec![] };
-                let logits = logits(maps, video, temperature);
-                *run = self.run(video, learned, &logits, (RunItems::Simulated, run.take())).ok();
+        // Only one tape for each thread is held at once: a video is run with all temperatures, one after the other.
+        let of_video = |(v, video): (usize, &PreparedVideo)| -> Vec<Vec<f64>> {
+            let fold = left_out.iter().zip(&maps).find(|((fold, _), _)| v % folds == *fold);
+            let Some(((_, learned), maps)) = fold else { return vec![vec![]; TEMPERATURES.len()] };
+            let mut run: Option<RecordedLoss> = None;
+            let mut at = |temperature: &f64| -> Vec<f64> {
+                let logits = logits(maps, video, *temperature);
+                run = self.run(video, learned, &logits, (RunItems::Simulated, run.take())).ok();
                 run.as_ref().map_or(vec![], |r| r.answers.iter().map(|a| r.tape.value(*a)).collect())
-            });
-            each.collect::<Vec<_>>().concat()
+            };
+            TEMPERATURES.iter().map(&mut at).collect()
         };
+        let each: Vec<Vec<Vec<f64>>> = videos.par_iter().enumerate().map(of_video).collect();
+        let answers = |k: usize| -> Vec<f64> { each.iter().flat_map(|v| v[k].iter().copied()).collect() };
         let loss = |answers: &[f64]| -> f64 { answers.iter().map(|p| -ln(p.max(LEAST_PROBABILITY))).sum() };
-        let scored = TEMPERATURES.map(|t| (t, answers(t)));
+        let scored: Vec<(f64, Vec<f64>)> =
+            TEMPERATURES.iter().enumerate().map(|(k, t)| (*t, answers(k))).collect();
         let best = scored.iter().min_by(|a, b| loss(&a.1).total_cmp(&loss(&b.1)));
         if let Some((temperature, answers)) = best {
             let calibration = calibration(answers, loss(answers));
