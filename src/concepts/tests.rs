@@ -16,8 +16,13 @@ const LOOKS: [(&str, &str, &str); 4] = [
     ("red", "rubber", "cube"),
 ];
 
-/// A scene of 20 frames; object 0 is at rest, the others move; features tell colour and material with noise.
+/// A scene of 20 frames; object 0 is at rest, the others move; features tell colour and material with a little noise.
 fn scene(name: &str, looks: &[(&str, &str, &str)], random: &mut ChaCha8Rng) -> Scene {
+    scene_with_noise(name, looks, 0.1, random)
+}
+
+/// The same with features of this noise, next to a difference of one.
+fn scene_with_noise(name: &str, looks: &[(&str, &str, &str)], noise: f64, random: &mut ChaCha8Rng) -> Scene {
     let (mut objects, mut tracks) = (vec![], vec![]);
     for (k, (color, material, form)) in looks.iter().enumerate() {
         let shape = match *form {
@@ -25,7 +30,7 @@ fn scene(name: &str, looks: &[(&str, &str, &str)], random: &mut ChaCha8Rng) -> S
             "sphere" => Shape::Ball { radius: 0.2 },
             _ => Shape::Disc { radius: 0.2 },
         };
-        let mut near = |x: f64| (x + 0.1 * standard_normal(random)) as f32;
+        let mut near = |x: f64| (x + noise * standard_normal(random)) as f32;
         let flag = |is: bool| if is { 1.0 } else { 0.0 };
         let features = vec![
             near(flag(*color == "red")),
@@ -199,6 +204,10 @@ fn lessons(scene: &Scene) -> Vec<Lesson> {
 }
 
 fn random_scenes(count: usize, seed: u64) -> Vec<Scene> {
+    noisy_scenes(count, 0.1, seed)
+}
+
+fn noisy_scenes(count: usize, noise: f64, seed: u64) -> Vec<Scene> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let pick = |random: &mut ChaCha8Rng, n: usize| (standard_normal(random).abs() * 1e6) as usize % n;
     let mut scenes = vec![];
@@ -212,7 +221,7 @@ fn random_scenes(count: usize, seed: u64) -> Vec<Scene> {
                 )
             })
             .collect();
-        scenes.push(scene(&format!("video {k}"), &looks, &mut random));
+        scenes.push(scene_with_noise(&format!("video {k}"), &looks, noise, &mut random));
     }
     scenes
 }
@@ -245,6 +254,77 @@ fn words_are_learned_from_answers_alone() {
     assert_eq!(described.looks_at[0].0, "feature_0");
     assert!(described.calibration.unwrap().accuracy > 0.9);
     assert!(matches!(describe(&lexicon, "pink"), Err(ConceptError::UnknownWord { .. })));
+}
+
+/// How many tenths of probability have verdicts, and in how many of these the share that is right is off by more than its 95 % interval.
+fn bins_that_are_off(verdicts: &[(f64, bool)]) -> [usize; 2] {
+    let tenth = |p: f64| ((10.0 * p) as usize).min(9);
+    let (mut all, mut off) = (0, 0);
+    for k in 0..10 {
+        let own: Vec<&(f64, bool)> = verdicts.iter().filter(|v| tenth(v.0) == k).collect();
+        let right = own.iter().filter(|v| v.1).count();
+        if !own.is_empty() {
+            let mean = own.iter().map(|v| v.0).sum::<f64>() / own.len() as f64;
+            let [low, high] = crate::num::share_interval(right, own.len());
+            println!("  of {} with {mean:.3} right {right} ({low:.3} to {high:.3})", own.len());
+            all += 1;
+            off += usize::from(!(low..=high).contains(&mean));
+        }
+    }
+    [all, off]
+}
+
+fn log_loss(verdicts: &[(f64, bool)]) -> f64 {
+    let each = verdicts.iter().map(|v| -(if v.1 { v.0 } else { 1.0 - v.0 }).max(1e-6).ln());
+    each.sum::<f64>() / verdicts.len() as f64
+}
+
+/// The most probable word of each family of each object, and whether it is the true one, by a lexicon and by its weights alone. Words that
+/// no lesson names are left out.
+fn verdicts(lexicon: &Lexicon, scenes: &[Scene], to: &mut [Vec<(f64, bool)>; 2]) {
+    for scene in scenes {
+        let looks = features::appearance(scene);
+        for (object, looks) in scene.objects.iter().zip(&looks) {
+            for family in &lexicon.families {
+                let truth = match family.family {
+                    WordFamily::Color => object.color.as_str(),
+                    WordFamily::Material => object.material.as_str(),
+                    WordFamily::Shape => object.shape.word(),
+                };
+                let Some(truth) = family.words.iter().position(|w| w == truth) else { continue };
+                let x = lexicon.standardised(looks);
+                let certain = LearnedFamily { information: None, temperature: 1.0, ..family.clone() };
+                for (p, to) in [family.probabilities(&x), certain.probabilities(&x)].iter().zip(&mut *to) {
+                    let best =
+                        (0..p.len()).max_by(|a, b| p[*a].total_cmp(&p[*b])).expect("a family has words");
+                    to.push((p[best], best == truth));
+                }
+            }
+        }
+    }
+}
+
+/// Lessons of few videos, whose features hardly tell the words apart, leave the weights uncertain.
+#[test]
+fn probabilities_of_words_are_calibrated_on_videos_that_were_left_out() {
+    let (mut bins, mut point_bins) = ([0; 2], [0; 2]);
+    for (videos, noise) in [(6, 0.3), (12, 0.3), (12, 0.45), (24, 0.45)] {
+        let mut found = [vec![], vec![]];
+        for seed in 0..4 {
+            let lexicon = learned(&noisy_scenes(videos, noise, 100 + seed), 2);
+            verdicts(&lexicon, &noisy_scenes(15, noise, 200 + seed), &mut found);
+        }
+        let [loss, point_loss] = [&found[0], &found[1]].map(|v| log_loss(v));
+        println!("{videos} videos, noise {noise}: loss {loss:.3}, of the weights alone {point_loss:.3}");
+        assert!(loss < point_loss, "{videos} {noise}: {loss} {point_loss}");
+        for (bins, found) in [&mut bins, &mut point_bins].into_iter().zip(&found) {
+            let [all, off] = bins_that_are_off(found);
+            println!("{off} of {all} off");
+            *bins = [bins[0] + all, bins[1] + off];
+        }
+    }
+    println!("bins off: {bins:?}, of the weights alone {point_bins:?}");
+    assert!(10 * bins[1] <= 2 * bins[0] && 2 * bins[1] < point_bins[1], "{bins:?} {point_bins:?}");
 }
 
 #[test]

@@ -256,3 +256,4 @@ fn bin(bin: &CalibrationBin) -> v1::CalibrationBin {
         accuracy_high,
     }
 }
+            mistaken: c.mistaken,
