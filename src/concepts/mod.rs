@@ -30,7 +30,7 @@ mod tape;
 mod tests;
 mod training;
 
-pub use change::{ChangeOptions, learn_change};
+pub use change::{ChangeExample, ChangeOptions, learn_change, learn_change_from_examples};
 pub use describe::{WordDescription, describe};
 pub use error::ConceptError;
 pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};

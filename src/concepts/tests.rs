@@ -411,14 +411,28 @@ fn chain(gap: f64) -> (Scene, crate::fit::Fit) {
 
 /// The same on a ground with this coefficient of friction; `None`: the preset's.
 fn chain_on_ground(gap: f64, friction: Option<f64>) -> (Scene, crate::fit::Fit) {
-    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let scene = chain_scene("chain", (gap, friction), None, [0.0; 3]);
+    let model = crate::world::Preset::for_world(scene.world).model(&scene);
+    let options = crate::fit::FitOptions::default();
+    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[model], &options, &never).expect("it fits");
+    (scene, fit)
+}
+
+/// What is seen of the chain, with starts moved by so much (m), and after a change.
+fn chain_scene(
+    name: &str,
+    (gap, friction): (f64, Option<f64>),
+    change: Option<&crate::world::Intervention>,
+    moved: [f64; 3],
+) -> Scene {
+    let mut random = ChaCha8Rng::seed_from_u64(3 + name.len() as u64);
     let looks = [("red", "rubber", "disc"), ("blue", "rubber", "disc"), ("green", "rubber", "disc")];
-    let mut scene = scene("chain", &looks, &mut random);
+    let mut scene = scene(name, &looks, &mut random);
     (scene.world, scene.times) = (WorldKind::Table, (0..80).map(|f| f as f64 / 25.0).collect());
     let mut model = crate::world::Preset::for_world(scene.world).model(&scene);
     let starts = [(-1.0, 1.6), (0.0, 0.0), (0.4 + gap, 0.0)];
-    for (body, (x, v)) in model.bodies.iter_mut().zip(starts) {
-        (body.start.time, body.start.state.position) = (0.0, vec2(x, 0.0));
+    for ((body, (x, v)), moved) in model.bodies.iter_mut().zip(starts).zip(moved) {
+        (body.start.time, body.start.state.position) = (0.0, vec2(x + moved, 0.3 * moved));
         body.start.state.velocity = vec2(v, 0.0);
     }
     for active in &mut model.effects {
@@ -427,6 +441,7 @@ fn chain_on_ground(gap: f64, friction: Option<f64>) -> (Scene, crate::fit::Fit) 
         let own = active.parameters.iter_mut().zip(is_friction).filter(|(_, is)| *is);
         own.flat_map(|(p, _)| &mut p.values).for_each(|v| *v = friction.unwrap_or(*v));
     }
+    let model = change.map_or(Ok(model.clone()), |c| c.apply(&model)).expect("it applies");
     let run = crate::world::trace(&model, &scene.times);
     for (k, track) in scene.tracks.iter_mut().enumerate() {
         let sample = |(frame, row): (usize, &Vec<Option<crate::world::State>>)| {
@@ -436,10 +451,7 @@ fn chain_on_ground(gap: f64, friction: Option<f64>) -> (Scene, crate::fit::Fit) 
         };
         track.samples = run.states.iter().enumerate().map(sample).collect();
     }
-    let model = crate::world::Preset::for_world(scene.world).model(&scene);
-    let options = crate::fit::FitOptions::default();
-    let fit = crate::fit::fit(std::slice::from_ref(&scene), &[model], &options, &never).expect("it fits");
-    (scene, fit)
+    scene
 }
 
 /// What happens under a change of each object that meets another, which is called "ponderous": which pairs collide.
@@ -521,6 +533,87 @@ fn the_factor_of_friction_is_learned_from_what_would_happen() {
     let [found, low, high] = learned_factor(&videos, ChangedQuantity::Friction, &slippery);
     assert!((low..=high).contains(&0.3), "{found} ({low} to {high})");
     assert!((found / 0.3).ln().abs() < 0.7, "{found}");
+}
+
+use crate::world::Intervention::{ScaleFriction, ScaleMass, ScaleVelocity};
+
+type Changed = fn(u32, f64) -> crate::world::Intervention;
+
+const CHANGES: [(ChangedQuantity, Changed); 3] = [
+    (ChangedQuantity::Mass, |id, factor| ScaleMass { id, factor }),
+    (ChangedQuantity::Friction, |id, factor| ScaleFriction { id, factor }),
+    (ChangedQuantity::Velocity, |id, factor| ScaleVelocity { id, factor }),
+];
+
+/// The word "altered" from pairs of videos, in which object 0 of the chain is changed by these factors.
+fn altered(
+    before: &(Scene, crate::fit::Fit),
+    (quantity, change): (ChangedQuantity, Changed),
+    (yes, no): (&[f64], &[f64]),
+) -> Result<Lexicon, ConceptError> {
+    let after = |(k, factor): (usize, &f64)| {
+        let start = 0.02 * (k as f64 + 1.0);
+        chain_scene(
+            &format!("{factor} {k}"),
+            (0.15, Some(0.05)),
+            Some(&change(0, *factor)),
+            [-start, start, 0.0],
+        )
+    };
+    let all = |factors: &[f64]| factors.iter().enumerate().map(after).collect::<Vec<Scene>>();
+    let (yes, no) = (all(yes), all(no));
+    let fit = (&before.1, 0);
+    let example = |after| ChangeExample { before: &before.0, fit, object: 0, after };
+    let [yes, no] = [&yes, &no].map(|all| all.iter().map(example).collect::<Vec<_>>());
+    learn_change_from_examples(&Lexicon::default(), "altered", quantity, (&yes, &no), &never)
+}
+
+#[test]
+fn the_factor_of_a_change_is_learned_from_pairs_of_videos() {
+    let before = chain_on_ground(0.15, Some(0.05));
+    for (change, name) in CHANGES.into_iter().zip(["mass", "friction", "velocity"]) {
+        for factor in [3.0, 0.3] {
+            let no: &[f64] = if factor > 1.0 && name != "friction" { &[1.0] } else { &[] };
+            let yes = if factor > 1.0 { vec![factor; 2] } else { vec![factor] };
+            let learned = altered(&before, change, (&yes, no)).expect(name);
+            let word = describe(&learned, "altered").expect("it is there");
+            let [found, low, high] = word.factor.expect("a change");
+            println!("{name} {factor}: {found} ({low} to {high})");
+            assert!((found / factor).ln().abs() < 0.18, "{name} {factor}: {found}");
+            assert!((low..=high).contains(&factor), "{name} {factor}: {found} ({low} to {high})");
+            assert_eq!((word.examples, word.counter_examples), (yes.len(), no.len()));
+        }
+    }
+}
+
+#[test]
+fn pairs_that_contradict_each_other_or_show_no_change_are_refused() {
+    let before = chain_on_ground(0.15, Some(0.05));
+    let [mass, _, velocity] = CHANGES;
+    let pairs = |refused: Result<Lexicon, ConceptError>| match refused {
+        Err(ConceptError::ContradictoryChanges { pairs, .. }) => pairs,
+        other => panic!("{other:?}"),
+    };
+    let different = pairs(altered(&before, velocity, (&[3.0, 0.3], &[])));
+    assert!(different.len() == 1 && different[0].contains("object 0 of chain in 0.3 1"), "{different:?}");
+    let counter = pairs(altered(&before, mass, (&[3.0], &[1.0, 3.0])));
+    assert!(counter.len() == 1 && counter[0].contains("in 3 1 (a counter-example)"), "{counter:?}");
+    let unchanged = altered(&before, velocity, (&[1.0], &[]));
+    assert!(matches!(unchanged, Err(ConceptError::NotSeparable { .. })), "{unchanged:?}");
+    // The third disc is far away and meets nothing.
+    let alone = chain_on_ground(5.0, Some(0.05));
+    let after = chain_scene("after", (5.0, Some(0.05)), Some(&ScaleMass { id: 2, factor: 3.0 }), [0.0; 3]);
+    let example = ChangeExample { before: &alone.0, fit: (&alone.1, 0), object: 2, after: &after };
+    let learn = |example: ChangeExample| {
+        let examples: (&[ChangeExample], &[ChangeExample]) = (&[example], &[]);
+        learn_change_from_examples(&Lexicon::default(), "heavy", ChangedQuantity::Mass, examples, &never)
+    };
+    assert!(matches!(learn(example), Err(ConceptError::Undetermined { .. })));
+    let mut fewer = after.clone();
+    fewer.objects.truncate(2);
+    fewer.tracks.truncate(2);
+    let refused = learn(ChangeExample { after: &fewer, ..example });
+    assert!(matches!(refused, Err(ConceptError::OtherObjects { index: 0, .. })), "{refused:?}");
 }
 
 /// A disc that passes a second one at rest, `offset` beside its centre, at a speed: with its fit, in which the model is exact.
