@@ -93,7 +93,8 @@ pub fn batch(
     let mut distinct = batch.to_vec();
     distinct.sort_unstable();
     distinct.dedup();
-    let (mut done, mut losses): (Vec<(usize, RecordedLoss)>, Vec<(usize, VideoLoss)>) = (vec![], vec![]);
+    let mut done: Vec<(usize, RecordedLoss)> = vec![];
+    let mut losses: Vec<(usize, VideoLoss)> = vec![];
     let mut open = distinct;
     while !open.is_empty() {
         let recorded: Vec<Option<RecordedLoss>> = open.iter().map(|v| videos[*v].recorded.take()).collect();
