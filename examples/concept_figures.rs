@@ -8,9 +8,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
-use vrdp::concepts::{LearnOptions, Lesson, LessonAnswer, LessonVideo, Lexicon, learn, word_probabilities};
+use vrdp::concepts::{
+    LearnOptions, Lesson, LessonAnswer, LessonVideo, Lexicon, WordCalibration, learn, word_probabilities,
+};
 use vrdp::fit::Fit;
-use vrdp::num::never;
+use vrdp::num::{never, share_interval};
 use vrdp::reason::{
     AskOptions, DrawnWords, Question, WordDraw, WordFamily, WordProbabilities, WordedScene, ask_with_words,
 };
@@ -96,8 +98,10 @@ fn read_lessons(all: &serde_json::Value) -> Result<(Vec<Lesson>, Vec<String>), A
 struct Score {
     /// Right and all, by name.
     counts: BTreeMap<String, [usize; 2]>,
-    /// Of P(word) in tenths: right and all.
-    bins: [[usize; 2]; 10],
+    /// The most probable words: their probability, and whether they are right.
+    words: Vec<(f64, bool)>,
+    /// Of each lexicon, on the videos that were left out of its own training.
+    left_out: Vec<WordCalibration>,
     seconds: f64,
     questions: usize,
     runs: usize,
@@ -119,10 +123,30 @@ impl Score {
         for (name, [right, all]) in &self.counts {
             println!("  {name:24} {:5.1} % of {all}", 100.0 * *right as f64 / (*all).max(1) as f64);
         }
-        let bins = self.bins.iter().enumerate().filter(|(_, b)| b[1] > 0);
-        let text: Vec<String> =
-            bins.map(|(k, b)| format!("0.{k}: {:.2} of {}", b[0] as f64 / b[1] as f64, b[1])).collect();
-        println!("  calibration of P(word): {}", text.join(", "));
+        println!("  P(word):");
+        for k in 0..10 {
+            let own: Vec<_> = self.words.iter().filter(|v| ((10.0 * v.0) as usize).min(9) == k).collect();
+            let right = own.iter().filter(|v| v.1).count();
+            print_bin(own.len(), own.iter().map(|v| v.0).sum::<f64>(), right);
+        }
+        println!("  P(answer) on left-out videos:");
+        let bins: Vec<_> = self.left_out.iter().flat_map(|c| &c.bins).collect();
+        for k in 0..10 {
+            let own = || bins.iter().filter(|b| ((10.0 * b.probability) as usize).min(9) == k);
+            let count = own().map(|b| b.answers).sum();
+            let probability = own().map(|b| b.probability * b.answers as f64).sum();
+            let right = own().map(|b| b.accuracy * b.answers as f64).sum::<f64>().round() as usize;
+            print_bin(count, probability, right);
+        }
+    }
+}
+
+/// Verdicts of about one probability, of which the sum is given.
+fn print_bin(count: usize, probability: f64, right: usize) {
+    if count > 0 {
+        let [low, high] = share_interval(right, count).map(|x| 100.0 * x);
+        let [mean, share] = [probability, right as f64].map(|x| 100.0 * x / count as f64);
+        println!("    of {count} with {mean:.1} %: {share:.1} % right (95 %: {low:.1} to {high:.1})");
     }
 }
 
@@ -141,6 +165,7 @@ fn one_split(cases: &[Case], order: &[usize], size: usize, score: &mut Score) ->
     score.seconds += start.elapsed().as_secs_f64();
     score.runs += 1;
     score.questions += lexicon.questions;
+    score.left_out.extend(lexicon.families.first().and_then(|f| f.calibration.clone()));
     for k in test {
         score_case(&cases[*k], &lexicon, score)?;
     }
@@ -193,9 +218,7 @@ fn score_words(case: &Case, words: &WordProbabilities, score: &mut Score) {
             score.add(&format!("word {family:?}"), right);
             let Some(all) = words.family(family) else { continue };
             let p = all.probabilities[k].iter().copied().fold(0.0, f64::max);
-            let bin = &mut score.bins[((10.0 * p) as usize).min(9)];
-            bin[0] += usize::from(right);
-            bin[1] += 1;
+            score.words.push((p, right));
         }
     }
 }

@@ -137,10 +137,15 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         ConceptError::Incomplete => ("content", "INCOMPLETE"),
         ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
-        ConceptError::Contradiction { .. } => ("examples", "CONTRADICTION"),
+        ConceptError::Contradiction { .. } | ConceptError::ContradictoryChanges { .. } => {
+            ("examples", "CONTRADICTION")
+        }
         ConceptError::NotSeparable { .. } => ("examples", "NOT_SEPARABLE"),
         ConceptError::NoEncounter { .. } => ("examples", "NO_ENCOUNTER"),
-        ConceptError::NoSuchObject { .. } | ConceptError::NoFit { .. } => ("examples", "INVALID"),
+        ConceptError::NoSuchObject { .. }
+        | ConceptError::NoFit { .. }
+        | ConceptError::OtherObjects { .. }
+        | ConceptError::Fit(_) => ("examples", "INVALID"),
         _ => ("lessons", "INVALID"),
     };
     refused(reason, vec![Violation { path: path.into(), message }])

@@ -1,5 +1,6 @@
 //! Why words cannot be learned or used.
 
+use crate::fit::FitError;
 use crate::num::Stopped;
 use crate::reason::ReasonError;
 
@@ -45,7 +46,15 @@ pub enum ConceptError {
     )]
     NoEncounter { index: usize, objects: [usize; 2] },
     #[error(
-        "the answers say nothing of the size of \"{name}\": every factor from {least} to {most} gives them; give more questions"
+        "examples[{index}]: the second video {problem}; both must show the same objects, with the same ids"
+    )]
+    OtherObjects { index: usize, problem: String },
+    #[error("examples of \"{name}\" contradict each other: {}", .pairs.join("; "))]
+    ContradictoryChanges { name: String, pairs: Vec<String> },
+    #[error("examples: {0}")]
+    Fit(FitError),
+    #[error(
+        "nothing says how large \"{name}\" is: every factor from {least:.3} to {most:.3} explains what is given; give more questions or examples"
     )]
     Undetermined { name: String, least: f64, most: f64 },
     #[error(transparent)]

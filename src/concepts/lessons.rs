@@ -84,8 +84,17 @@ pub(super) struct RecordedLoss {
     pub loss: Variable,
     /// Weight of the items on it.
     pub questions: f64,
-    /// Probability of the right answer of each item.
-    pub answers: Vec<Variable>,
+    pub answers: Vec<RecordedAnswer>,
+}
+
+/// The probabilities of the answers of one item.
+pub(super) struct RecordedAnswer {
+    pub right: Variable,
+    /// Of the other answers that have one.
+    pub others: Vec<Variable>,
+    /// That what the item presupposes holds.
+    pub presupposed: Variable,
+    pub weight: f64,
 }
 
 /// The words of each family that the lessons name or answer, sorted, with how often.

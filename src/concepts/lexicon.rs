@@ -1,11 +1,13 @@
 //! A lexicon: maps from features to a space, word vectors in it, and words learned from examples.
 //!
 //! For an object with standardised features f, a family has `z = W f + u` in R^C and for each word w a vector e_w:
-//! `P(w|f) = softmax_w(e_w . z / T)`, T the temperature of the calibration. The paper's score of the same word is
+//! `P(w|f) = softmax_w(e_w . z / T)`, T the temperature of the calibration, moderated by how far the lessons determine the weights (see
+//! `moderated`). The paper's score of the same word is
 //! `(cos(z, e_w) - mu)/sigma` with mu = 0.15, sigma = 0.2125 (DCL, Chen et al., ICLR 2021, as released); it is reported beside P.
 
 use super::error::ConceptError;
 use super::features::{FEATURES_VERSION, FeatureLayout, appearance, motion, speeds};
+use super::moderated::WeightInformation;
 use crate::fit::Fit;
 use crate::num::elementary::exp;
 use crate::reason::{
@@ -54,6 +56,9 @@ pub struct LearnedFamily {
     pub vectors: Vec<f64>,
     /// T.
     pub temperature: f64,
+    /// How far the lessons determine the weights; `None`: they count as certain.
+    #[serde(default)]
+    pub information: Option<WeightInformation>,
     pub calibration: Option<WordCalibration>,
 }
 
@@ -65,7 +70,10 @@ pub struct WordCalibration {
     pub log_loss: f64,
     /// Share of them whose most probable answer was right.
     pub accuracy: f64,
-    /// By how probable the program was that the answer is right or wrong, whichever it took for true.
+    /// Share of answers that are wrong whatever the words: events that were missed.
+    #[serde(default)]
+    pub mistaken: f64,
+    /// By the probability of the most probable answer.
     #[serde(default)]
     pub bins: Vec<CalibrationBin>,
 }
@@ -74,9 +82,9 @@ pub struct WordCalibration {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CalibrationBin {
     pub answers: usize,
-    /// Mean probability of the verdicts.
+    /// Mean probability of the most probable answers.
     pub probability: f64,
-    /// Share of the verdicts that are right, and its 95 % interval (Wilson, J. Am. Stat. Assoc. 22 (1927) 209).
+    /// Share of them that are right, and its 95 % interval (Wilson, J. Am. Stat. Assoc. 22 (1927) 209).
     pub accuracy: f64,
     pub interval: [f64; 2],
 }
@@ -209,6 +217,7 @@ impl LearnedFamily {
         sized(&self.map, self.dimension, features)
             && self.offset.len() == self.dimension
             && sized(&self.vectors, self.words.len(), self.dimension)
+            && self.information.as_ref().is_none_or(|i| i.is_whole(self.words.len(), features))
     }
 
     /// z = W f + u.
@@ -229,7 +238,16 @@ impl LearnedFamily {
 
     /// P(w|f) for each word.
     pub fn probabilities(&self, features: &[f64]) -> Vec<f64> {
-        softmax(&self.logits(features).iter().map(|l| l / self.temperature).collect::<Vec<_>>())
+        self.probabilities_at(features, self.temperature)
+    }
+
+    /// The same at another temperature.
+    pub fn probabilities_at(&self, features: &[f64], temperature: f64) -> Vec<f64> {
+        let logits: Vec<f64> = self.logits(features).iter().map(|l| l / temperature).collect();
+        match &self.information {
+            Some(information) => information.moderated(&logits, features),
+            None => softmax(&logits),
+        }
     }
 
     /// The paper's `(cos(z, e_w) - mu)/sigma` for each word.

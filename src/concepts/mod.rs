@@ -6,8 +6,9 @@
 //! | `tape`, `soft`, `soft_value` | derivatives; programs with uncertain words |
 //! | `lessons`, `observed` | questions with answers, read; events of a video without a fit |
 //! | `training` | the words of families, learned from lessons |
-//! | `lexicon` | what was learned; P(word) for a scene |
-//! | `few_examples`, `logistic`, `change` | a new word from examples; the factor that a change stands for |
+//! | `lexicon`, `moderated` | what was learned; P(word) for a scene |
+//! | `few_examples`, `logistic` | a new word from examples |
+//! | `change` | the factor that a change stands for, from answers or from examples |
 //! | `describe` | what a word looks at, its neighbours, its figures |
 //!
 //! `learn` or `learn_word` -> `Lexicon` -> `word_probabilities` -> `reason::ask_with_words`.
@@ -20,6 +21,7 @@ mod few_examples;
 mod lessons;
 mod lexicon;
 mod logistic;
+mod moderated;
 mod observed;
 mod soft;
 mod soft_value;
@@ -28,7 +30,7 @@ mod tape;
 mod tests;
 mod training;
 
-pub use change::{ChangeOptions, learn_change};
+pub use change::{ChangeExample, ChangeOptions, learn_change, learn_change_from_examples};
 pub use describe::{WordDescription, describe};
 pub use error::ConceptError;
 pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};

@@ -288,18 +288,16 @@ impl SoftRun<'_> {
 
     /// Which events a filter of a kind keeps.
     fn kind(&mut self, op: Called) -> Result<KindFilter, Halt> {
+        if let Some(kind) = SceneEventKind::of_filter(op.token) {
+            return Ok(KindFilter::Kind(kind));
+        }
         Ok(match op.token {
-            "filter_in" => KindFilter::Kind(SceneEventKind::In),
-            "filter_out" => KindFilter::Kind(SceneEventKind::Out),
-            "filter_stop" => KindFilter::Kind(SceneEventKind::Stop),
-            "filter_approach" => KindFilter::Kind(SceneEventKind::Approach),
             "filter_sides" => KindFilter::Sides,
             "filter_contact" => KindFilter::Contacts,
-            "filter_side" => match &self.choices(op)?[..] {
+            _ => match &self.choices(op)?[..] {
                 [(ProgramValue::Word(word), _)] => KindFilter::Kind(SceneEventKind::of_side(word)),
                 _ => return Err(self.mismatch(op)),
             },
-            _ => KindFilter::Kind(SceneEventKind::Collision),
         })
     }
 

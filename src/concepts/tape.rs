@@ -223,7 +223,8 @@ impl Tape {
         terms.iter().fold(ZERO, |sum, t| self.add(sum, *t))
     }
 
-    /// ln sum_i e^(a_i). A replay keeps the shift by the largest value, which changes nothing but the rounding.
+    /// ln sum_i e^(a_i). A replay keeps the shift by the largest value, which changes nothing but the rounding while the sum stays
+    /// between [`LEAST`] and the largest number; beyond these the tape is to be recorded again.
     pub fn log_sum_exp(&mut self, a: &[Variable]) -> Variable {
         let largest = a.iter().map(|v| self.value(*v)).fold(f64::NEG_INFINITY, f64::max);
         let shift = self.constant(largest);
@@ -233,6 +234,8 @@ impl Tape {
             terms.push(self.exp(moved));
         }
         let sum = self.sum(&terms);
+        self.is_above(sum, LEAST);
+        self.is_above(sum, f64::MAX);
         let log = self.ln(sum);
         self.add(log, shift)
     }
@@ -327,5 +330,17 @@ mod tests {
             prop_assert!((tape.value(output) - expected).abs() < 1e-12 * (1.0 + expected.abs()));
             prop_assert_eq!(same, (tape.value(output) > 1.0) == is_large);
         }
+    }
+
+    /// The shift of the recorded run makes their sum vanish, or overflow.
+    #[test]
+    fn a_replay_far_from_the_recorded_run_asks_for_another_one() {
+        let mut tape = Tape::default();
+        let inputs = [tape.input(0.0), tape.input(1.0)];
+        let output = tape.log_sum_exp(&inputs);
+        let mut replay = |a: f64| tape.replay(inputs.iter().copied().zip([a, a]));
+        assert!(replay(-10.0) && replay(5.0));
+        assert!(!replay(-30.0) && !replay(800.0));
+        assert!(tape.value(output).is_infinite());
     }
 }

@@ -63,4 +63,4 @@ pub use traces::file::{TraceKind, TraceRecord};
 pub use traces::replay::{Replay, ReplayItem, ReplayOptions};
 pub use traces::retention::{ClockReading, Lease, Retention};
 pub use traces::stored::{Download, TraceFilter};
-pub use words::{ExamplePlace, LearnRequest, NamedExample, VideoLessons};
+pub use words::{ExamplePlace, LearnRequest, NamedChange, NamedExample, VideoLessons};

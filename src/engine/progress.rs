@@ -34,6 +34,8 @@ pub enum Report {
     Fraction(f64),
     /// See [`JobProgress::rmse`].
     Rmse(f64),
+    /// See [`JobProgress::loss`].
+    Loss(f64),
 }
 
 /// How far a job is.
@@ -44,6 +46,8 @@ pub struct JobProgress {
     pub phase: Phase,
     /// Root mean square position residual of the models that are fitted by now, each with the same weight (m).
     pub rmse: Option<f64>,
+    /// Mean negative log probability of the right answers of the last batch, while words are trained (nat).
+    pub loss: Option<f64>,
     /// When it left the queue.
     start: Option<Instant>,
 }
@@ -75,6 +79,11 @@ impl JobProgress {
                 is_step
             }
             Report::Rmse(rmse) => self.rmse.replace(rmse) != Some(rmse),
+            // Each step has another one: callers see it with the next step of the fraction.
+            Report::Loss(loss) => {
+                self.loss = Some(loss);
+                false
+            }
         }
     }
 
@@ -101,6 +110,7 @@ mod tests {
         assert!(progress.time_left().is_some());
         progress.update(Report::Fraction(1.0));
         assert_eq!(progress.time_left(), Some(Duration::ZERO));
+        assert!(!progress.update(Report::Loss(0.7)) && progress.loss == Some(0.7), "seen with the next step");
         let early = JobProgress { fraction: 0.01, ..progress };
         assert_eq!(early.time_left(), None);
     }

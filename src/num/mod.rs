@@ -35,6 +35,8 @@ pub use least_squares::{
 };
 pub use normal::standard_normal;
 pub use real::{Differential, Real};
-pub use statistics::{NINETY_FIVE, NORMAL_MEDIAN_ABSOLUTE, NORMAL_MEDIAN_DISTANCE, median, quantile};
+pub use statistics::{
+    NINETY_FIVE, NORMAL_MEDIAN_ABSOLUTE, NORMAL_MEDIAN_DISTANCE, median, quantile, share_interval,
+};
 pub use stop::{Stop, Stopped, never, progress_of_jobs, progress_within};
 pub use vec2::{Vec2, vec2};

@@ -26,6 +26,16 @@ pub const NORMAL_MEDIAN_ABSOLUTE: f64 = 0.674_489_750_196_081_7;
 /// Median of the length of a plane vector of two independent standard normal numbers: sqrt(2 ln 2).
 pub const NORMAL_MEDIAN_DISTANCE: f64 = 1.177_410_022_515_474_6;
 
+/// The 95 % interval of a share of `count`, of which `right` were seen (Wilson, J. Am. Stat. Assoc. 22 (1927) 209); `count` is at least 1.
+pub fn share_interval(right: usize, count: usize) -> [f64; 2] {
+    let (n, z) = (count as f64, NINETY_FIVE);
+    let p = right as f64 / n;
+    let scale = 1.0 + z * z / n;
+    let centre = (p + z * z / (2.0 * n)) / scale;
+    let half = z / scale * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    [(centre - half).max(0.0), (centre + half).min(1.0)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -17,12 +17,14 @@ use super::events::{FUTURE_FRAMES, MAX_FUTURE_FRAMES, Scenario, simulated};
 use super::language::{Op, QuestionProgram, read_back};
 use super::operations::ops;
 use super::predict::{Prediction, PredictionRequest};
-use super::reader::{Conversation, ReadingContext, read_choice_in, read_question_in};
+use super::reader::{Conversation, ReadingContext, read_choice, read_question};
 use super::run::{DerivationStep, run};
 use super::summary::{Sampling, estimated_probability, summary};
 use super::types::Type;
 use super::value::ProgramValue;
-use super::words::{DrawnWords, LexiconWord, WordDraw, WordFamily, WordOfObject, WordProbabilities};
+use super::words::{
+    DrawnWords, LexiconWord, WordDraw, WordFamily, WordOfObject, WordProbabilities, spellings,
+};
 use crate::fit::{Fit, ObjectEstimate};
 use crate::num::Stop;
 use crate::scene::Scene;
@@ -129,7 +131,8 @@ pub fn ask(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
-    ask_in((scene, None), (fit, index), question, &Conversation::default(), options, stop)
+    let known = KnownOfScene { scene, words: None, discovery: None };
+    ask_knowing(known, (fit, index), question, &Conversation::default(), options, stop)
 }
 
 /// A scene with the words of a lexicon for it.
@@ -149,8 +152,8 @@ pub fn ask_with_words(
     options: &AskOptions,
     stop: Stop,
 ) -> Result<Answer, ReasonError> {
-    let asked = (worded.scene, Some(worded.words));
-    ask_in(asked, (fit, index), question, &Conversation::default(), options, stop)
+    let known = KnownOfScene { scene: worded.scene, words: Some(worded.words), discovery: None };
+    ask_knowing(known, (fit, index), question, &Conversation::default(), options, stop)
 }
 
 /// The scene with the most probable words of its objects.
@@ -166,20 +169,8 @@ pub fn with_best_words(scene: &Scene, words: &WordProbabilities) -> Scene {
     scene
 }
 
-/// [`ask`], after the questions before it, with the caller's own words, and with the words of a lexicon if there is one.
-pub fn ask_in(
-    (scene, words): (&Scene, Option<&WordProbabilities>),
-    fit: (&Fit, usize),
-    question: &Question,
-    conversation: &Conversation,
-    options: &AskOptions,
-    stop: Stop,
-) -> Result<Answer, ReasonError> {
-    let known = KnownOfScene { scene, words, discovery: None };
-    ask_knowing(known, fit, question, conversation, options, stop)
-}
-
-/// [`ask_in`], with what a discovery has found.
+/// [`ask`], after the questions before it, with the caller's own words, with the words of a lexicon if there is one, and with what a
+/// discovery has found.
 pub fn ask_knowing(
     KnownOfScene { scene, words, discovery }: KnownOfScene,
     (fit, index): (&Fit, usize),
@@ -194,7 +185,7 @@ pub fn ask_knowing(
     let worded = words.map(|words| with_best_words(scene, words));
     let scene = worded.as_ref().unwrap_or(scene);
     let lexicon = words.map_or(vec![], WordProbabilities::lexicon_words);
-    let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+    let vocabulary = spellings(&lexicon);
     let Understood { mut program, choices, reading } =
         understand(Some(scene), question, conversation, &lexicon)?;
     let open_list = choices.is_empty() && program.calls(&["belong_to"]);
@@ -268,7 +259,7 @@ pub fn dry_run(
 ) -> Result<ParsedQuestion, ReasonError> {
     let Understood { mut program, choices, reading } = understand(scene, question, conversation, lexicon)?;
     if choices.is_empty() && program.calls(&["belong_to"]) {
-        let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+        let vocabulary = spellings(lexicon);
         program = list_program(&program, &vocabulary)?;
     }
     check(&program, &choices)?;
@@ -402,15 +393,15 @@ fn understand(
     conversation: &Conversation,
     lexicon: &[LexiconWord],
 ) -> Result<Understood, ReasonError> {
-    let vocabulary: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+    let vocabulary = spellings(lexicon);
     let parse = |tokens: &[String]| QuestionProgram::parse_with(tokens, &vocabulary);
     match question {
         Question::English { question, choices } => {
             let about = ReadingContext { scene, lexicon };
-            let read = read_question_in(question, about, conversation)?;
+            let read = read_question(question, about, conversation)?;
             let observed = read.is_explanatory();
             let choices = choices.iter().map(|c| {
-                let read = read_choice_in(c, observed, about, conversation)?;
+                let read = read_choice(c, observed, about, conversation)?;
                 Ok((c.clone(), parse(&read.program)?))
             });
             let choices = choices.collect::<Result<_, ReasonError>>()?;

@@ -46,6 +46,18 @@ pub enum SceneEventKind {
 }
 
 impl SceneEventKind {
+    /// The kind that an operation keeps; `None` where the operation is of sides or keeps several kinds.
+    pub fn of_filter(token: &str) -> Option<SceneEventKind> {
+        match token {
+            "filter_in" => Some(SceneEventKind::In),
+            "filter_out" => Some(SceneEventKind::Out),
+            "filter_stop" => Some(SceneEventKind::Stop),
+            "filter_approach" => Some(SceneEventKind::Approach),
+            "filter_collision" => Some(SceneEventKind::Collision),
+            _ => None,
+        }
+    }
+
     /// A hit of the side of this name; of a table that has none, what never happens.
     pub fn of_side(name: &str) -> SceneEventKind {
         SIDES

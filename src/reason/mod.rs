@@ -24,8 +24,8 @@ mod value;
 mod words;
 
 pub use ask::{
-    Answer, AskOptions, ChoiceAnswer, KnownOfScene, ParsedQuestion, Question, WordedScene, ask, ask_in,
-    ask_knowing, ask_with_words, dry_run, with_best_words,
+    Answer, AskOptions, ChoiceAnswer, KnownOfScene, ParsedQuestion, Question, WordedScene, ask, ask_knowing,
+    ask_with_words, dry_run, with_best_words,
 };
 pub use context::{Halt, RolloutContext, active_effects};
 pub use discovery::{MissingPart, StoredDiscovery};
@@ -39,7 +39,7 @@ pub use operations::{OPERATIONS, Operation, OperationInfo, ops};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 pub use reader::{
     Conversation, OwnWord, QuestionReading, ReadingContext, choice_program, examples, list_operations,
-    question_program, read_choice, read_choice_in, read_question, read_question_in,
+    question_program, read_choice, read_question,
 };
 pub use run::{DerivationStep, step};
 pub use summary::estimated_share;

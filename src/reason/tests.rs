@@ -47,6 +47,11 @@ fn observed(folder: &Path) -> Scene {
     parse("scene", &std::fs::read_to_string(folder.join("observed.json")).unwrap()).unwrap()
 }
 
+/// What is read about this scene, without a lexicon.
+fn of_scene(scene: &Scene) -> ReadingContext<'_> {
+    ReadingContext { scene: Some(scene), lexicon: &[] }
+}
+
 #[test]
 fn every_program_of_the_data_type_checks() {
     let mut questions: Vec<Json> =
@@ -188,12 +193,12 @@ fn a_refusal_names_the_part_and_suggests_what_is_understood() {
         ("How bright is the brown sphere?", "bright", "brown sphere"),
     ] {
         let Err(ReasonError::NotUnderstood { part: refused, nearest }) =
-            read_question(text, Some(&scene), &conversation)
+            read_question(text, of_scene(&scene), &conversation)
         else {
             panic!("{text}")
         };
         assert!(refused.contains(part) && nearest.contains(near), "{text}: {refused}; {nearest}");
-        let again = read_question(&nearest, Some(&scene), &conversation).unwrap();
+        let again = read_question(&nearest, of_scene(&scene), &conversation).unwrap();
         // What is suggested is about objects of this scene.
         assert!(
             dry_run(
@@ -827,7 +832,7 @@ fn what_was_asked_before_says_what_is_meant() {
     let after = |previous: &[&str], text: &str| {
         let previous = previous.iter().map(|q| q.to_string()).collect();
         let conversation = Conversation { previous, words: vec![] };
-        read_question(text, Some(&scene), &conversation).map(|r| r.program.join(" "))
+        read_question(text, of_scene(&scene), &conversation).map(|r| r.program.join(" "))
     };
     let brown = "objects brown filter_color sphere filter_shape unique";
     let next = ["What will the brown sphere hit next?"];
@@ -848,7 +853,7 @@ fn what_was_asked_before_says_what_is_meant() {
     // A caller's own words.
     let words = vec![OwnWord { word: "rocky".into(), means: "brown sphere".into() }];
     let conversation = Conversation { previous: vec![], words };
-    let read = read_question("Does Rocky move?", Some(&scene), &conversation).unwrap();
+    let read = read_question("Does Rocky move?", of_scene(&scene), &conversation).unwrap();
     assert_eq!(read.program.join(" "), format!("{brown} video moves"));
 }
 
@@ -1016,7 +1021,7 @@ fn english_has_the_words_of_a_lexicon() {
     ];
     let about = ReadingContext { scene: None, lexicon: &lexicon };
     let read = |text: &str| {
-        let read = read_question_in(text, about, &Conversation::default());
+        let read = read_question(text, about, &Conversation::default());
         read.unwrap_or_else(|e| panic!("{text}: {e}"))
     };
     // As with a word of the table.
@@ -1086,7 +1091,7 @@ fn english_has_the_words_of_a_lexicon() {
         let found = read(text);
         assert_eq!(found.program.join(" "), expected, "{text}");
         assert!(!found.reading.is_empty(), "{text}");
-        let words: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+        let words = super::words::spellings(&lexicon);
         let parsed = QuestionProgram::parse_with(&found.program, &words).unwrap();
         // A question about choices finds the event of one below it.
         let mut stack = if parsed.calls(&["belong_to"]) { vec![Type::Event] } else { vec![] };
@@ -1094,7 +1099,7 @@ fn english_has_the_words_of_a_lexicon() {
     }
     // Without the lexicon they are refused.
     for text in ["Is the red ball shiny?", "Does the red ball nearly touch the blue cube?"] {
-        assert!(read_question(text, None, &Conversation::default()).is_err(), "{text}");
+        assert!(read_question(text, ReadingContext::default(), &Conversation::default()).is_err(), "{text}");
     }
 }
 

@@ -72,6 +72,11 @@ pub struct LexiconWord {
     pub of: WordUse,
 }
 
+/// The words as they are written.
+pub fn spellings(lexicon: &[LexiconWord]) -> Vec<String> {
+    lexicon.iter().map(|w| w.word.clone()).collect()
+}
+
 impl LexiconWord {
     /// The token and the operation that filters objects by it, if it describes objects.
     pub fn description(&self) -> Option<(String, &'static str)> {

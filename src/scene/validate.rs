@@ -31,37 +31,38 @@ impl Scene {
     pub fn validate_until(mut self, stop: Stop) -> Result<Result<Scene, SceneError>, Stopped> {
         let mut violations = SceneViolations::default();
         self.check_values(&mut violations);
-        self.put_absent_objects_aside();
+        let given = self.put_absent_objects_aside();
         stop(0.0)?;
         let (tracks, outliers) = reject_outliers(&self);
         stop(0.0)?;
         if violations.is_empty() {
             (self.tracks, self.outliers) = (tracks, outliers);
             examine(&mut self, stop)?;
-            self.check_places(&self.tracks, &mut violations);
+            self.check_places(&self.tracks, &given, &mut violations);
         } else {
-            self.check_places(&tracks, &mut violations);
+            self.check_places(&tracks, &given, &mut violations);
         }
         Ok(violations.finish().map(|()| self))
     }
 
-    /// Moves objects without samples to `absent`, as long as others have some.
-    fn put_absent_objects_aside(&mut self) {
+    /// Moves objects without samples to `absent`, as long as others have some; returns the indices that the others had.
+    fn put_absent_objects_aside(&mut self) -> Vec<usize> {
         let is_seen: Vec<bool> = self.tracks.iter().map(|t| !t.samples.is_empty()).collect();
         if self.tracks.len() != self.objects.len() || !is_seen.contains(&true) {
-            return;
+            return (0..self.objects.len()).collect();
         }
         let all = std::mem::take(&mut self.objects).into_iter().zip(&is_seen);
         let (seen, absent): (Vec<_>, Vec<_>) = all.partition(|(_, is_seen)| **is_seen);
         self.objects = seen.into_iter().map(|(object, _)| object).collect();
         self.absent.extend(absent.into_iter().map(|(object, _)| object));
         self.tracks.retain(|t| !t.samples.is_empty());
+        (0..is_seen.len()).filter(|k| is_seen[*k]).collect()
     }
 
-    /// Overlaps and cushions, judged by tracks without outliers.
-    fn check_places(&self, tracks: &[Track], r: &mut SceneViolations) {
+    /// Overlaps and cushions, judged by tracks without outliers; `given`: the index of each object in the request.
+    fn check_places(&self, tracks: &[Track], given: &[usize], r: &mut SceneViolations) {
         if self.objects.len() <= MAX_OBJECTS {
-            self.check_overlaps(tracks, r);
+            self.check_overlaps(tracks, given, r);
         }
         self.check_cushions(tracks, r);
     }
@@ -218,10 +219,12 @@ impl Scene {
         }
     }
 
-    fn check_overlaps(&self, tracks: &[Track], r: &mut SceneViolations) {
-        let pairs: Vec<(&Object, &Track)> = self.objects.iter().zip(tracks).collect();
-        for (j, (b, track_b)) in pairs.iter().enumerate() {
-            for (i, (a, track_a)) in pairs[..j].iter().enumerate() {
+    fn check_overlaps(&self, tracks: &[Track], given: &[usize], r: &mut SceneViolations) {
+        let each = self.objects.iter().zip(tracks).zip(given);
+        let each: Vec<(&Object, &Track, usize)> =
+            each.map(|((o, track), index)| (o, track, *index)).collect();
+        for (k, (b, track_b, j)) in each.iter().enumerate() {
+            for (a, track_a, i) in &each[..k] {
                 let limit = MIN_DISTANCE_SHARE * (a.shape.inscribed_radius() + b.shape.inscribed_radius());
                 if let Some((frame, distance)) = first_closer(track_a, track_b, limit) {
                     r.add(
@@ -421,6 +424,10 @@ mod tests {
         let seen = s.clone().validate().unwrap();
         assert_eq!((seen.objects.len(), seen.tracks.len()), (s.objects.len() - 1, s.objects.len() - 1));
         assert_eq!(seen.absent, [s.objects[1].clone()]);
+        // Paths are those of the request, also after objects that are not seen.
+        let mut overlapping = s.clone();
+        overlapping.tracks[2].samples[0].position = vec2(0.0, 0.1);
+        assert_eq!(paths(&overlapping), ["objects[2]"]);
         s.tracks.iter_mut().for_each(|t| t.samples.clear());
         assert!(paths(&s).contains(&"objects[1].samples".to_string()));
         let mut s = scene();

@@ -131,11 +131,11 @@ fn scale_friction(model: &mut Model, id: u32, factor: f64) -> Result<(), Interve
         let is_friction =
             |a: &ActiveEffect, k: usize| a.role_of(&a.parameters[k]) == Some(ParamRole::GroundFriction);
         for k in (0..active.parameters.len()).filter(|k| is_friction(active, *k)).collect::<Vec<_>>() {
-            let mut own = active.parameters[k].of_each_object(&model.bodies);
-            if let Some(at) = own.index(&body, &body) {
-                own.values[at] *= factor;
+            let parameter = &mut active.parameters[k];
+            parameter.split_by_object(&model.bodies);
+            if let Some(at) = parameter.index(&body, &body) {
+                parameter.values[at] *= factor;
             }
-            active.parameters[k] = own;
             found = true;
         }
     }

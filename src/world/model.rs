@@ -124,6 +124,9 @@ pub struct Parameter {
     pub means: Vec<f64>,
     /// Prior of a value without a label yet; standard deviation 0 keeps values fixed.
     pub prior: Prior,
+    /// The shared parameter that an intervention has split into one value for each object: an added object takes its value from it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shared: Option<Box<Parameter>>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -356,8 +359,9 @@ impl ActiveEffect {
 
 impl Parameter {
     pub fn new(name: &str, scope: Scope, prior: Prior, bodies: &[BodySpec]) -> Self {
+        let (name, shared) = (name.to_string(), None);
         let mut parameter =
-            Parameter { name: name.to_string(), scope, labels: vec![], values: vec![], means: vec![], prior };
+            Parameter { name, scope, labels: vec![], values: vec![], means: vec![], prior, shared };
         parameter.cover(bodies);
         parameter
     }
@@ -372,24 +376,24 @@ impl Parameter {
             for b in partners {
                 let label = self.label(a, b);
                 if let Err(at) = self.labels.binary_search(&label) {
+                    let shared = self.shared.as_ref().and_then(|s| s.values.get(s.index(a, b)?).copied());
                     self.labels.insert(at, label);
-                    self.values.insert(at, self.prior.mean);
+                    self.values.insert(at, shared.unwrap_or(self.prior.mean));
                     self.means.insert(at, self.prior.mean);
                 }
             }
         }
     }
 
-    /// This parameter with a value for each body of its own, which at first is the one that applies to it.
-    pub(in crate::world) fn of_each_object(&self, bodies: &[BodySpec]) -> Parameter {
-        let mut own = Parameter::new(&self.name, Scope::Object, self.prior, bodies);
-        for body in bodies {
-            let shared = self.index(body, body).and_then(|k| self.values.get(k));
-            if let (Some(to), Some(value)) = (own.index(body, body), shared) {
-                own.values[to] = *value;
-            }
+    /// Gives each body, also one that is added later, a value of its own, which at first is the one that applies to it.
+    pub(in crate::world) fn split_by_object(&mut self, bodies: &[BodySpec]) {
+        if self.scope == Scope::Object {
+            return;
         }
-        own
+        let mut own = Parameter::new(&self.name, Scope::Object, self.prior, &[]);
+        own.shared = Some(Box::new(self.clone()));
+        own.cover(bodies);
+        *self = own;
     }
 
     /// Name of one value in reports: `sliding_friction.mu[rubber]`.

@@ -547,3 +547,22 @@ fn a_formula_moves_bodies_as_the_library_law_with_the_same_equation() {
     let reached: Vec<_> = t.states.iter().map_while(|row| row[0]).collect();
     assert!((15..50).contains(&reached.len()) && reached.iter().all(|s| s.position.x < 1.2));
 }
+
+/// A change of one object's friction leaves that of the ground to all others, also to one that is added later.
+#[test]
+fn scaling_a_friction_and_adding_an_object_commute() {
+    let first = body(0, shape(0), vec2(0.0, 0.0), vec2(1.0, 0.0));
+    let second = body(1, shape(0), vec2(2.0, 0.0), vec2(1.0, 0.0));
+    let mut m = model(vec![first], &[("sliding_friction", &[0.2])]);
+    // What was fitted is not the prior.
+    m.effects[0].parameters[0].values[0] = 0.1;
+    let (scale, add) =
+        (Intervention::ScaleFriction { id: 0, factor: 0.5 }, Intervention::Add { body: second });
+    let both = |changes: [&Intervention; 3]| {
+        let changed = changes.iter().try_fold(m.clone(), |m, i| i.apply(&m)).expect("it applies");
+        changed.effects[0].parameters[0].values.clone()
+    };
+    let twice = Intervention::ScaleFriction { id: 0, factor: 0.5 };
+    assert_eq!(both([&scale, &add, &twice]), [0.025, 0.1]);
+    assert_eq!(both([&add, &scale, &twice]), both([&scale, &twice, &add]));
+}

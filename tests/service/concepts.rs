@@ -21,7 +21,8 @@ fn example(video: &str, object_id: u32) -> v1::ConceptExample {
 }
 
 fn shiny(yes: Vec<v1::ConceptExample>, no: Vec<v1::ConceptExample>) -> Source {
-    Source::Examples(v1::WordExamples { name: "shiny".into(), kind: v1::ConceptKind::Static.into(), yes, no })
+    let (name, kind) = ("shiny".into(), v1::ConceptKind::Static.into());
+    Source::Examples(v1::WordExamples { name, kind, yes, no, ..Default::default() })
 }
 
 async fn learn(service: &Running, source: Source) -> Result<v1::Lexicon, Status> {
@@ -138,6 +139,59 @@ async fn a_word_from_examples_is_kept_described_used_and_deleted() {
     assert_eq!(listed.lexica, []);
     let gone = service.reasoning().ask(how_many(&name)).await.unwrap_err();
     assert_eq!(gone.code(), Code::NotFound, "{gone:?}");
+    service.stop().await;
+}
+
+/// A video of one disc, which the ground brakes, and one at rest.
+fn braked(number: u32, speed: f64) -> v1::Video {
+    let mut video = video(&format!("braked {number}"), 40);
+    video.world = v1::World::Table.into();
+    video.objects.truncate(2);
+    for (object, speed) in video.objects.iter_mut().zip([speed, 0.0]) {
+        let deceleration = if speed > 0.0 { 0.5 } else { 0.0 };
+        let at = |f: u32| {
+            let (t, small) = (0.04 * f64::from(f), 0.001 * f64::from((f * 7 + number) % 5) - 0.002);
+            sample(f, speed * t - 0.5 * deceleration * t * t + small, 2.0 * f64::from(object.id) - small)
+        };
+        object.samples = (0..40).map(at).collect();
+    }
+    video
+}
+
+/// "Slow" halves a velocity: learned from a video and one in which it is so.
+#[tokio::test]
+async fn a_change_is_learned_from_pairs_of_videos() {
+    let folder = tempfile::tempdir().unwrap();
+    let service = start(folder.path(), CAPACITY).await;
+    let mut names = vec![];
+    for (number, speed) in (0..).zip([2.0, 1.0, 2.02]) {
+        names.push(service.create(braked(number, speed)).await.unwrap());
+    }
+    let [as_it_is, slow, again] = &names[..] else { panic!("three") };
+    let pair = |changed: &str| v1::ConceptExample { changed_video: changed.into(), ..example(as_it_is, 0) };
+    let source = |yes: Vec<v1::ConceptExample>, no: Vec<v1::ConceptExample>| {
+        let (name, kind) = ("slow".to_string(), v1::ConceptKind::Change.into());
+        let quantity = v1::ChangedQuantity::Velocity.into();
+        Source::Examples(v1::WordExamples { name, kind, yes, no, quantity })
+    };
+    let learned = learn(&service, source(vec![pair(slow)], vec![pair(again)])).await.unwrap();
+    let asked = v1::DescribeConceptRequest {
+        lexicon: learned.name.clone(),
+        word: "slow".into(),
+        ..Default::default()
+    };
+    let word = service.concepts().describe_concept(asked).await.unwrap().into_inner();
+    let factor = word.factor.unwrap();
+    assert!((factor - 0.5).abs() < 0.05, "{word:?}");
+    assert!(word.factor_low <= factor && factor <= word.factor_high, "{word:?}");
+    assert_eq!((word.examples, word.counter_examples), (1, 1));
+    let contrary = learn(&service, source(vec![pair(slow), pair(again)], vec![])).await.unwrap_err();
+    assert_eq!(fields(&contrary), ["examples"], "{contrary:?}");
+    assert!(contrary.message().contains("contradict"), "{contrary:?}");
+    let no_second = learn(&service, source(vec![example(as_it_is, 0)], vec![])).await.unwrap_err();
+    assert_eq!(fields(&no_second), ["examples.yes[0].changed_video"], "{no_second:?}");
+    let none = learn(&service, source(vec![], vec![])).await.unwrap_err();
+    assert_eq!(fields(&none), ["examples.yes"], "{none:?}");
     service.stop().await;
 }
 

@@ -16,5 +16,5 @@ pub fn progress_message(at: &JobProgress) -> v1::Progress {
         Phase::Storing => v1::Phase::Storing,
     };
     let time_left = at.time_left().and_then(|time| prost_types::Duration::try_from(time).ok());
-    v1::Progress { fraction: at.fraction, phase: phase.into(), rmse: at.rmse, time_left }
+    v1::Progress { fraction: at.fraction, phase: phase.into(), rmse: at.rmse, time_left, loss: at.loss }
 }

@@ -7,8 +7,8 @@ use crate::engine::pool::{JobContext, JobKind};
 use crate::engine::state::Engine;
 use crate::num::Stop;
 use crate::reason::{
-    LexiconWord, ParsedQuestion, Question, ReadingContext, ReasonError, dry_run, read_choice_in,
-    read_question_in, with_best_words,
+    LexiconWord, ParsedQuestion, Question, ReadingContext, ReasonError, dry_run, read_choice, read_question,
+    with_best_words,
 };
 use crate::scene::Scene;
 use std::sync::Arc;
@@ -84,14 +84,14 @@ impl Engine {
         let (scene, lexicon, conversation) = (of.worded_scene()?, of.uses(), &asked.conversation);
         let read_in = ReadingContext { scene: scene.as_ref(), lexicon: &lexicon };
         let about = parser.about(scene.as_ref(), &lexicon, conversation);
-        let program = match read_question_in(question, read_in, conversation) {
+        let program = match read_question(question, read_in, conversation) {
             Err(ReasonError::NotUnderstood { .. }) => parser.program(&about, question, None, context).await?,
             read => read?.program,
         };
         let observed = program.iter().any(|token| token == "filter_ancestor");
         let mut programs = vec![];
         for choice in choices {
-            programs.push(match read_choice_in(choice, observed, read_in, conversation) {
+            programs.push(match read_choice(choice, observed, read_in, conversation) {
                 Err(ReasonError::NotUnderstood { .. }) => {
                     parser.program(&about, choice, Some(&program), context).await?
                 }

@@ -1,8 +1,8 @@
 //! Learning: words are learned once from equal requests.
 
 use crate::concepts::{
-    ChangeOptions, ConceptError, Example, ExampleOf, LearnOptions, Lesson, LessonVideo, Lexicon, WordKind,
-    learn, learn_change, learn_word,
+    ChangeExample, ChangeOptions, ConceptError, Example, ExampleOf, LearnOptions, LearnProgress, Lesson,
+    LessonVideo, Lexicon, WordKind, learn, learn_change, learn_change_from_examples, learn_word,
 };
 use crate::engine::cache::JobHandle;
 use crate::engine::error::EngineError;
@@ -45,12 +45,21 @@ pub struct NamedExample {
     pub place: ExamplePlace,
 }
 
+/// An example of a change: an object of a stored video, and another one in which it is changed.
+#[derive(Debug, Clone, Serialize)]
+pub struct NamedChange {
+    pub video: String,
+    pub object_id: u32,
+    pub changed_video: String,
+}
+
 /// What words are learned from.
 #[derive(Debug, Clone)]
 pub enum LearnRequest {
     Families(Vec<VideoLessons>),
     Word { name: String, kind: WordKind, yes: Vec<NamedExample>, no: Vec<NamedExample> },
     Change { name: String, quantity: ChangedQuantity, videos: Vec<VideoLessons> },
+    ChangeExamples { name: String, quantity: ChangedQuantity, yes: Vec<NamedChange>, no: Vec<NamedChange> },
 }
 
 /// A video with its fit, ready to learn from.
@@ -79,6 +88,7 @@ enum PreparedRequest {
     Families(Vec<FittedVideo>),
     Word { name: String, kind: WordKind, yes: Vec<PlacedExample>, no: Vec<PlacedExample> },
     Change { name: String, quantity: ChangedQuantity, videos: Vec<FittedVideo> },
+    ChangeExamples { name: String, quantity: ChangedQuantity, yes: Vec<PlacedChange>, no: Vec<PlacedChange> },
 }
 
 impl Task for LearningTask {
@@ -98,11 +108,17 @@ impl Task for LearningTask {
         let learned: Result<Lexicon, ConceptError> = match from {
             PreparedRequest::Families(videos) => {
                 let lessons: Vec<LessonVideo> = videos.iter().map(FittedVideo::lesson).collect();
-                learn(&lessons, &LearnOptions { seed, ..LearnOptions::default() }, &|_| {}, stop)
+                let progress = |at: LearnProgress| report(Report::Loss(at.loss));
+                learn(&lessons, &LearnOptions { seed, ..LearnOptions::default() }, &progress, stop)
             }
             PreparedRequest::Change { name, quantity, videos } => {
                 let lessons: Vec<LessonVideo> = videos.iter().map(FittedVideo::lesson).collect();
                 learn_change(&base, &name, &lessons, &ChangeOptions { quantity, rollouts: 0, seed }, stop)
+            }
+            PreparedRequest::ChangeExamples { name, quantity, yes, no } => {
+                let yes: Vec<ChangeExample> = yes.iter().map(PlacedChange::example).collect();
+                let no: Vec<ChangeExample> = no.iter().map(PlacedChange::example).collect();
+                learn_change_from_examples(&base, &name, quantity, (&yes, &no), stop)
             }
             PreparedRequest::Word { name, kind, yes, no } => {
                 let yes: Vec<Example> = yes.iter().map(PlacedExample::example).collect();
@@ -153,6 +169,11 @@ impl Engine {
                 let videos = self.prepared(videos, &*report).await?;
                 PreparedRequest::Change { name, quantity, videos }
             }
+            LearnRequest::ChangeExamples { name, quantity, yes, no } => {
+                let yes = self.changes("examples.yes", yes, &*report).await?;
+                let no = self.changes("examples.no", no, &*report).await?;
+                PreparedRequest::ChangeExamples { name, quantity, yes, no }
+            }
             LearnRequest::Word { name, kind, yes, no } => {
                 let yes = self.examples("examples.yes", yes, kind).await?;
                 let no = self.examples("examples.no", no, kind).await?;
@@ -195,13 +216,7 @@ impl Engine {
         let mut placed = vec![];
         for (k, NamedExample { video, place }) in named.into_iter().enumerate() {
             let scene = self.video(&video).await?;
-            let index = |id: u32| {
-                scene.object_index(id).ok_or_else(|| {
-                    let ids: Vec<String> = scene.objects.iter().map(|o| o.id.to_string()).collect();
-                    let message = format!("is {id}; the video has the objects {}", ids.join(", "));
-                    EngineError::invalid(format!("{path}[{k}].object_id"), message)
-                })
-            };
+            let index = |id: u32| index_of(&scene, id, || format!("{path}[{k}].object_id"));
             let of = match place {
                 ExamplePlace::Object(id) => ExampleOf::Object(index(id)?),
                 ExamplePlace::Encounter { objects: [a, b], frame } => {
@@ -215,6 +230,47 @@ impl Engine {
             placed.push(PlacedExample { scene, fitted, of });
         }
         Ok(placed)
+    }
+
+    /// The examples of a change with their scenes, and the fits of those before the change.
+    async fn changes(
+        self: &Arc<Self>,
+        path: &'static str,
+        named: Vec<NamedChange>,
+        report: ReportSink<'_>,
+    ) -> Result<Vec<PlacedChange>, EngineError> {
+        let (mut placed, count) = (vec![], named.len().max(1) as f64);
+        for (k, NamedChange { video, object_id, changed_video }) in named.into_iter().enumerate() {
+            let (before, after) = (self.video(&video).await?, self.video(&changed_video).await?);
+            let object = index_of(&before, object_id, || format!("{path}[{k}].object_id"))?;
+            let fitted = self.drawn(&video, &before, &ModelSource::default_of("model")).await?;
+            placed.push(PlacedChange { before, fitted, object, after });
+            report(Report::Fraction(FITS_SHARE * (k + 1) as f64 / count));
+        }
+        Ok(placed)
+    }
+}
+
+/// The index of an object in a scene; the refusal names the path.
+fn index_of(scene: &Scene, id: u32, path: impl Fn() -> String) -> Result<usize, EngineError> {
+    scene.object_index(id).ok_or_else(|| {
+        let ids: Vec<String> = scene.objects.iter().map(|o| o.id.to_string()).collect();
+        EngineError::invalid(path(), format!("is {id}; the video has the objects {}", ids.join(", ")))
+    })
+}
+
+/// An example of a change with its scenes.
+struct PlacedChange {
+    before: Arc<Scene>,
+    fitted: Arc<StoredFit>,
+    object: usize,
+    after: Arc<Scene>,
+}
+
+impl PlacedChange {
+    fn example(&self) -> ChangeExample<'_> {
+        let fit = (&self.fitted.fit, 0);
+        ChangeExample { before: &self.before, fit, object: self.object, after: &self.after }
     }
 }
 
@@ -243,6 +299,9 @@ fn digest_of(request: &LearnRequest) -> String {
         LearnRequest::Change { name, quantity, videos } => {
             result_digest("change", &(name, quantity, lessons(videos)))
         }
+        LearnRequest::ChangeExamples { name, quantity, yes, no } => {
+            result_digest("change examples", &(name, quantity, yes, no))
+        }
     }
 }
 
@@ -252,5 +311,8 @@ fn videos_of(request: &LearnRequest) -> Vec<&str> {
             videos.iter().map(|v| v.video.as_str()).collect()
         }
         LearnRequest::Word { yes, no, .. } => yes.iter().chain(no).map(|e| e.video.as_str()).collect(),
+        LearnRequest::ChangeExamples { yes, no, .. } => {
+            yes.iter().chain(no).flat_map(|e| [e.video.as_str(), e.changed_video.as_str()]).collect()
+        }
     }
 }

@@ -3,4 +3,4 @@
 mod learning;
 mod lexica;
 
-pub use learning::{ExamplePlace, LearnRequest, NamedExample, VideoLessons};
+pub use learning::{ExamplePlace, LearnRequest, NamedChange, NamedExample, VideoLessons};

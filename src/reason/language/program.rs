@@ -58,6 +58,11 @@ pub enum Op {
     Push(Type, ProgramValue),
 }
 
+/// The words of programs, then the units, with their types.
+pub fn known_words() -> impl Iterator<Item = (&'static str, Type)> {
+    WORDS.iter().copied().chain(UNITS.iter().map(|unit| (unit.name, Type::Unit)))
+}
+
 impl Op {
     /// The operation or word of a token.
     pub fn of(token: &str) -> Option<Op> {
@@ -68,9 +73,7 @@ impl Op {
             let word = token.strip_prefix(prefix).filter(|w| !w.is_empty())?;
             Some((*kind, word))
         });
-        let unit = || UNITS.iter().find(|u| u.name == token).map(|u| (Type::Unit, u.name));
-        let known =
-            || WORDS.iter().find(|(word, _)| *word == token).map(|(word, kind)| (*kind, *word)).or_else(unit);
+        let known = || known_words().find(|(word, _)| *word == token).map(|(word, kind)| (kind, word));
         if let Some((kind, word)) = own.or_else(known) {
             return Some(Op::Push(kind, word_value(kind, word)));
         }
@@ -124,8 +127,7 @@ impl QuestionProgram {
             };
             Op::of(token).or_else(concept).ok_or_else(|| {
                 let names = OPERATIONS.iter().flat_map(|o| std::iter::once(&o.token).chain(o.aliases));
-                let names = names.copied().chain(WORDS.iter().map(|(word, _)| *word));
-                let names = names.chain(UNITS.iter().map(|u| u.name));
+                let names = names.copied().chain(known_words().map(|(word, _)| word));
                 let names = names.chain(lexicon.iter().map(String::as_str));
                 ReasonError::UnknownToken { position, token: token.clone(), nearest: nearest(token, names) }
             })

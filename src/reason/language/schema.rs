@@ -2,10 +2,8 @@
 //!
 //! Both fix the vocabulary; the types of operands are checked by [`QuestionProgram::check`], which names the first mismatch.
 
-use super::program::{QuestionProgram, WORDS};
+use super::program::{QuestionProgram, known_words};
 use crate::reason::operations::{OPERATIONS, signature_words};
-use crate::reason::types::Type;
-use crate::reason::units::UNITS;
 use serde_json::{Value, json};
 
 /// Pattern of a number, and of a scene's own word such as `color:teal`.
@@ -17,9 +15,7 @@ pub fn json_schema() -> Value {
     let names = OPERATIONS
         .iter()
         .map(|o| json!({ "const": o.token, "description": format!("{}: {}", signature_words(o), o.line()) }));
-    let units = UNITS.iter().map(|unit| (unit.name, Type::Unit));
-    let words = WORDS.iter().copied().chain(units);
-    let words = words.map(|(word, kind)| json!({ "const": word, "description": kind.name() }));
+    let words = known_words().map(|(word, kind)| json!({ "const": word, "description": kind.name() }));
     let mut tokens: Vec<Value> = names.chain(words).collect();
     tokens.push(
         json!({ "type": "string", "pattern": format!("^{NUMBER_PATTERN}$"), "description": "a number" }),
@@ -49,8 +45,7 @@ pub fn json_schema() -> Value {
 pub fn gbnf_grammar() -> String {
     let quoted = |words: Vec<&str>| words.iter().map(|w| format!("\"{w}\"")).collect::<Vec<_>>().join(" | ");
     let operations = quoted(OPERATIONS.iter().map(|o| o.token).collect());
-    let units = UNITS.iter().map(|unit| unit.name);
-    let words = quoted(WORDS.iter().map(|(word, _)| *word).chain(units).collect());
+    let words = quoted(known_words().map(|(word, _)| word).collect());
     format!(
         "root ::= token (\" \" token)*\ntoken ::= operation | word | number | own\noperation ::= {operations}\n\
          word ::= {words}\nnumber ::= [0-9]+ (\".\" [0-9]+)?\n\

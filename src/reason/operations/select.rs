@@ -215,13 +215,9 @@ pub fn filter_motion(m: &mut Machine) -> Outcome {
 }
 
 pub fn filter_kind(m: &mut Machine) -> Outcome {
-    let kind = match m.token() {
-        "filter_in" => SceneEventKind::In,
-        "filter_out" => SceneEventKind::Out,
-        "filter_stop" => SceneEventKind::Stop,
-        "filter_approach" => SceneEventKind::Approach,
-        "filter_side" => SceneEventKind::of_side(&m.word()?),
-        _ => SceneEventKind::Collision,
+    let kind = match SceneEventKind::of_filter(m.token()) {
+        Some(kind) => kind,
+        None => SceneEventKind::of_side(&m.word()?),
     };
     let objects = m.any_objects()?;
     Ok(Events(ops::filter_kind(&m.events()?, kind, &objects)))

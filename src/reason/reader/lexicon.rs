@@ -4,6 +4,7 @@
 //! to the nearest known one by edit distance if it is the only nearest one; otherwise it stays, and the grammar refuses it.
 
 use super::forms::FORMS;
+use crate::reason::units;
 use crate::reason::words::{LexiconWord, WordUse};
 use crate::scene::Scene;
 use std::collections::{HashMap, HashSet};
@@ -380,11 +381,10 @@ pub fn split(text: &str) -> Vec<String> {
 fn number_and_unit(word: &str) -> Vec<String> {
     let unit = word.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.');
     let number = &word[..word.len() - unit.len()];
-    const UNITS: [&str; 18] = [
-        "s", "sec", "m", "cm", "mm", "km", "ms", "min", "kmh", "kph", "mps", "mph", "ft", "rpm", "kg", "g",
-        "j", "x",
-    ];
-    match is_number(number) && UNITS.contains(&unit) {
+    // In words.txt "second" is the ordinal too, and "2x" is two times.
+    let measures = |c: &String| c == "second" || c == "times" || units::named(c).is_some();
+    let is_unit = || ENGLISH.canonical.get(unit).is_some_and(|all| all.iter().any(measures));
+    match is_number(number) && is_unit() {
         true => vec![number.to_string(), unit.to_string()],
         false => vec![word.to_string()],
     }

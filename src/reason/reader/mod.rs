@@ -21,7 +21,7 @@ pub use suggest::examples;
 use super::ReasonError;
 use super::language::{QuestionProgram, read_back};
 use super::operations::{self, OperationInfo};
-use super::words::LexiconWord;
+use super::words::{LexiconWord, spellings};
 use crate::scene::Scene;
 use chart::QuestionReader;
 use conversation::{follow_up, with_pronouns};
@@ -43,12 +43,12 @@ impl QuestionReading {
 
 /// The program of a question that stands alone.
 pub fn question_program(text: &str) -> Result<Vec<String>, ReasonError> {
-    read_question(text, None, &Conversation::default()).map(|read| read.program)
+    read_question(text, ReadingContext::default(), &Conversation::default()).map(|read| read.program)
 }
 
 /// The program of a choice. `observed`: the question is explanatory, about events of the video.
 pub fn choice_program(text: &str, observed: bool) -> Result<Vec<String>, ReasonError> {
-    read_choice(text, observed, None, &Conversation::default()).map(|read| read.program)
+    read_choice(text, observed, ReadingContext::default(), &Conversation::default()).map(|read| read.program)
 }
 
 /// What a text is about: the scene, and the words of a lexicon.
@@ -58,17 +58,8 @@ pub struct ReadingContext<'a> {
     pub lexicon: &'a [LexiconWord],
 }
 
-/// Reads a question about a scene, after other questions.
+/// Reads a question, after other questions.
 pub fn read_question(
-    text: &str,
-    scene: Option<&Scene>,
-    conversation: &Conversation,
-) -> Result<QuestionReading, ReasonError> {
-    read_question_in(text, ReadingContext { scene, lexicon: &[] }, conversation)
-}
-
-/// [`read_question`], with the words of a lexicon.
-pub fn read_question_in(
     text: &str,
     about: ReadingContext,
     conversation: &Conversation,
@@ -78,16 +69,6 @@ pub fn read_question_in(
 
 /// Reads a choice. `observed`: the question is explanatory, about events of the video.
 pub fn read_choice(
-    text: &str,
-    observed: bool,
-    scene: Option<&Scene>,
-    conversation: &Conversation,
-) -> Result<QuestionReading, ReasonError> {
-    read_choice_in(text, observed, ReadingContext { scene, lexicon: &[] }, conversation)
-}
-
-/// [`read_choice`], with the words of a lexicon.
-pub fn read_choice_in(
     text: &str,
     observed: bool,
     about: ReadingContext,
@@ -116,8 +97,7 @@ fn read(
     let vocabulary = Vocabulary::new(scene, &conversation.words, about.lexicon);
     let mut words = vocabulary.read(text);
     if phrase == "question" {
-        let program_of =
-            |text: &str, before: &Conversation| Ok(read_question_in(text, about, before)?.program);
+        let program_of = |text: &str, before: &Conversation| Ok(read_question(text, about, before)?.program);
         if let Some(tokens) = follow_up(&words, &vocabulary, conversation, &program_of)? {
             return Ok(with_reading(tokens, &words, about.lexicon));
         }
@@ -156,7 +136,7 @@ fn without_opening(mut words: Vec<TextWord>) -> Vec<TextWord> {
 
 /// A program with what it was read as, corrected spellings included.
 fn with_reading(program: Vec<String>, words: &[TextWord], lexicon: &[LexiconWord]) -> QuestionReading {
-    let known: Vec<String> = lexicon.iter().map(|w| w.word.clone()).collect();
+    let known = spellings(lexicon);
     let mut reading =
         QuestionProgram::parse_with(&program, &known).map(|p| read_back(&p)).unwrap_or_default();
     let corrected =

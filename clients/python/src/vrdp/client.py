@@ -323,6 +323,26 @@ class Client:
         request = concepts_pb2.LearnConceptsRequest(base=base, examples=word)
         return self._last(self._concepts.LearnConcepts, request).lexicon
 
+    def learn_change(
+        self,
+        name: str,
+        quantity: str,
+        yes: Iterable[tuple[str, int, str]],
+        no: Iterable[tuple[str, int, str]] = (),
+        *,
+        base: str = "",
+    ) -> concepts_pb2.Lexicon:
+        """Learns a word for a change, such as "heavier", from videos in which an object is changed.
+
+        ``quantity`` is ``"mass"``, ``"velocity"``, ``"restitution"`` or ``"friction"``. An example is a video, an object id, and a
+        video with the same objects and ids in which that object is changed; those of ``no`` show no such change.
+        """
+        keys = ("video", "object_id", "changed_video")
+        of = lambda examples: [dict(zip(keys, example)) for example in examples]  # noqa: B905, E731
+        word = {"name": name, "kind": "CONCEPT_KIND_CHANGE", "quantity": f"CHANGED_QUANTITY_{quantity.upper()}"}
+        request = concepts_pb2.LearnConceptsRequest(base=base, examples={**word, "yes": of(yes), "no": of(no)})
+        return self._last(self._concepts.LearnConcepts, request).lexicon
+
     def discover(self, videos: Sequence[str], *, max_effects: int = 2) -> discovery_pb2.Discovery:
         """Finds the effects that the model of a set-up lacks, from its videos."""
         return self._last(self._models.DiscoverEffects, _discover(videos, max_effects=max_effects)).discovery

@@ -6,7 +6,7 @@ use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::api::v1::learn_concepts_request::Source;
 use crate::concepts::{CalibrationBin, Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe};
-use crate::engine::{EngineError, ExamplePlace, LearnRequest, NamedExample, VideoLessons};
+use crate::engine::{EngineError, ExamplePlace, LearnRequest, NamedChange, NamedExample, VideoLessons};
 use crate::reason::{ChangedQuantity, Op, Question, WordFamily};
 
 /// Most videos of one call: more than a data set of the paper's size needs at once.
@@ -34,7 +34,7 @@ pub fn learn_request(
         Some(Source::Examples(given)) => examples(&mut r, given),
         Some(Source::Change(given)) => {
             let name = word(&mut r, "change.name", given.name);
-            let quantity = quantity(&mut r, given.quantity);
+            let quantity = quantity(&mut r, "change.quantity", given.quantity);
             let videos = lessons(&mut r, "change.lessons", given.lessons.unwrap_or_default());
             LearnRequest::Change { name, quantity, videos }
         }
@@ -85,27 +85,59 @@ fn examples(r: &mut Violations, given: v1::WordExamples) -> LearnRequest {
         Ok(v1::ConceptKind::Dynamic) => WordKind::Dynamic,
         Ok(v1::ConceptKind::Event) => WordKind::Event,
         Ok(v1::ConceptKind::Change) => {
-            r.add("examples.kind", "is a change, which is learned from questions and answers; give change");
-            WordKind::Change
+            let quantity = quantity(r, "examples.quantity", given.quantity);
+            if given.yes.is_empty() {
+                r.add(
+                    "examples.yes",
+                    "is empty; give at least one object with the video in which it is changed",
+                );
+            }
+            let yes = each(r, "examples.yes", given.yes, changed);
+            let no = each(r, "examples.no", given.no, changed);
+            return LearnRequest::ChangeExamples { name, quantity, yes, no };
         }
         _ => {
-            r.add("examples.kind", "is missing; give static, dynamic or event");
+            r.add("examples.kind", "is missing; give static, dynamic, event or change");
             WordKind::Static
         }
     };
-    let mut all = |path: &str, given: Vec<v1::ConceptExample>| -> Vec<NamedExample> {
-        if given.len() > MAX_LESSONS {
-            r.add(path, format!("are {}; at most {MAX_LESSONS}", given.len()));
-        }
-        let given = given.into_iter().take(MAX_LESSONS).enumerate();
-        given.map(|(k, example)| named(r, &format!("{path}[{k}]"), kind, example)).collect()
-    };
-    let (yes, no) = (all("examples.yes", given.yes), all("examples.no", given.no));
+    let one = |r: &mut Violations, at: &str, example| named(r, at, kind, example);
+    let yes = each(r, "examples.yes", given.yes, one);
+    let no = each(r, "examples.no", given.no, one);
     LearnRequest::Word { name, kind, yes, no }
+}
+
+/// Reads each example of a list.
+fn each<T>(
+    r: &mut Violations,
+    path: &str,
+    given: Vec<v1::ConceptExample>,
+    one: impl Fn(&mut Violations, &str, v1::ConceptExample) -> T,
+) -> Vec<T> {
+    if given.len() > MAX_LESSONS {
+        r.add(path, format!("are {}; at most {MAX_LESSONS}", given.len()));
+    }
+    let given = given.into_iter().take(MAX_LESSONS).enumerate();
+    given.map(|(k, example)| one(r, &format!("{path}[{k}]"), example)).collect()
+}
+
+/// An example of a change.
+fn changed(r: &mut Violations, at: &str, given: v1::ConceptExample) -> NamedChange {
+    if given.other_id.is_some() {
+        r.add(format!("{at}.other_id"), "is given; only a word of events has two objects");
+    }
+    NamedChange {
+        video: r.id(&format!("{at}.video"), &given.video, "videos"),
+        object_id: given.object_id,
+        changed_video: r.id(&format!("{at}.changed_video"), &given.changed_video, "videos"),
+    }
 }
 
 fn named(r: &mut Violations, at: &str, kind: WordKind, given: v1::ConceptExample) -> NamedExample {
     let video = r.id(&format!("{at}.video"), &given.video, "videos");
+    if !given.changed_video.is_empty() {
+        r.add(format!("{at}.changed_video"), "is given; only a change has a second video");
+    }
     let place = match (given.other_id, kind) {
         (Some(other), WordKind::Event) => {
             ExamplePlace::Encounter { objects: [given.object_id, other], frame: given.frame as usize }
@@ -126,14 +158,14 @@ fn named(r: &mut Violations, at: &str, kind: WordKind, given: v1::ConceptExample
     NamedExample { video, place }
 }
 
-fn quantity(r: &mut Violations, given: i32) -> ChangedQuantity {
+fn quantity(r: &mut Violations, path: &str, given: i32) -> ChangedQuantity {
     match v1::ChangedQuantity::try_from(given) {
         Ok(v1::ChangedQuantity::Mass) => ChangedQuantity::Mass,
         Ok(v1::ChangedQuantity::Velocity) => ChangedQuantity::Velocity,
         Ok(v1::ChangedQuantity::Restitution) => ChangedQuantity::Restitution,
         Ok(v1::ChangedQuantity::Friction) => ChangedQuantity::Friction,
         _ => {
-            r.add("change.quantity", "is missing; give mass, velocity, restitution or friction");
+            r.add(path, "is missing; give mass, velocity, restitution or friction");
             ChangedQuantity::Mass
         }
     }
@@ -214,11 +246,7 @@ pub fn concept(word: &WordDescription) -> v1::Concept {
         WordKind::Event => v1::ConceptKind::Event,
         WordKind::Change => v1::ConceptKind::Change,
     });
-    let family = word.family.map_or("", |family| match family {
-        WordFamily::Color => "color",
-        WordFamily::Material => "material",
-        WordFamily::Shape => "shape",
-    });
+    let family = word.family.map_or("", WordFamily::name);
     let weight =
         |(feature, weight): &(String, f64)| v1::FeatureWeight { feature: feature.clone(), weight: *weight };
     let near = |(word, cosine): &(String, f64)| v1::NearWord { word: word.clone(), cosine: *cosine };
@@ -236,6 +264,7 @@ pub fn concept(word: &WordDescription) -> v1::Concept {
             log_loss: c.log_loss,
             accuracy: c.accuracy,
             bins: c.bins.iter().map(bin).collect(),
+            mistaken: c.mistaken,
         }),
         factor: word.factor.map(|_| factor),
         factor_low: low,

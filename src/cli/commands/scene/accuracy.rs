@@ -3,11 +3,9 @@
 use super::questions::{list, word};
 use crate::cli::output;
 use crate::num::elementary;
+use crate::num::share_interval;
 use serde_json::Value;
 use std::collections::BTreeMap;
-
-/// Normal quantile of a 95 % interval.
-const Z: f64 = 1.959964;
 
 /// Whether an answer is the right one.
 pub fn same(given: Option<&Value>, right: &str) -> bool {
@@ -26,10 +24,8 @@ impl Share {
 
     /// The share with its 95 % Wilson interval.
     fn text(self) -> String {
-        let (n, p) = (self.1 as f64, self.0 as f64 / self.1 as f64);
-        let centre = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-        let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let [p, low, high] = [p, (centre - half).max(0.0), (centre + half).min(1.0)].map(|x| 100.0 * x);
+        let [low, high] = share_interval(self.0, self.1);
+        let [p, low, high] = [self.0 as f64 / self.1 as f64, low, high].map(|x| 100.0 * x);
         format!("{p:.1} % [{low:.1}, {high:.1}] of {}", self.1)
     }
 }

@@ -27,20 +27,21 @@ pub struct LearnArgs {
     /// The lexicon to write; a single word is added to it if it is there.
     #[arg(long, value_name = "FILE")]
     lexicon: PathBuf,
-    /// Learns one new word: from --yes and --no, or a change (--quantity) from the questions of the folders.
+    /// Learns one new word: from --yes and --no, or a change (--quantity) also from the questions of the folders.
     #[arg(long, value_name = "NAME")]
     word: Option<String>,
     /// What the word is of [default: static]
     #[arg(long, value_enum, requires = "word")]
     kind: Option<ExampleKind>,
-    /// An object that the word fits, by scene and id; an encounter as FILE:OBJECT:OTHER@FRAME. May be repeated.
+    /// An object that the word fits, by scene and id; an encounter as FILE:OBJECT:OTHER@FRAME; of a change (--quantity) as
+    /// FILE:OBJECT=FILE, the second scene having the object changed. May be repeated.
     #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word", conflicts_with = "folders")]
     yes: Vec<String>,
     /// An object, or an encounter, that it does not fit.
     #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word")]
     no: Vec<String>,
     /// What the word multiplies, such as the mass for `heavier`.
-    #[arg(long, value_enum, requires = "word", conflicts_with = "yes")]
+    #[arg(long, value_enum, requires = "word", conflicts_with = "kind")]
     quantity: Option<MultipliedQuantity>,
     /// Takes events from the tracks: nothing is fitted, and questions that need simulations are left out.
     #[arg(long)]
@@ -74,6 +75,17 @@ enum MultipliedQuantity {
     Friction,
 }
 
+impl MultipliedQuantity {
+    fn message(self) -> ChangedQuantity {
+        match self {
+            MultipliedQuantity::Mass => ChangedQuantity::Mass,
+            MultipliedQuantity::Velocity => ChangedQuantity::Velocity,
+            MultipliedQuantity::Restitution => ChangedQuantity::Restitution,
+            MultipliedQuantity::Friction => ChangedQuantity::Friction,
+        }
+    }
+}
+
 pub async fn run(target: &Target, args: LearnArgs) -> Result<(), Failure> {
     output::writable("--lexicon", &args.lexicon)?;
     let connection = Connection::open(target).await?;
@@ -102,29 +114,24 @@ async fn request(
     let source = match (&args.word, args.yes.is_empty()) {
         (None, _) => Source::Lessons(lessons(connection, args, progress).await?),
         (Some(name), true) => {
-            let quantity = match args.quantity {
-                Some(MultipliedQuantity::Mass) => ChangedQuantity::Mass,
-                Some(MultipliedQuantity::Velocity) => ChangedQuantity::Velocity,
-                Some(MultipliedQuantity::Restitution) => ChangedQuantity::Restitution,
-                Some(MultipliedQuantity::Friction) => ChangedQuantity::Friction,
-                None => {
-                    let message = "--word needs examples (--yes and --no), or --quantity for a change";
-                    return Err(Failure::input(message));
-                }
-            };
+            let message = "--word needs examples (--yes and --no), or --quantity for a change";
+            let quantity = args.quantity.ok_or_else(|| Failure::input(message))?.message();
             let lessons = Some(lessons(connection, args, progress).await?);
             Source::Change(ChangeLessons { name: name.clone(), quantity: quantity.into(), lessons })
         }
         (Some(name), false) => {
-            let kind = match args.kind {
-                None | Some(ExampleKind::Static) => ConceptKind::Static,
-                Some(ExampleKind::Dynamic) => ConceptKind::Dynamic,
-                Some(ExampleKind::Event) => ConceptKind::Event,
+            let kind = match (args.kind, args.quantity) {
+                (_, Some(_)) => ConceptKind::Change,
+                (None | Some(ExampleKind::Static), None) => ConceptKind::Static,
+                (Some(ExampleKind::Dynamic), None) => ConceptKind::Dynamic,
+                (Some(ExampleKind::Event), None) => ConceptKind::Event,
             };
+            let quantity = args.quantity.map_or(ChangedQuantity::Unspecified, MultipliedQuantity::message);
             let mut posted = BTreeMap::new();
-            let yes = examples(connection, &args.yes, &mut posted).await?;
-            let no = examples(connection, &args.no, &mut posted).await?;
-            Source::Examples(WordExamples { name: name.clone(), kind: kind.into(), yes, no })
+            let yes = examples(connection, (&args.yes, kind), &mut posted).await?;
+            let no = examples(connection, (&args.no, kind), &mut posted).await?;
+            let (name, kind, quantity) = (name.clone(), kind.into(), quantity.into());
+            Source::Examples(WordExamples { name, kind, yes, no, quantity })
         }
     };
     Ok(LearnConceptsRequest { base: known, source: Some(source), seed: args.seed, ..Default::default() })
@@ -154,23 +161,51 @@ async fn lessons(
 /// Posts the scenes of examples, each file once: `posted` has their names.
 async fn examples(
     connection: &Connection,
-    given: &[String],
+    (given, kind): (&[String], ConceptKind),
     posted: &mut BTreeMap<String, String>,
 ) -> Result<Vec<ConceptExample>, Failure> {
     let mut found = vec![];
     for text in given {
-        let (file, place) = place(text).ok_or_else(|| {
-            let form = "FILE:OBJECT, or FILE:OBJECT:OTHER@FRAME for an encounter";
-            Failure::input(format!("{text:?} is no example; give {form}"))
-        })?;
-        if !posted.contains_key(file) {
-            let video = connection.post(&input::scene(Path::new(file))?).await?;
-            posted.insert(file.to_string(), video);
+        let refused = |form: &str| Failure::input(format!("{text:?} is no example; give {form}"));
+        if kind == ConceptKind::Change {
+            let form = "FILE:OBJECT=FILE, the second scene having the object changed";
+            let (before, object_id, after) = changed(text).ok_or_else(|| refused(form))?;
+            let video = posted_once(connection, before, posted).await?;
+            let changed_video = posted_once(connection, after, posted).await?;
+            found.push(ConceptExample { video, object_id, changed_video, ..Default::default() });
+            continue;
         }
-        let video = posted.get(file).cloned().unwrap_or_default();
+        let form =
+            "FILE:OBJECT, or FILE:OBJECT:OTHER@FRAME for an encounter; with --quantity FILE:OBJECT=FILE";
+        let (file, place) = place(text).ok_or_else(|| refused(form))?;
+        let video = posted_once(connection, file, posted).await?;
         found.push(ConceptExample { video, ..place });
     }
     Ok(found)
+}
+
+/// The name of the scene of a file, which is posted unless it was.
+async fn posted_once(
+    connection: &Connection,
+    file: &str,
+    posted: &mut BTreeMap<String, String>,
+) -> Result<String, Failure> {
+    if let Some(known) = posted.get(file) {
+        return Ok(known.clone());
+    }
+    let video = connection.post(&input::scene(Path::new(file))?).await?;
+    posted.insert(file.to_string(), video.clone());
+    Ok(video)
+}
+
+/// The file of an example of a change, its object, and the file in which it is changed.
+fn changed(text: &str) -> Option<(&str, u32, &str)> {
+    let of = |(at, _): (usize, &str)| {
+        let (before, after) = (text.get(..at)?, text.get(at + 1..)?);
+        let (file, object) = before.rsplit_once(':')?;
+        Some((file, object.parse().ok()?, after))
+    };
+    text.match_indices('=').find_map(of).filter(|(before, _, after)| !before.is_empty() && !after.is_empty())
 }
 
 /// The file of an example, and its object or collision.
@@ -213,6 +248,11 @@ mod tests {
         assert_eq!((file, object.object_id, object.other_id), ("a:b/scene", 3, None));
         let (file, hit) = place("scene:3:5@40").unwrap();
         assert_eq!((file, hit.object_id, hit.other_id, hit.frame), ("scene", 3, Some(5), 40));
+        assert_eq!(changed("a:b/scene:3=other=1"), Some(("a:b/scene", 3, "other=1")));
+        assert_eq!(changed("mu=0.1/scene:3=other"), Some(("mu=0.1/scene", 3, "other")));
+        for wrong in ["scene:3", "scene=other", "scene:red=other", "scene:3="] {
+            assert_eq!(changed(wrong), None, "{wrong}");
+        }
         for wrong in ["scene", "scene:", "scene:red", "scene:3@4", "scene:3:5@"] {
             assert!(place(wrong).is_none(), "{wrong}");
         }

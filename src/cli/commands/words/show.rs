@@ -99,7 +99,11 @@ fn description(c: &Concept) -> String {
     }
     if let Some(known) = &c.calibration {
         let share = 100.0 * known.accuracy;
-        text += &format!("  on left-out videos: {share:.1} % of {} answers right\n", known.answers);
+        let mistaken = 100.0 * known.mistaken;
+        text += &format!(
+            "  on left-out videos: {share:.1} % of {} answers right; {mistaken:.1} % wrong whatever the words\n",
+            known.answers
+        );
         for bin in &known.bins {
             let [p, right, low, high] =
                 [bin.probability, bin.accuracy, bin.accuracy_low, bin.accuracy_high].map(|x| 100.0 * x);
@@ -132,7 +136,7 @@ fn to_json(c: &Concept) -> Value {
         "looks_at": c.looks_at.iter().map(|f| json!({ "feature": f.feature, "weight": f.weight })).collect::<Vec<_>>(),
         "nearest": c.nearest.iter().map(|n| json!({ "word": n.word, "cosine": n.cosine })).collect::<Vec<_>>(),
         "calibration": c.calibration.as_ref().map(|k| json!({
-            "answers": k.answers, "log_loss": k.log_loss, "accuracy": k.accuracy,
+            "answers": k.answers, "log_loss": k.log_loss, "accuracy": k.accuracy, "mistaken": k.mistaken,
             "bins": k.bins.iter().map(|b| json!({
                 "answers": b.answers, "probability": b.probability, "accuracy": b.accuracy,
                 "interval": [b.accuracy_low, b.accuracy_high],
