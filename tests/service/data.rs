@@ -227,7 +227,7 @@ async fn lists_hold_no_samples() {
 }
 
 /// Of about 7.5 MB as it is sent.
-fn large_video() -> v1::Video {
+pub fn large_video() -> v1::Video {
     let frames = 15_000;
     let one = video("large", frames);
     let objects = (0..9u32).map(|k| {

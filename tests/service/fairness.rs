@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
+use vrdp::api::v1;
 use vrdp::engine::{
     AskedQuestion, Capacity, Engine, EngineError, MAX_REPLAYS, ModelSource, PublishedSimulation,
     ReplayOptions, SimulateOptions, StudyKind, Tenant,
@@ -358,6 +359,15 @@ async fn cancelled_work_ends_soon() {
         };
         cancelled(engine, "create", Duration::from_secs(6), create).await;
     }
+    if wanted("upload") {
+        let request = rough_upload();
+        let upload = async |_: u64| {
+            let request = request.clone();
+            let work = move |stop: vrdp::num::Stop| Ok(vrdp::api::new_video(request, stop).is_ok());
+            engine.compute_as(vrdp::engine::JobKind::Conversion, work).await
+        };
+        cancelled(engine, "upload", Duration::from_secs(2), upload).await;
+    }
     if wanted("discover") {
         let mut videos = vec![];
         for k in 0..4 {
@@ -372,9 +382,23 @@ async fn cancelled_work_ends_soon() {
     }
 }
 
+/// A large video of tracks with noise.
+fn rough_upload() -> v1::CreateVideoRequest {
+    let rough = |s: v1::Sample| {
+        let noise = 0.0005 * f64::from((s.frame * 7919) % 101);
+        let Some(v1::sample::Place::Position(v1::Vector { x, y })) = s.place else { return s };
+        let place = Some(v1::sample::Place::Position(v1::Vector { x: x + noise, y: y - noise }));
+        v1::Sample { place, ..s }
+    };
+    let mut posted = crate::data::large_video();
+    for object in &mut posted.objects {
+        object.samples = std::mem::take(&mut object.samples).into_iter().map(rough).collect();
+    }
+    v1::CreateVideoRequest { video: Some(posted), ..Default::default() }
+}
+
 /// A video of 125 bodies that stand still.
-fn crowded_detections(frames: u32) -> vrdp::api::v1::CreateVideoRequest {
-    use vrdp::api::v1;
+fn crowded_detections(frames: u32) -> v1::CreateVideoRequest {
     let of_frame = |frame: u32| {
         (0..125).map(move |k| {
             let [left, top] = [20.0 + 17.0 * f64::from(k % 25), 150.0 + 30.0 * f64::from(k / 25)];

@@ -8,7 +8,7 @@
 use super::finding::{FindingKind, TrackFinding};
 use super::position_sds;
 use super::sides::{Sides, proof};
-use crate::num::{Vec2, vec2};
+use crate::num::{Stop, Stopped, Vec2, vec2};
 use crate::scene::observation::Scene;
 
 /// Neighbours on each side that a parabola goes through.
@@ -20,10 +20,11 @@ const LEAST: f64 = 0.2;
 const CERTAIN: f64 = 4.5;
 
 /// Takes out bumps, and says so.
-pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
+pub fn take_out_bumps(scene: &mut Scene, step: f64, stop: Stop) -> Result<Option<TrackFinding>, Stopped> {
     let noises = position_sds(scene, step);
     let (mut frames, mut squares) = (vec![], 0.0);
     for frame in 0..scene.times.len().saturating_sub(1) {
+        stop(0.0)?;
         let sides = Sides::of(scene, frame, &noises);
         if sides.len() < 2 || !sides.leap() {
             continue;
@@ -39,7 +40,7 @@ pub fn take_out_bumps(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
     }
     let value = (squares / frames.len().max(1) as f64).sqrt();
     let kind = FindingKind::MovingCamera;
-    (!frames.is_empty()).then_some(TrackFinding { kind, objects: vec![], frames, value })
+    Ok((!frames.is_empty()).then_some(TrackFinding { kind, objects: vec![], frames, value }))
 }
 
 /// Takes out the shake, and says so.

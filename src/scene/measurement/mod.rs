@@ -60,9 +60,9 @@ pub(in crate::scene) fn examine(scene: &mut Scene, stop: Stop) -> Result<(), Sto
     stop(0.0)?;
     found.extend(leave_out_interpolated(scene, step));
     stop(0.0)?;
-    found.extend(take_in_lost_frames(scene, step));
+    found.extend(take_in_lost_frames(scene, step, stop)?);
     stop(0.0)?;
-    found.extend(take_out_bumps(scene, step));
+    found.extend(take_out_bumps(scene, step, stop)?);
     stop(0.0)?;
     found.extend(put_identities_right(scene, step));
     stop(0.0)?;

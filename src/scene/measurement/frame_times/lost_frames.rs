@@ -7,7 +7,7 @@
 //! (1986) 259). A contact changes velocities, which no n explains;
 //! where one is near, fewer samples beside the pair are taken.
 
-use crate::num::{Vec2, quantile};
+use crate::num::{Stop, Stopped, Vec2, quantile};
 use crate::scene::measurement::finding::{FindingKind, TrackFinding};
 use crate::scene::measurement::position_sds;
 use crate::scene::measurement::sides::{Remains, Sides, proof};
@@ -24,26 +24,31 @@ const WHOLE: f64 = 0.25;
 const ROUNDS: usize = 4;
 
 /// Shifts the times after lost frames, and says so.
-pub fn take_in_lost_frames(scene: &mut Scene, step: f64) -> Option<TrackFinding> {
-    let pairs = scene.times.len().checked_sub(1)?;
+pub fn take_in_lost_frames(
+    scene: &mut Scene,
+    step: f64,
+    stop: Stop,
+) -> Result<Option<TrackFinding>, Stopped> {
     let mut gaps: Vec<f64> = scene.times.windows(2).map(|w| w[1] - w[0]).collect();
-    let frame_time = quantile(&mut gaps, 0.5)?;
+    let pairs = gaps.len();
+    let Some(frame_time) = quantile(&mut gaps, 0.5) else { return Ok(None) };
     let noises = position_sds(scene, step);
     let mut search = LostFrames { given: scene.times.clone(), lost: vec![0; pairs], frame_time, noises };
-    let start: Vec<usize> = (0..pairs).map(|frame| search.by_step_lengths(scene, frame)).collect();
+    let mut start = vec![];
+    for frame in 0..pairs {
+        stop(0.0)?;
+        start.push(search.by_step_lengths(scene, frame));
+    }
     for (frame, n) in start.into_iter().enumerate().filter(|(_, n)| *n > 0) {
+        stop(0.0)?;
         search.set(scene, frame, n);
     }
-    search.improve(scene);
-    search.drop_unproven(scene);
+    search.improve(scene, stop)?;
+    search.drop_unproven(scene, stop)?;
     let frames: Vec<usize> = (0..pairs).filter(|frame| search.lost[*frame] > 0).collect();
     let value = search.lost.iter().sum::<usize>() as f64;
-    (!frames.is_empty()).then_some(TrackFinding {
-        kind: FindingKind::LostFrames,
-        objects: vec![],
-        frames,
-        value,
-    })
+    let kind = FindingKind::LostFrames;
+    Ok((!frames.is_empty()).then_some(TrackFinding { kind, objects: vec![], frames, value }))
 }
 
 /// How many frames are lost after each; the scene's times have them.
@@ -117,23 +122,30 @@ impl LostFrames {
     }
 
     /// Sets the number that falls most, until none falls.
-    fn improve(&mut self, scene: &mut Scene) {
+    fn improve(&mut self, scene: &mut Scene, stop: Stop) -> Result<(), Stopped> {
         let pairs = self.lost.len();
-        let mut best: Vec<Option<(usize, f64)>> = (0..pairs).map(|frame| self.best(scene, frame)).collect();
+        let mut best: Vec<Option<(usize, f64)>> = vec![];
+        for frame in 0..pairs {
+            stop(0.0)?;
+            best.push(self.best(scene, frame));
+        }
         for _ in 0..ROUNDS * pairs {
+            stop(0.0)?;
             let fall = |frame: &usize| best[*frame].map_or(0.0, |(_, fall)| fall);
-            let Some(frame) = (0..pairs).max_by(|a, b| fall(a).total_cmp(&fall(b))) else { return };
-            let Some((n, _)) = best[frame].filter(|(_, fall)| *fall > 1e-6) else { return };
+            let Some(frame) = (0..pairs).max_by(|a, b| fall(a).total_cmp(&fall(b))) else { break };
+            let Some((n, _)) = best[frame].filter(|(_, fall)| *fall > 1e-6) else { break };
             self.set(scene, frame, n);
             let near = frame.saturating_sub(Sides::REACH)..(frame + Sides::REACH + 1).min(pairs);
             near.for_each(|other| best[other] = self.best(scene, other));
         }
+        Ok(())
     }
 
     /// Drops numbers that leave more than noise, that are not worth their price, or that are worse than a bump of the camera.
-    fn drop_unproven(&mut self, scene: &mut Scene) {
+    fn drop_unproven(&mut self, scene: &mut Scene, stop: Stop) -> Result<(), Stopped> {
         let mut frame = 0;
         while frame < self.lost.len() {
+            stop(0.0)?;
             let present = self.lost[frame];
             if present > 0 && !self.is_proven(scene, frame) {
                 self.set(scene, frame, 0);
@@ -143,6 +155,7 @@ impl LostFrames {
                 frame += 1;
             }
         }
+        Ok(())
     }
 
     fn is_proven(&mut self, scene: &mut Scene, frame: usize) -> bool {
