@@ -16,7 +16,7 @@ async fn connected(program: &BothPorts) -> OperationsClient<Channel> {
     OperationsClient::new(endpoint.connect().await.unwrap()).max_decoding_message_size(64 << 20)
 }
 
-async fn begun(program: &BothPorts, videos: &[String]) -> String {
+async fn started(program: &BothPorts, videos: &[String]) -> String {
     let work = Some(Work::DiscoverEffects(request(videos)));
     let request = v1::StartOperationRequest { work, request_id: String::new() };
     connected(program).await.start_operation(request).await.unwrap().into_inner().name
@@ -68,13 +68,13 @@ async fn a_discovery_goes_on_from_its_steps_after_a_kill() {
     assert_eq!(posted(cut).await, videos);
     let never = |_: f64, _: Duration| false;
     let program = BothPorts::start(whole, &[]);
-    let name = begun(&program, &videos).await;
+    let name = started(&program, &videos).await;
     let expected = found_before(&program, &name, never).await.unwrap();
     let alone = program.cpu();
     drop(program);
 
     let mut program = BothPorts::start(cut, &[]);
-    let name = begun(&program, &videos).await;
+    let name = started(&program, &videos).await;
     let restarts = count(20, 1);
     // Behind the search and the first write; or every four seconds.
     let is_far = |fraction: f64, time: Duration| match is_long() {
