@@ -133,7 +133,9 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         ConceptError::Layout { .. } => return plain(Code::FailedPrecondition, message, "OTHER_FEATURES"),
         ConceptError::Version { .. } => return plain(Code::FailedPrecondition, message, "OTHER_VERSION"),
         ConceptError::UnknownWord { .. } => return plain(Code::NotFound, message, "UNKNOWN_WORD"),
-        ConceptError::Undetermined { .. } => return plain(Code::FailedPrecondition, message, "UNDETERMINED"),
+        ConceptError::Undetermined { .. } | ConceptError::FactorBeyond { .. } => {
+            return plain(Code::FailedPrecondition, message, "UNDETERMINED");
+        }
         ConceptError::Incomplete => ("content", "INCOMPLETE"),
         ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
@@ -145,6 +147,7 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         ConceptError::NoSuchObject { .. }
         | ConceptError::NoFit { .. }
         | ConceptError::OtherObjects { .. }
+        | ConceptError::NotFollowed { .. }
         | ConceptError::Fit(_) => ("examples", "INVALID"),
         _ => ("lessons", "INVALID"),
     };

@@ -27,7 +27,7 @@ pub enum ConceptError {
     Answer { video: usize, question: usize, answer: String, expected: String },
     #[error("\"{name}\" is no word of the lexicon; it knows {}; learn it or use one of these", .known.join(", "))]
     UnknownWord { name: String, known: Vec<String> },
-    #[error("\"{name}\" is known already, as {kind}; delete it first, or take another name")]
+    #[error("\"{name}\" is known already, as {kind}; take another name, or write a new lexicon")]
     KnownWord { name: String, kind: &'static str },
     #[error("examples: {yes} that fit \"{name}\" and {no} that do not; give at least 2 of each")]
     TooFewExamples { name: String, yes: usize, no: usize },
@@ -46,7 +46,7 @@ pub enum ConceptError {
     )]
     NoEncounter { index: usize, objects: [usize; 2] },
     #[error(
-        "examples[{index}]: the second video {problem}; both must show the same objects, with the same ids"
+        "examples[{index}]: the second video {problem}; both must show the same set-up and objects, with the same ids"
     )]
     OtherObjects { index: usize, problem: String },
     #[error("examples of \"{name}\" contradict each other: {}", .pairs.join("; "))]
@@ -57,6 +57,14 @@ pub enum ConceptError {
         "nothing says how large \"{name}\" is: every factor from {least:.3} to {most:.3} explains what is given; give more questions or examples"
     )]
     Undetermined { name: String, least: f64, most: f64 },
+    #[error(
+        "the factor that {what} shows is not between {least:.3} and {most:.3}, where factors are sought; give examples of a smaller change"
+    )]
+    FactorBeyond { what: String, least: f64, most: f64 },
+    #[error(
+        "examples[{index}]: the model does not follow the {which} video (reduced chi-square {chi_square:.0}), so it says nothing of a factor; fit it with a model that follows it"
+    )]
+    NotFollowed { index: usize, which: &'static str, chi_square: f64 },
     #[error(transparent)]
     Stopped(#[from] Stopped),
     #[error(transparent)]

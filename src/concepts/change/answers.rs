@@ -4,7 +4,7 @@
 //! multiplies by f, eps the share of wrong answers. The likelihood is a step function of f, so that f is the posterior's mean of ln f.
 
 use super::grid::{ALL_FACTORS, FactorPosterior};
-use super::word::{change_word, undetermined};
+use super::word::{beyond, change_word, undetermined};
 use crate::concepts::error::ConceptError;
 use crate::concepts::few_examples::check_new;
 use crate::concepts::lessons::{LessonAnswer, LessonVideo};
@@ -55,6 +55,9 @@ pub fn learn_change(
         lessons.log_likelihood(points, &crate::num::progress_within(stop, part))
     })?;
     let found = found.ok_or_else(|| undetermined(name))?;
+    if found.is_beyond_all() {
+        return Err(beyond(format!("\"{name}\"")));
+    }
     let mut learned = lexicon.clone();
     learned.words.push(change_word(name, options.quantity, &found, found.spread, [questions, 0]));
     Ok(learned)

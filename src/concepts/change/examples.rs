@@ -7,7 +7,7 @@
 
 use super::grid::{ALL_FACTORS, FactorPosterior};
 use super::likelihood::ChangedVideo;
-use super::word::{change_word, undetermined};
+use super::word::{beyond, change_word, undetermined};
 use crate::concepts::error::ConceptError;
 use crate::concepts::few_examples::check_new;
 use crate::concepts::lexicon::Lexicon;
@@ -20,6 +20,9 @@ use crate::scene::Scene;
 const CHANCE: f64 = 3.0;
 /// Log odds (nat) of the word's factor against no change, from which a counter-example is an example: twenty to one.
 const LEAST_ODDS: f64 = 3.0;
+
+/// Reduced chi-square above which a model does not follow a video, as chaos makes none of a right one.
+const LOST: f64 = 100.0;
 
 /// A video, and one in which an object is changed; all else is the same but the start states.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +61,7 @@ pub fn learn_change_from_examples(
     for (index, example) in yes.iter().chain(no).enumerate() {
         let part = [index as f64 / count, (index + 1) as f64 / count];
         let mut pair = PairLikelihood::new(example, index, quantity)?;
-        pair.look(&progress_within(stop, part))?;
+        pair.look(index, &progress_within(stop, part))?;
         all.push(pair);
     }
     let (fitting, others) = all.split_at(yes.len());
@@ -74,7 +77,10 @@ pub fn learn_change_from_examples(
     let (factor, mean) = (found.factor(), found.mean());
     let shows_it = |pair: &&PairLikelihood| pair.alone.is_some() && pair.odds(mean) > LEAST_ODDS;
     pairs.extend(others.iter().filter(shows_it).map(|pair| {
-        format!("{} (a counter-example) and the examples, whose factor {factor:.3} it shows", pair.label)
+        format!(
+            "{} (a counter-example) shows the examples' factor {factor:.3} rather than no change",
+            pair.label
+        )
     }));
     if !pairs.is_empty() {
         return Err(ConceptError::ContradictoryChanges { name: name.into(), pairs });
@@ -124,6 +130,12 @@ impl PairLikelihood {
         let objects = before.objects.len();
         let missing = ConceptError::NoSuchObject { index, object: *object, objects };
         let id = before.objects.get(*object).map(|o| o.id).ok_or(missing)?;
+        if let (Some(first), Some(second)) = (&before.setup, &after.setup)
+            && first != second
+        {
+            let problem = format!("is of set-up {second:?}, but the first of {first:?}");
+            return Err(ConceptError::OtherObjects { index, problem });
+        }
         let foreign = after.objects.iter().find(|o| before.object_index(o.id).is_none());
         if let Some(foreign) = foreign.map(|o| o.id) {
             return Err(ConceptError::OtherObjects {
@@ -137,20 +149,31 @@ impl PairLikelihood {
                 problem: format!("lacks object {id}, which is changed"),
             });
         }
+        let chi_square = fit.0.scenes.get(fit.1).map_or(0.0, |s| s.reduced_chi_square);
+        if chi_square > LOST {
+            return Err(ConceptError::NotFollowed { index, which: "first", chi_square });
+        }
         let label = format!("object {id} of {} in {}", before.name, after.name);
         let video = ChangedVideo::new(after, *fit, id, quantity);
         Ok(PairLikelihood { label, video, known: vec![], alone: None })
     }
 
     /// Finds the likelihood where it matters.
-    fn look(&mut self, stop: Stop) -> Result<(), ConceptError> {
+    fn look(&mut self, index: usize, stop: Stop) -> Result<(), ConceptError> {
         let (video, known) = (&mut self.video, &mut self.known);
         self.alone = FactorPosterior::on_grids(false, ALL_FACTORS, |points, part| {
             let log = video.log_likelihood(points, &progress_within(stop, part))?;
             *known = joined(known, points, &log);
             Ok::<_, ConceptError>(log)
         })?;
-        Ok(())
+        let chi_square = self.video.chi_square();
+        if chi_square > LOST {
+            return Err(ConceptError::NotFollowed { index, which: "second", chi_square });
+        }
+        match &self.alone {
+            Some(alone) if alone.is_beyond_all() => Err(beyond(self.label.clone())),
+            _ => Ok(()),
+        }
     }
 
     fn at(&self, x: f64) -> f64 {

@@ -14,6 +14,9 @@ pub const ALL_FACTORS: [f64; 2] = [-GRID_END, GRID_END];
 const PRIOR_SIGMA: f64 = 1.609;
 /// Least difference of the log likelihood over all factors (nat) that says something of the factor.
 const LEAST_DIFFERENCE: f64 = 1.0;
+/// (end - mean)/sd of a normal distribution that is cut off at its maximum, sqrt(2/pi)/sqrt(1 - 2/pi): where it is less, the maximum
+/// lies beyond the end.
+const AT_THE_END: f64 = 1.3236;
 /// Most grids: each is at least ten times as fine as the one before, unless it is as wide.
 const MOST_GRIDS: usize = 4;
 
@@ -45,7 +48,7 @@ impl FactorPosterior {
         let mut left = 0.5;
         for _ in 1..MOST_GRIDS {
             let step = found.step();
-            points = even(found.below(0.01) - step, found.below(0.99) + step);
+            points = even((found.below(0.01) - step).max(least), (found.below(0.99) + step).min(most));
             log = log_likelihood(&points, [1.0 - left, 1.0 - 0.5 * left])?;
             left *= 0.5;
             found = FactorPosterior::at(points, &log, has_prior, spread);
@@ -66,6 +69,13 @@ impl FactorPosterior {
     /// The ends of the last grid.
     pub fn range(&self) -> [f64; 2] {
         [self.points.first(), self.points.last()].map(|end| end.copied().unwrap_or(0.0))
+    }
+
+    /// Whether the likeliest factor may be smaller or larger than all that were tried.
+    pub fn is_beyond_all(&self) -> bool {
+        let is_near = |end: f64| (end - self.mean()).abs() < AT_THE_END * self.sigma();
+        let ([first, last], [least, most]) = (self.range(), ALL_FACTORS);
+        (first <= least && is_near(least)) || (last >= most && is_near(most))
     }
 
     fn step(&self) -> f64 {
@@ -114,4 +124,28 @@ fn even(from: f64, to: f64) -> Vec<f64> {
 
 pub fn largest(log: &[f64]) -> f64 {
     log.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(log: impl Fn(f64) -> f64) -> FactorPosterior {
+        let at = |points: &[f64], _: [f64; 2]| Ok::<_, ()>(points.iter().map(|x| log(*x)).collect());
+        FactorPosterior::on_grids(false, ALL_FACTORS, at).expect("it is computed").expect("it says something")
+    }
+
+    #[test]
+    fn a_factor_beyond_all_that_are_tried_is_not_taken_for_the_last_one() {
+        let normal = |mean: f64, sd: f64| move |x: f64| -0.5 * ((x - mean) / sd) * ((x - mean) / sd);
+        for sd in [0.5, 0.05, 0.002] {
+            for (mean, is_beyond) in [(3.2 + sd, true), (-4.0, true), (2.95 - sd, false), (0.0, false)] {
+                let found = found(normal(mean, sd));
+                assert_eq!(found.is_beyond_all(), is_beyond, "{mean} +- {sd}: {}", found.mean());
+            }
+        }
+        // That it is at least three says nothing of a factor beyond 20.
+        let plateau = found(|x| if x < 1.1 { -10.0 } else { 0.0 });
+        assert!(!plateau.is_beyond_all());
+    }
 }

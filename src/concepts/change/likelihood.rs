@@ -100,6 +100,11 @@ impl ChangedVideo {
         ChangedVideo { scene, quantity, id, models, velocities, starts, measured, scatter }
     }
 
+    /// Reduced chi-square of the best factor in the best model, 1 where it is less.
+    pub fn chi_square(&self) -> f64 {
+        self.scatter.first().copied().unwrap_or(1.0)
+    }
+
     /// ln p(f) at these points of ln f, 0 at the largest of each model. The first call finds the start states and the scatter.
     pub fn log_likelihood(&mut self, points: &[f64], stop: Stop) -> Result<Vec<f64>, ConceptError> {
         let is_first = self.starts.iter().all(Option::is_none);

@@ -18,6 +18,12 @@ pub fn change_word(
     LearnedWord { name: name.into(), kind: WordKind::Change, meaning, yes, no, evidence }
 }
 
+/// The factor is not among those that are tried.
+pub fn beyond(what: String) -> ConceptError {
+    let [least, most] = ALL_FACTORS.map(exp);
+    ConceptError::FactorBeyond { what, least, most }
+}
+
 /// Every factor explains what is seen.
 pub fn undetermined(name: &str) -> ConceptError {
     let [least, most] = ALL_FACTORS.map(exp);

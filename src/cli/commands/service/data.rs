@@ -24,7 +24,7 @@ pub struct DataArgs {
 enum DataCommand {
     /// Copies all tenants' data into one file; a service that uses the folder goes on.
     Backup {
-        /// The file, or a folder for a file with the time in its name.
+        /// The file, which must not exist, or a folder for a file with the time in its name.
         path: PathBuf,
     },
     /// Reads every row and trace file, and names what is damaged (exit status 1); a service that uses the folder goes on.
@@ -61,6 +61,10 @@ fn backup(folder: &Path, path: &Path) -> Result<(), Failure> {
         true => path.join(format!("vrdp-{}.backup", now_ms())),
         false => path.to_path_buf(),
     };
+    if path.exists() {
+        let message = format!("{} exists already; choose a new name, or a folder", path.display());
+        return Err(Failure::input(message));
+    }
     let unwritten = |e: std::io::Error| Failure::input(format!("{}: {e}", path.display()));
     let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // A backup that ends early leaves no file.
@@ -73,7 +77,7 @@ fn backup(folder: &Path, path: &Path) -> Result<(), Failure> {
     to.flush().map_err(unwritten)?;
     let file = to.into_inner().map_err(|e| unwritten(e.into_error()))?;
     file.as_file().sync_all().map_err(unwritten)?;
-    file.persist(&path).map_err(|e| unwritten(e.error))?;
+    file.persist_noclobber(&path).map_err(|e| unwritten(e.error))?;
     let BackupReport { rows, trace_files, bytes, unreadable } = report;
     print(&format!("{}: {rows} rows and {trace_files} traces, {bytes} bytes\n", path.display()))?;
     damage("the backup lacks", &unreadable)

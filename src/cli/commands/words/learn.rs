@@ -90,11 +90,17 @@ pub async fn run(target: &Target, args: LearnArgs) -> Result<(), Failure> {
     output::writable("--lexicon", &args.lexicon)?;
     let connection = Connection::open(target).await?;
     let bar = TaskProgress::new(1);
+    let before = std::fs::read(&args.lexicon).ok();
     let reading = |share: f64| bar.show("reading", 0, READING * share);
     let request = request(&connection, &args, reading).await?;
     let learning = |share: f64| bar.show("learning", 0, READING + (1.0 - READING) * share);
     let lexicon = learned(&connection, request, learning).await?;
     drop(bar);
+    if args.word.is_some() && std::fs::read(&args.lexicon).ok() != before {
+        let message =
+            "was changed by another program meanwhile, whose words would be lost; run the command again";
+        return Err(Failure::input(format!("--lexicon: {} {message}", args.lexicon.display())));
+    }
     output::file(&args.lexicon, &lexicon.content)?;
     let words = table_of(&connection, &lexicon.name).await?;
     let next = format!("  next: vrdp words {}\n", args.lexicon.display());
