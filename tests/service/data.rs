@@ -23,7 +23,8 @@ fn text(output: &Output) -> String {
 
 async fn post(channel: &Channel, posted: v1::Video) -> Result<String, tonic::Status> {
     let request = v1::CreateVideoRequest { video: Some(posted), ..Default::default() };
-    let mut client = VideosClient::new(channel.clone()).max_encoding_message_size(64 << 20);
+    let client = VideosClient::new(channel.clone());
+    let mut client = client.max_encoding_message_size(64 << 20).max_decoding_message_size(64 << 20);
     Ok(client.create_video(request).await?.into_inner().name)
 }
 
