@@ -1,9 +1,12 @@
 //! The factor of a change from pairs of videos: one with its fit, and one in which the same objects are seen with one changed.
 //!
-//! `p(f | pairs) ~ p(f) prod_i p_i(f)`, p_i the likelihood of pair i (see `likelihood`). With the mean m_i and the deviation s_i of each
-//! pair alone, `sum_i (m_i - m)^2/s_i^2` around their common mean m is chi-square with one degree fewer than pairs; where it is above
-//! that by three of its deviations, the pairs contradict each other. A counter-example is a pair without this change: it contradicts
-//! where the factor of the others explains it better than no change does.
+//! `p(f | pairs) ~ p(f) prod_i p_i(f)`, p_i the likelihood of pair i (see `likelihood`). With the mean m_i and the deviation s_i of ln f of
+//! each pair alone, `Q = sum_i (m_i - m)^2/s_i^2` around their common mean m is chi-square with n - 1 degrees of freedom for n pairs.
+//! Where it is above that by three of its deviations, the pairs have factors of their own: `ln f_i ~ N(ln f, t^2)`, with
+//! `t^2 = (Q - (n - 1))/(W - sum_i w_i^2/W)`, `w_i = 1/s_i^2`, `W = sum_i w_i` (DerSimonian and Laird, Controlled Clinical Trials 7 (1986)
+//! 177), and `p_i(f) = N(m_i; ln f, s_i^2 + t^2)`. They contradict each other where more than one pair in twenty would then show the
+//! opposite change. A counter-example is a pair without this change: it contradicts where the factor of the others explains it better
+//! than no change does.
 
 use super::grid::{ALL_FACTORS, FactorPosterior};
 use super::likelihood::ChangedVideo;
@@ -18,6 +21,8 @@ use crate::scene::Scene;
 
 /// Deviations of chi-square, and of a difference of two pairs, that are chance.
 const CHANCE: f64 = 3.0;
+/// Deviations of a normal distribution beyond which one draw in twenty lies, on one side.
+const ONE_IN_TWENTY: f64 = 1.645;
 /// Log odds (nat) of the word's factor against no change, from which a counter-example is an example: twenty to one.
 const LEAST_ODDS: f64 = 3.0;
 
@@ -65,25 +70,31 @@ pub fn learn_change_from_examples(
         all.push(pair);
     }
     let (fitting, others) = all.split_at(yes.len());
-    let mut pairs = disagreements(fitting);
+    let scatter = PairScatter::of(fitting);
+    let contradictory = |pairs| ConceptError::ContradictoryChanges { name: name.into(), pairs };
+    if scatter.is_contradictory() {
+        return Err(contradictory(disagreements(fitting)));
+    }
     let ranges: Vec<[f64; 2]> = fitting.iter().filter_map(|p| Some(p.alone.as_ref()?.range())).collect();
     let end = |side: usize, of: fn(f64, f64) -> f64| ranges.iter().map(|r| r[side]).reduce(of);
     let range = end(0, f64::min).zip(end(1, f64::max)).ok_or_else(|| undetermined(name))?;
     let together = |points: &[f64], _: [f64; 2]| -> Result<Vec<f64>, ConceptError> {
-        Ok(points.iter().map(|x| fitting.iter().map(|p| p.at(*x)).sum()).collect())
+        let exact = |x: f64| fitting.iter().map(|p| p.at(x)).sum();
+        Ok(points.iter().map(|x| scatter.log_likelihood(*x).unwrap_or_else(|| exact(*x))).collect())
     };
     let found = FactorPosterior::on_grids(true, range.into(), together)?;
     let found = found.ok_or_else(|| undetermined(name))?;
     let (factor, mean) = (found.factor(), found.mean());
     let shows_it = |pair: &&PairLikelihood| pair.alone.is_some() && pair.odds(mean) > LEAST_ODDS;
-    pairs.extend(others.iter().filter(shows_it).map(|pair| {
+    let contrary = |pair: &PairLikelihood| {
         format!(
             "{} (a counter-example) shows the examples' factor {factor:.3} rather than no change",
             pair.label
         )
-    }));
+    };
+    let pairs: Vec<String> = others.iter().filter(shows_it).map(contrary).collect();
     if !pairs.is_empty() {
-        return Err(ConceptError::ContradictoryChanges { name: name.into(), pairs });
+        return Err(contradictory(pairs));
     }
     let odds = fitting.iter().map(|p| p.odds(mean)).sum::<f64>();
     if odds < LEAST_ODDS {
@@ -96,19 +107,55 @@ pub fn learn_change_from_examples(
     Ok(learned)
 }
 
-/// Pairs of examples that disagree, if all of them together do.
+/// The factors of pairs, and how far these differ by more than their errors.
+struct PairScatter {
+    /// Mean and variance of ln f of each pair that says something.
+    known: Vec<(f64, f64)>,
+    /// t^2; 0: one factor explains all.
+    between: f64,
+}
+
+impl PairScatter {
+    fn of(pairs: &[PairLikelihood]) -> PairScatter {
+        let of = |p: &PairLikelihood| p.alone.as_ref().map(|f| (f.mean(), f.sigma() * f.sigma()));
+        PairScatter::new(pairs.iter().filter_map(of).collect())
+    }
+
+    fn new(known: Vec<(f64, f64)>) -> PairScatter {
+        let scatter = PairScatter { known, between: 0.0 };
+        let (mean, degrees) = (scatter.mean(), scatter.known.len().saturating_sub(1) as f64);
+        let off: f64 = scatter.known.iter().map(|(m, v)| (m - mean) * (m - mean) / v).sum();
+        if scatter.known.len() < 2 || off <= degrees + CHANCE * (2.0 * degrees).sqrt() {
+            return scatter;
+        }
+        let weight: f64 = scatter.known.iter().map(|k| 1.0 / k.1).sum();
+        let squares: f64 = scatter.known.iter().map(|k| 1.0 / (k.1 * k.1)).sum();
+        PairScatter { between: (off - degrees) / (weight - squares / weight), ..scatter }
+    }
+
+    fn mean(&self) -> f64 {
+        let weight: f64 = self.known.iter().map(|k| 1.0 / (k.1 + self.between)).sum();
+        self.known.iter().map(|k| k.0 / (k.1 + self.between)).sum::<f64>() / weight
+    }
+
+    /// Whether too many pairs would show the opposite change.
+    fn is_contradictory(&self) -> bool {
+        self.between > 0.0 && self.mean().abs() < ONE_IN_TWENTY * self.between.sqrt()
+    }
+
+    /// Of ln f, where each pair has a factor of its own.
+    fn log_likelihood(&self, x: f64) -> Option<f64> {
+        let of = |(m, v): &(f64, f64)| -0.5 * (x - m) * (x - m) / (v + self.between);
+        (self.between > 0.0).then(|| self.known.iter().map(of).sum())
+    }
+}
+
+/// The pairs of examples that disagree most.
 fn disagreements(pairs: &[PairLikelihood]) -> Vec<String> {
     let known: Vec<(&str, f64, f64, f64)> = pairs
         .iter()
         .filter_map(|p| p.alone.as_ref().map(|f| (p.label.as_str(), f.mean(), f.sigma(), f.factor())))
         .collect();
-    let weight: f64 = known.iter().map(|k| 1.0 / (k.2 * k.2)).sum();
-    let mean = known.iter().map(|k| k.1 / (k.2 * k.2)).sum::<f64>() / weight;
-    let chi_square: f64 = known.iter().map(|k| (k.1 - mean) * (k.1 - mean) / (k.2 * k.2)).sum();
-    let degrees = known.len().saturating_sub(1) as f64;
-    if chi_square <= degrees + CHANCE * (2.0 * degrees).sqrt() {
-        return vec![];
-    }
     let mut each = vec![];
     for (i, a) in known.iter().enumerate() {
         for b in &known[..i] {
@@ -199,4 +246,24 @@ fn joined(known: &[(f64, f64)], points: &[f64], log: &[f64]) -> Vec<(f64, f64)> 
     let before = known.iter().copied().filter(|k| k.0 < *first);
     let beyond = known.iter().copied().filter(|k| k.0 > *last);
     before.chain(fine()).chain(beyond).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::num::elementary::ln;
+
+    #[test]
+    fn factors_that_differ_a_little_widen_the_interval_and_opposite_ones_contradict() {
+        let scatter = |factors: &[f64]| PairScatter::new(factors.iter().map(|f| (ln(*f), 1e-5)).collect());
+        assert_eq!(scatter(&[3.0]).between, 0.0);
+        assert_eq!(scatter(&[3.0, 3.01]).log_likelihood(1.1), None, "by chance");
+        let real = scatter(&[3.0, 2.9, 3.2]);
+        assert!(!real.is_contradictory() && (real.mean() - ln(3.03)).abs() < 0.01, "{}", real.mean());
+        let at = |x: f64| real.log_likelihood(x).expect("they differ");
+        // Standard error of the mean of three: ln(3.2/2.9) = 0.098 between the outer ones.
+        let sigma = (2.0 * (at(real.mean()) - at(real.mean() + 0.01)) / 1e-4).sqrt().recip();
+        assert!((0.02..0.05).contains(&sigma), "{sigma}");
+        assert!(scatter(&[3.0, 0.3]).is_contradictory() && scatter(&[3.0, 1.2]).is_contradictory());
+    }
 }
