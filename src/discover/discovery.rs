@@ -71,10 +71,8 @@ pub fn discover_with(
     crate::fit::check(scenes, models)?;
     let coarse = resampled(scenes);
     let models = coarse.models(scenes, models);
-    let mut found = {
-        let stop: Stop = &progress_within(stop, WITHOUT_PUSHES);
-        discover_in(&coarse.scenes, &models, options, checkpoints, stop)?
-    };
+    let first: Stop = &progress_within(stop, WITHOUT_PUSHES);
+    let mut found = discover_in(&coarse.scenes, &models, options, checkpoints, first)?;
     let mut rest = WITHOUT_PUSHES[1];
     for _ in 0..PUSH_ROUNDS {
         let next = 0.5 * (1.0 + rest);

@@ -1,5 +1,6 @@
 //! Models in trajectory space: a revision's fit, what it is worth on frames that it has not seen.
 
+use super::checkpoints::Checkpoints;
 use super::free::{FreeParameter, at_values};
 use super::proof;
 use super::weak_form::{LensFit, WeakFormRegression, fit_forces};
@@ -108,7 +109,7 @@ pub fn revise_from(
     let options = &worth(options, lens, &seen);
     // The first frames before the whole film: what follows them knows where to begin.
     let shown: Vec<Scene> = lens.scenes.iter().map(first_frames).collect();
-    let first = fit_shown((lens, &shown), models, effect, options, stop)?;
+    let first = fit_shown(&shown, models, effect, options, lens.checkpoints, stop)?;
     let parts = errors(lens.scenes, &shown, &first);
     let begun: Vec<Option<&Model>> =
         (0..models.len()).map(|k| begun[k].or_else(|| follows(&shown[k], &first.scenes[k]))).collect();
@@ -490,20 +491,19 @@ pub fn held_out(
     stop: Stop,
 ) -> Result<Vec<HeldOut>, FitError> {
     let shown: Vec<Scene> = scenes.iter().map(first_frames).collect();
-    let lens = &WeakFormRegression::new(&[]);
-    let fitted = fit_shown((lens, &shown), models, effect, options, stop)?;
+    let fitted = fit_shown(&shown, models, effect, options, None, stop)?;
     Ok(errors(scenes, &shown, &fitted))
 }
 
-/// Fits the first frames with the checkpoints of `whole`, the lens of all frames.
 fn fit_shown(
-    (whole, shown): (&WeakFormRegression, &[Scene]),
+    shown: &[Scene],
     models: &[Model],
     effect: Option<&str>,
     options: &FitOptions,
+    checkpoints: Option<&dyn Checkpoints>,
     stop: Stop,
 ) -> Result<Fit, FitError> {
-    let lens = WeakFormRegression::new(shown).until(stop).kept_in(whole.checkpoints);
+    let lens = WeakFormRegression::new(shown).until(stop).kept_in(checkpoints);
     Ok(trajectories(&lens, models, effect, options, stop)?.0)
 }
 

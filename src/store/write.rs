@@ -3,7 +3,7 @@
 use super::disk::database::{begin, caught};
 use super::error::{StoreError, failed};
 use super::folder::Store;
-use super::scan::{Found, KeyRange, scan};
+use super::scan::{Found, KeyRange, head_range, scan};
 use super::schema::heads::{PlainHead, RowHead, VideoHead};
 use super::schema::rows::{encode, readable, sealed};
 use super::schema::tables::{HEADS, OPERATION_RESULTS, TableKind};
@@ -169,21 +169,21 @@ impl Store {
 
     /// Removes the kept steps of discoveries whose keys begin so; those that were kept before `until_ms` only, if that is given.
     pub async fn forget_checkpoints(&self, prefix: &str, until_ms: Option<u64>) -> Result<(), StoreError> {
-        let (range, kind) = (self.range(prefix, ""), TableKind::Checkpoints);
+        let kind = TableKind::Checkpoints;
+        let (range, table) = (head_range(kind, self.range(prefix, "")), kind.head_key(""));
         self.freeing(kind.name().into(), move |db| {
             let (read, mut keys) = (db.begin_read().map_err(failed)?, vec![]);
-            let heads = read.open_table(HEADS).map_err(failed)?;
+            // The heads say enough: the rows may be large.
             let mut collect = |found: Found| {
-                if let Found::Row(key, _) = found {
-                    let kept_ms =
-                        PlainHead::of(&heads, &kind.head_key(key))?.and_then(|head| head.created_ms);
+                if let Found::Row(head_key, row) = found {
+                    let kept_ms = PlainHead::read(head_key, row).and_then(|head| head.created_ms);
                     if until_ms.is_none_or(|until| kept_ms.is_none_or(|kept| kept < until)) {
-                        keys.push(key.to_string());
+                        keys.extend(head_key.strip_prefix(&table).map(str::to_string));
                     }
                 }
                 Ok(ControlFlow::Continue(()))
             };
-            scan(&read.open_table(kind.table()).map_err(failed)?, range.clone(), &mut collect)?;
+            scan(&read.open_table(HEADS).map_err(failed)?, range.clone(), &mut collect)?;
             if keys.is_empty() {
                 return Ok(());
             }

@@ -1,6 +1,6 @@
 //! The information that the lessons of videos have of the weights (see `moderated`).
 
-use super::run::{PRESUPPOSED_WEIGHT, run};
+use super::run::{PRESUPPOSED_WEIGHT, feature_count, logits_of, run};
 use crate::concepts::lessons::{PreparedVideo, RecordedLoss, RunItems};
 use crate::concepts::lexicon::LearnedFamily;
 use crate::concepts::moderated::{InformationSum, input};
@@ -15,12 +15,12 @@ type WeightedGradient = (Vec<f64>, f64);
 pub fn inform(families: &mut [LearnedFamily], videos: &[PreparedVideo], used: &[usize]) {
     let of_video = |v: &usize| {
         let video = videos.get(*v)?;
-        let logits = super::run::logits_of(families, video);
+        let logits = logits_of(families, video);
         let run = run(video, families, &logits, (RunItems::Simulated, None)).ok()?;
         Some((video, information(&run)))
     };
     let each: Vec<Option<(&PreparedVideo, Vec<WeightedGradient>)>> = used.par_iter().map(of_video).collect();
-    let length = videos.iter().flat_map(|v| v.features.first()).map(Vec::len).next().unwrap_or(0);
+    let length = feature_count(videos);
     let mut sums: Vec<InformationSum> =
         families.iter().map(|f| InformationSum::new(f.words.len(), length)).collect();
     for (video, all) in each.iter().flatten() {

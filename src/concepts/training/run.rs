@@ -76,8 +76,12 @@ pub fn logits_of(families: &[LearnedFamily], video: &PreparedVideo) -> Vec<f64> 
 }
 
 fn logit_maps(families: &[LearnedFamily], videos: &[PreparedVideo]) -> Vec<LogitMap> {
-    let length = videos.iter().flat_map(|v| v.features.first()).map(Vec::len).next().unwrap_or(0);
-    families.iter().map(|f| LogitMap::of(f, length)).collect()
+    families.iter().map(|f| LogitMap::of(f, feature_count(videos))).collect()
+}
+
+/// How many features an object has.
+pub fn feature_count(videos: &[PreparedVideo]) -> usize {
+    videos.iter().flat_map(|v| v.features.first()).map(Vec::len).next().unwrap_or(0)
 }
 
 /// The losses of a batch, in its order; simulates first what its programs need.

@@ -9,7 +9,7 @@ use crate::store::disk::backend::DataFile;
 use crate::store::disk::database::{begin, database};
 use crate::store::error::{StoreError, failed, io_failed};
 use crate::store::folder::{DATABASE_FILE, TRACES_FOLDER};
-use crate::store::schema::migrations::{SCHEMA_VERSION, schema_of};
+use crate::store::schema::migrations::{FIRST_WITH_HEADS, SCHEMA_VERSION, schema_of};
 use crate::store::schema::tables::{HEADS, META, TIMES, row_tables};
 use redb::{Database, TableHandle};
 use std::fs::File;
@@ -100,7 +100,7 @@ fn create_tables(db: &Database) -> Result<(), StoreError> {
     let schema = schema_of(db)?;
     let write = begin(db)?;
     // Older schemas have no heads; their migration makes them.
-    let has_heads = schema == Some(SCHEMA_VERSION);
+    let has_heads = schema.is_some_and(|schema| schema >= FIRST_WITH_HEADS);
     for table in row_tables().filter(|table| has_heads || table.name() != HEADS.name()) {
         write.open_table(table).map_err(failed)?;
     }

@@ -17,6 +17,9 @@ const MIGRATIONS: [Migration; 2] = [heads_of_all_rows, table_of_checkpoints];
 /// Layout of the tables; a store with a newer one is refused.
 pub const SCHEMA_VERSION: u64 = MIGRATIONS.len() as u64 + 1;
 
+/// The first schema in which rows have heads.
+pub const FIRST_WITH_HEADS: u64 = 2;
+
 /// The schema version of a database; `None`: it is new.
 pub fn schema_of(db: &impl ReadableDatabase) -> Result<Option<u64>, StoreError> {
     let read = db.begin_read().map_err(failed)?;
@@ -71,10 +74,8 @@ fn heads_of_all_rows(write: &WriteTransaction) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Schema 3: the steps of running discoveries have a table. A restored folder may lack that of the heads, too.
+/// Schema 3: the steps of running discoveries have a table.
 fn table_of_checkpoints(write: &WriteTransaction) -> Result<(), StoreError> {
-    for table in [TableKind::Checkpoints.table(), HEADS] {
-        write.open_table(table).map_err(failed)?;
-    }
+    write.open_table(TableKind::Checkpoints.table()).map_err(failed)?;
     Ok(())
 }
