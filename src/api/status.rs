@@ -138,6 +138,7 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         }
         ConceptError::Incomplete => ("content", "INCOMPLETE"),
         ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
+        ConceptError::ReservedWord { .. } => ("name", "RESERVED_WORD"),
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),
         ConceptError::Contradiction { .. } | ConceptError::ContradictoryChanges { .. } => {
             ("examples", "CONTRADICTION")
@@ -151,7 +152,8 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
         | ConceptError::Fit(_) => ("examples", "INVALID"),
         _ => ("lessons", "INVALID"),
     };
-    refused(reason, vec![Violation { path: path.into(), message }])
+    let path = error.example().map_or(path.to_string(), |example| example.to_string());
+    refused(reason, vec![Violation { path, message }])
 }
 
 /// A refusal for want of room: the same request may succeed later.

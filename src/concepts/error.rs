@@ -4,6 +4,29 @@ use crate::fit::FitError;
 use crate::num::Stopped;
 use crate::reason::ReasonError;
 
+/// Which example it is: of those that fit the word, or of those that do not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ExampleNumber {
+    pub fits: bool,
+    pub index: usize,
+}
+
+impl ExampleNumber {
+    /// Example `index` of `yes` that fit, followed by those that do not.
+    pub fn of(index: usize, yes: usize) -> ExampleNumber {
+        match index.checked_sub(yes) {
+            None => ExampleNumber { fits: true, index },
+            Some(index) => ExampleNumber { fits: false, index },
+        }
+    }
+}
+
+impl std::fmt::Display for ExampleNumber {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "examples.{}[{}]", if self.fits { "yes" } else { "no" }, self.index)
+    }
+}
+
 /// Why a lexicon is refused, or cannot be learned.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ConceptError {
@@ -29,6 +52,8 @@ pub enum ConceptError {
     UnknownWord { name: String, known: Vec<String> },
     #[error("\"{name}\" is known already, as {kind}; take another name, or write a new lexicon")]
     KnownWord { name: String, kind: &'static str },
+    #[error("\"{name}\" cannot name a word, as questions use it for something else; take another name")]
+    ReservedWord { name: String },
     #[error("examples: {yes} that fit \"{name}\" and {no} that do not; give at least 2 of each")]
     TooFewExamples { name: String, yes: usize, no: usize },
     #[error("examples of \"{name}\" contradict each other: {}; they look alike, but one fits and the other does not", .pairs.join("; "))]
@@ -37,18 +62,14 @@ pub enum ConceptError {
         "nothing that is measured separates the examples of \"{name}\"; {nearest}; give clearer examples, or more"
     )]
     NotSeparable { name: String, nearest: String },
-    #[error("examples[{index}] is of object {object}, but the scene has {objects}")]
-    NoSuchObject { index: usize, object: usize, objects: usize },
-    #[error("examples[{index}] has no fit, which says how objects meet; fit its video")]
-    NoFit { index: usize },
-    #[error(
-        "examples[{index}]: objects {} and {} neither collide nor come near each other; take two that do", .objects[0], .objects[1]
-    )]
-    NoEncounter { index: usize, objects: [usize; 2] },
-    #[error(
-        "examples[{index}]: the second video {problem}; both must show the same set-up and objects, with the same ids"
-    )]
-    OtherObjects { index: usize, problem: String },
+    #[error("is of object {object}, but the scene has {objects}")]
+    NoSuchObject { example: ExampleNumber, object: usize, objects: usize },
+    #[error("has no fit, which says how objects meet; fit its video")]
+    NoFit { example: ExampleNumber },
+    #[error("the objects {} and {} neither collide nor come near each other; take two that do", .objects[0], .objects[1])]
+    NoEncounter { example: ExampleNumber, objects: [u32; 2] },
+    #[error("the second video {problem}; both must show the same set-up and objects, with the same ids")]
+    OtherObjects { example: ExampleNumber, problem: String },
     #[error("examples of \"{name}\" contradict each other: {}", .pairs.join("; "))]
     ContradictoryChanges { name: String, pairs: Vec<String> },
     #[error("examples: {0}")]
@@ -62,11 +83,25 @@ pub enum ConceptError {
     )]
     FactorBeyond { what: String, least: f64, most: f64 },
     #[error(
-        "examples[{index}]: the model does not follow the {which} video (reduced chi-square {chi_square:.0}), so it says nothing of a factor; fit it with a model that follows it"
+        "the model does not follow the {which} video (reduced chi-square {chi_square:.0}), so it says nothing of a factor; fit it with a model that follows it"
     )]
-    NotFollowed { index: usize, which: &'static str, chi_square: f64 },
+    NotFollowed { example: ExampleNumber, which: &'static str, chi_square: f64 },
     #[error(transparent)]
     Stopped(#[from] Stopped),
     #[error(transparent)]
     Reason(#[from] ReasonError),
+}
+
+impl ConceptError {
+    /// The example that is wrong, if it is one.
+    pub fn example(&self) -> Option<ExampleNumber> {
+        match self {
+            ConceptError::NoSuchObject { example, .. }
+            | ConceptError::NoFit { example }
+            | ConceptError::NoEncounter { example, .. }
+            | ConceptError::OtherObjects { example, .. }
+            | ConceptError::NotFollowed { example, .. } => Some(*example),
+            _ => None,
+        }
+    }
 }

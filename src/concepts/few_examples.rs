@@ -4,7 +4,7 @@
 //! of the prior is for single features, half for groups: `p_k`. The word is the most probable candidate. Where the odds of any against
 //! the bias alone, `sum_k p_k Z_k/Z_0`, are below [`LEAST_EVIDENCE`], the word is refused.
 
-use super::error::ConceptError;
+use super::error::{ConceptError, ExampleNumber};
 use super::features::{FeatureLayout, appearance, motion};
 use super::lessons::best_rollout;
 use super::lexicon::{LearnedWord, Lexicon, Meaning, WordKind};
@@ -12,8 +12,7 @@ use super::logistic::{LogisticFit, fit_columns};
 use crate::fit::Fit;
 use crate::num::elementary::{exp, ln};
 use crate::num::never;
-use crate::reason::FUTURE_FRAMES;
-use crate::reason::simulated;
+use crate::reason::{FUTURE_FRAMES, can_be_learned, simulated};
 use crate::scene::Scene;
 
 /// An object of a scene, or an encounter of two, that fits a word, or does not.
@@ -70,7 +69,7 @@ pub fn learn_word(
     let all: Vec<&Example> = yes.iter().chain(no).collect();
     let mut rows = vec![];
     for (index, example) in all.iter().enumerate() {
-        rows.push(features(example, index, kind)?);
+        rows.push(features(example, ExampleNumber::of(index, yes.len()), kind)?);
     }
     let fits: Vec<bool> = (0..all.len()).map(|k| k < yes.len()).collect();
     let labels: Vec<String> = all.iter().map(|e| label(e)).collect();
@@ -101,8 +100,11 @@ pub fn learn_word(
     Ok(learned)
 }
 
-/// Refuses a name that is in use.
+/// Refuses a name that is in use, by the lexicon or by questions.
 pub(super) fn check_new(lexicon: &Lexicon, name: &str) -> Result<(), ConceptError> {
+    if !can_be_learned(name) {
+        return Err(ConceptError::ReservedWord { name: name.into() });
+    }
     let of_family = lexicon.families.iter().any(|f| f.words.iter().any(|w| w == name));
     let word = lexicon.words.iter().find(|w| w.name == name).map(|w| w.kind.name());
     match word.or(of_family.then_some("a word of a family")) {
@@ -117,23 +119,24 @@ fn is_perceived(example: &Example) -> bool {
 
 /// What an example is called in messages.
 fn label(example: &Example) -> String {
-    let scene = &example.scene.name;
+    let scene = example.scene;
+    let id = |index: usize| scene.objects.get(index).map_or(0, |o| o.id);
     match example.of {
-        ExampleOf::Object(object) => format!("object {object} of {scene}"),
+        ExampleOf::Object(object) => format!("object {} of {}", id(object), scene.name),
         ExampleOf::Encounter { objects: [a, b], frame } => {
-            format!("encounter of {a} and {b} near frame {frame} of {scene}")
+            format!("encounter of {} and {} near frame {frame} of {}", id(a), id(b), scene.name)
         }
     }
 }
 
-fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>, ConceptError> {
+fn features(example: &Example, number: ExampleNumber, kind: WordKind) -> Result<Vec<f64>, ConceptError> {
     let objects = example.scene.objects.len();
-    let missing = |object| ConceptError::NoSuchObject { index, object, objects };
+    let missing = |object| ConceptError::NoSuchObject { example: number, object, objects };
     match (kind, example.of) {
         (WordKind::Static, ExampleOf::Object(object)) => {
             let row = appearance(example.scene).get(object).cloned().ok_or_else(|| missing(object))?;
             if row.is_empty() {
-                Err(ConceptError::NoFeatures { video: format!("examples[{index}]") })
+                Err(ConceptError::NoFeatures { video: format!("{number} ({})", label(example)) })
             } else {
                 Ok(row)
             }
@@ -141,22 +144,22 @@ fn features(example: &Example, index: usize, kind: WordKind) -> Result<Vec<f64>,
         (_, ExampleOf::Object(object)) => {
             motion(example.scene, example.fit).get(object).cloned().ok_or_else(|| missing(object))
         }
-        (_, ExampleOf::Encounter { objects, frame }) => encounter_features(example, index, objects, frame),
+        (_, ExampleOf::Encounter { objects, frame }) => encounter_features(example, number, objects, frame),
     }
 }
 
 /// Features of the encounter of two objects that is nearest to a frame.
 fn encounter_features(
     example: &Example,
-    index: usize,
+    number: ExampleNumber,
     objects: [usize; 2],
     frame: usize,
 ) -> Result<Vec<f64>, ConceptError> {
     let count = example.scene.objects.len();
     if let Some(object) = objects.into_iter().find(|o| *o >= count) {
-        return Err(ConceptError::NoSuchObject { index, object, objects: count });
+        return Err(ConceptError::NoSuchObject { example: number, object, objects: count });
     }
-    let Some(fit) = example.fit else { return Err(ConceptError::NoFit { index }) };
+    let Some(fit) = example.fit else { return Err(ConceptError::NoFit { example: number }) };
     let mut wanted = objects.to_vec();
     wanted.sort_unstable();
     let frames = example.scene.times.len() + FUTURE_FRAMES;
@@ -165,7 +168,10 @@ fn encounter_features(
     let own = met.iter().filter(|e| e.objects == wanted);
     let nearest = own.min_by_key(|e| e.frame.abs_diff(frame));
     let features = nearest.map(|e| e.features.to_vec());
-    features.ok_or(ConceptError::NoEncounter { index, objects })
+    features.ok_or_else(|| {
+        let objects = objects.map(|o| example.scene.objects[o].id);
+        ConceptError::NoEncounter { example: number, objects }
+    })
 }
 
 /// Refuses examples that look alike but disagree.

@@ -32,7 +32,7 @@ mod training;
 
 pub use change::{ChangeExample, ChangeOptions, learn_change, learn_change_from_examples};
 pub use describe::{WordDescription, describe};
-pub use error::ConceptError;
+pub use error::{ConceptError, ExampleNumber};
 pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};
 pub use few_examples::{Example, ExampleOf, learn_word};
 pub use lessons::{Lesson, LessonAnswer, LessonVideo};

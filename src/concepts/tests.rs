@@ -613,7 +613,13 @@ fn pairs_that_contradict_each_other_or_show_no_change_are_refused() {
     fewer.objects.truncate(2);
     fewer.tracks.truncate(2);
     let refused = learn(ChangeExample { after: &fewer, ..example });
-    assert!(matches!(refused, Err(ConceptError::OtherObjects { index: 0, .. })), "{refused:?}");
+    assert!(
+        matches!(
+            refused,
+            Err(ConceptError::OtherObjects { example: ExampleNumber { fits: true, index: 0 }, .. })
+        ),
+        "{refused:?}"
+    );
 }
 
 /// A disc that passes a second one at rest, `offset` beside its centre, at a speed: with its fit, in which the model is exact.

@@ -38,8 +38,8 @@ pub use language::{Op, QuestionProgram, WORDS, gbnf_grammar, json_schema, operan
 pub use operations::{OPERATIONS, Operation, OperationInfo, ops};
 pub use predict::{CutShort, LikelyEvent, MAX_SIMULATED_FRAMES, Prediction, PredictionRequest, predict};
 pub use reader::{
-    Conversation, OwnWord, QuestionReading, ReadingContext, choice_program, examples, list_operations,
-    question_program, read_choice, read_question,
+    Conversation, OwnWord, QuestionReading, ReadingContext, can_be_learned, choice_program, examples,
+    list_operations, question_program, read_choice, read_question,
 };
 pub use run::{DerivationStep, step};
 pub use summary::estimated_share;

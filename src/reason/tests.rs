@@ -13,6 +13,7 @@ use crate::fit::{Estimate, ObjectEstimate};
 use crate::num::{Vec2, never, vec2};
 use crate::scene::{Object, Sample, Scene, Shape, Table, Track, WorldKind, parse};
 use crate::world::{Ending, Event, EventKind, Intervention, Preset, Trace, trace};
+use proptest::prelude::*;
 use serde_json::Value as Json;
 use std::path::{Path, PathBuf};
 
@@ -1006,6 +1007,46 @@ fn words_of_a_lexicon_have_a_type_of_their_own() {
     assert!(matches!(checked("shiny filter_moving"), Err(ReasonError::ProgramType { .. })));
 }
 
+/// The spellings of the table, inflected and misspelled: "pleases" once corrected itself without end.
+fn spellings_of_table() -> Vec<String> {
+    let table = include_str!("reader/words.txt");
+    let words: std::collections::BTreeSet<&str> = table.split(|c: char| !c.is_alphanumeric()).collect();
+    let ends = ["", "s", "es", "ed", "ing", "x"];
+    words.into_iter().flat_map(|word| ends.map(|end| format!("{word}{end}"))).collect()
+}
+
+#[test]
+fn any_spelling_is_read_or_refused() {
+    let lexicon = [LexiconWord { word: "Shiny".into(), of: WordUse::Objects }];
+    let about = ReadingContext { scene: None, lexicon: &lexicon };
+    for word in spellings_of_table().iter().map(String::as_str).chain(["shiny", "Shinyy"]) {
+        let text = format!("How many {word} cubes are there?");
+        let _ = read_question(&text, about, &Conversation::default());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// A text may have 2,000 bytes.
+    #[test]
+    fn any_text_is_read_or_refused(words in prop::collection::vec(prop::sample::select(spellings_of_table()), 0..300)) {
+        let text: String = words.join(" ").chars().take(2000).collect();
+        let _ = read_question(&text, ReadingContext::default(), &Conversation::default());
+        let _ = read_choice(&text, true, ReadingContext::default(), &Conversation::default());
+    }
+}
+
+#[test]
+fn words_that_questions_need_are_no_names_for_words_of_a_lexicon() {
+    for name in ["heavier", "fast", "spinning", "shiny", "red", "glancing", "near-miss", "nearly touches"] {
+        assert!(can_be_learned(name), "{name}");
+    }
+    for name in ["the", "is", "removed", "object", "collision", "is removed", "seconds", "!", ""] {
+        assert!(!can_be_learned(name), "{name}");
+    }
+}
+
 #[test]
 fn english_has_the_words_of_a_lexicon() {
     let word = |word: &str, of| LexiconWord { word: word.into(), of };
@@ -1085,6 +1126,14 @@ fn english_has_the_words_of_a_lexicon() {
             format!(
                 "{ball} heavier apply filter_counterfact {ball} filter_collision {cube} filter_collision exist"
             ),
+        ),
+        (
+            "What will happen if the red ball is much heavier?",
+            format!("all_events {ball} heavier apply filter_counterfact belong_to"),
+        ),
+        (
+            "What will happen if the red ball is slipery?",
+            format!("all_events {ball} slippery apply filter_counterfact belong_to"),
         ),
         ("How fast is the red ball at the end?", format!("{ball} end speed")),
     ] {

@@ -63,7 +63,7 @@ impl WorldKind {
     }
 
     /// Its name in files.
-    pub(super) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         Self::NAMES.iter().find(|(_, kind)| *kind == self).map_or("", |(name, _)| name)
     }
 }

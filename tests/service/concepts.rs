@@ -190,6 +190,14 @@ async fn a_change_is_learned_from_pairs_of_videos() {
     assert!(contrary.message().contains("contradict"), "{contrary:?}");
     let no_second = learn(&service, source(vec![example(as_it_is, 0)], vec![])).await.unwrap_err();
     assert_eq!(fields(&no_second), ["examples.yes[0].changed_video"], "{no_second:?}");
+    let twice = learn(&service, source(vec![pair(slow), pair(slow)], vec![])).await.unwrap_err();
+    assert_eq!(fields(&twice), ["examples.yes[1]"], "{twice:?}");
+    let mut other = braked(3, 1.0);
+    let square = v1::shape::Kind::Square(v1::shape::Square { half_side: 0.2 });
+    other.objects[1].shape = Some(v1::Shape { kind: Some(square) });
+    let other = service.create(other).await.unwrap();
+    let other = learn(&service, source(vec![pair(slow)], vec![pair(&other)])).await.unwrap_err();
+    assert_eq!(fields(&other), ["examples.no[0]"], "{other:?}");
     let none = learn(&service, source(vec![], vec![])).await.unwrap_err();
     assert_eq!(fields(&none), ["examples.yes"], "{none:?}");
     service.stop().await;
@@ -204,6 +212,11 @@ async fn what_cannot_be_learned_is_refused_with_the_field_and_the_reason() {
     let few = learn(&service, shiny(vec![example(&a, 0)], vec![example(&a, 1)])).await.unwrap_err();
     assert_eq!(fields(&few), ["examples"], "{few:?}");
     let yes = vec![example(&a, 0), example(&a, 2)];
+    let (name, kind) = ("the".into(), v1::ConceptKind::Static.into());
+    let no = vec![example(&a, 1), example(&b, 1)];
+    let article = v1::WordExamples { name, kind, yes: yes.clone(), no, ..Default::default() };
+    let refused = learn(&service, Source::Examples(article)).await.unwrap_err();
+    assert_eq!(fields(&refused), ["name"], "{refused:?}");
     let contrary =
         learn(&service, shiny(yes.clone(), vec![example(&b, 0), example(&b, 1)])).await.unwrap_err();
     assert!(contrary.message().contains("object 0"), "{contrary:?}");

@@ -11,7 +11,7 @@
 use super::grid::{ALL_FACTORS, FactorPosterior};
 use super::likelihood::ChangedVideo;
 use super::word::{beyond, change_word, undetermined};
-use crate::concepts::error::ConceptError;
+use crate::concepts::error::{ConceptError, ExampleNumber};
 use crate::concepts::few_examples::check_new;
 use crate::concepts::lexicon::Lexicon;
 use crate::fit::Fit;
@@ -65,8 +65,9 @@ pub fn learn_change_from_examples(
     let mut all = vec![];
     for (index, example) in yes.iter().chain(no).enumerate() {
         let part = [index as f64 / count, (index + 1) as f64 / count];
-        let mut pair = PairLikelihood::new(example, index, quantity)?;
-        pair.look(index, &progress_within(stop, part))?;
+        let number = ExampleNumber::of(index, yes.len());
+        let mut pair = PairLikelihood::new(example, number, quantity)?;
+        pair.look(number, &progress_within(stop, part))?;
         all.push(pair);
     }
     let (fitting, others) = all.split_at(yes.len());
@@ -170,35 +171,19 @@ fn disagreements(pairs: &[PairLikelihood]) -> Vec<String> {
 impl PairLikelihood {
     fn new(
         example: &ChangeExample,
-        index: usize,
+        number: ExampleNumber,
         quantity: ChangedQuantity,
     ) -> Result<PairLikelihood, ConceptError> {
         let ChangeExample { before, fit, object, after } = example;
         let objects = before.objects.len();
-        let missing = ConceptError::NoSuchObject { index, object: *object, objects };
+        let missing = ConceptError::NoSuchObject { example: number, object: *object, objects };
         let id = before.objects.get(*object).map(|o| o.id).ok_or(missing)?;
-        if let (Some(first), Some(second)) = (&before.setup, &after.setup)
-            && first != second
-        {
-            let problem = format!("is of set-up {second:?}, but the first of {first:?}");
-            return Err(ConceptError::OtherObjects { index, problem });
-        }
-        let foreign = after.objects.iter().find(|o| before.object_index(o.id).is_none());
-        if let Some(foreign) = foreign.map(|o| o.id) {
-            return Err(ConceptError::OtherObjects {
-                index,
-                problem: format!("has object {foreign}, which the first lacks"),
-            });
-        }
-        if after.object_index(id).is_none() {
-            return Err(ConceptError::OtherObjects {
-                index,
-                problem: format!("lacks object {id}, which is changed"),
-            });
+        if let Some(problem) = difference(before, after, id) {
+            return Err(ConceptError::OtherObjects { example: number, problem });
         }
         let chi_square = fit.0.scenes.get(fit.1).map_or(0.0, |s| s.reduced_chi_square);
         if chi_square > LOST {
-            return Err(ConceptError::NotFollowed { index, which: "first", chi_square });
+            return Err(ConceptError::NotFollowed { example: number, which: "first", chi_square });
         }
         let label = format!("object {id} of {} in {}", before.name, after.name);
         let video = ChangedVideo::new(after, *fit, id, quantity);
@@ -206,7 +191,7 @@ impl PairLikelihood {
     }
 
     /// Finds the likelihood where it matters.
-    fn look(&mut self, index: usize, stop: Stop) -> Result<(), ConceptError> {
+    fn look(&mut self, number: ExampleNumber, stop: Stop) -> Result<(), ConceptError> {
         let (video, known) = (&mut self.video, &mut self.known);
         self.alone = FactorPosterior::on_grids(false, ALL_FACTORS, |points, part| {
             let log = video.log_likelihood(points, &progress_within(stop, part))?;
@@ -215,7 +200,7 @@ impl PairLikelihood {
         })?;
         let chi_square = self.video.chi_square();
         if chi_square > LOST {
-            return Err(ConceptError::NotFollowed { index, which: "second", chi_square });
+            return Err(ConceptError::NotFollowed { example: number, which: "second", chi_square });
         }
         match &self.alone {
             Some(alone) if alone.is_beyond_all() => Err(beyond(self.label.clone())),
@@ -236,6 +221,30 @@ impl PairLikelihood {
     fn odds(&self, x: f64) -> f64 {
         self.at(x) - self.at(0.0)
     }
+}
+
+/// Why `after` does not show the same as `before`, in which object `id` is to be changed.
+fn difference(before: &Scene, after: &Scene, id: u32) -> Option<String> {
+    if let (Some(first), Some(second)) = (&before.setup, &after.setup)
+        && first != second
+    {
+        return Some(format!("is of set-up {second:?}, but the first of {first:?}"));
+    }
+    if before.world != after.world {
+        let [first, second] = [before, after].map(|s| s.world.name());
+        return Some(format!("is of the world {second}, but the first of {first}"));
+    }
+    if after.object_index(id).is_none() {
+        return Some(format!("lacks object {id}, which is changed"));
+    }
+    after.objects.iter().find_map(|object| match before.object_index(object.id) {
+        None => Some(format!("has object {}, which the first lacks", object.id)),
+        Some(k) if before.objects[k].shape.word() != object.shape.word() => {
+            let [first, second] = [&before.objects[k], object].map(|o| o.shape.word());
+            Some(format!("has a {second} as object {}, but the first a {first}", object.id))
+        }
+        Some(_) => None,
+    })
 }
 
 /// The values of a finer grid in place of those of the one before, which stay outside. There they are too large, if anything: both are

@@ -1,8 +1,9 @@
 //! Learning: words are learned once from equal requests.
 
 use crate::concepts::{
-    ChangeExample, ChangeOptions, ConceptError, Example, ExampleOf, LearnOptions, LearnProgress, Lesson,
-    LessonVideo, Lexicon, WordKind, learn, learn_change, learn_change_from_examples, learn_word,
+    ChangeExample, ChangeOptions, ConceptError, Example, ExampleNumber, ExampleOf, LearnOptions,
+    LearnProgress, Lesson, LessonVideo, Lexicon, WordKind, learn, learn_change, learn_change_from_examples,
+    learn_word,
 };
 use crate::engine::cache::JobHandle;
 use crate::engine::error::EngineError;
@@ -39,14 +40,14 @@ pub enum ExamplePlace {
 }
 
 /// An example of a word in a stored video.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NamedExample {
     pub video: String,
     pub place: ExamplePlace,
 }
 
 /// An example of a change: an object of a stored video, and another one in which it is changed.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NamedChange {
     pub video: String,
     pub object_id: u32,
@@ -139,6 +140,11 @@ impl Engine {
         request: LearnRequest,
         seed: u64,
     ) -> Result<JobHandle<Lexicon>, EngineError> {
+        match &request {
+            LearnRequest::Word { yes, no, .. } => check_distinct(yes, no)?,
+            LearnRequest::ChangeExamples { yes, no, .. } => check_distinct(yes, no)?,
+            LearnRequest::Families(_) | LearnRequest::Change { .. } => {}
+        }
         let key = self.result_prefix(&videos_of(&request));
         let digest = result_digest("lexicon", &(base, digest_of(&request), seed));
         let base = match base {
@@ -249,6 +255,18 @@ impl Engine {
         }
         Ok(placed)
     }
+}
+
+/// Refuses an example that is given twice: it would count as two.
+fn check_distinct<T: PartialEq>(yes: &[T], no: &[T]) -> Result<(), EngineError> {
+    let all: Vec<&T> = yes.iter().chain(no).collect();
+    for (k, example) in all.iter().enumerate() {
+        if let Some(first) = all[..k].iter().position(|other| other == example) {
+            let [first, second] = [first, k].map(|index| ExampleNumber::of(index, yes.len()).to_string());
+            return Err(EngineError::invalid(second, format!("is {first} again; give each example once")));
+        }
+    }
+    Ok(())
 }
 
 /// The index of an object in a scene; the refusal names the path.

@@ -108,7 +108,7 @@ pub fn by_mass(m: &mut Machine) -> Outcome {
     let objects = m.objects()?;
     let known = identified_masses(m)?;
     let model = model(m)?;
-    let mut best: Option<(usize, f64)> = None;
+    let mut scores = vec![];
     for object in objects {
         if !known.contains(&ops::id(m.context.scene, object)?) {
             let events = m.context.events(&[], SpanKind::Video)?;
@@ -116,12 +116,18 @@ pub fn by_mass(m: &mut Machine) -> Outcome {
                 return Err(met_nothing(m, object, "the mass"));
             }
         }
-        let score = sign * body(m, model, object)?.mass;
-        if best.is_none_or(|b| score > b.1) {
-            best = Some((object, score));
+        scores.push((object, sign * body(m, model, object)?.mass));
+    }
+    let most = scores.iter().map(|s| s.1).fold(f64::NEG_INFINITY, f64::max);
+    let best: Vec<usize> = scores.into_iter().filter(|s| s.1 == most).map(|s| s.0).collect();
+    match best[..] {
+        [] => Err(Halt::Undetermined("there are no objects".into())),
+        [one] => Ok(Object(one)),
+        _ => {
+            let names: Vec<String> = best.iter().map(|o| ops::name(m.context.scene, *o)).collect();
+            Err(Halt::Undetermined(format!("{} have the same mass", names.join(" and "))))
         }
     }
-    best.map(|(o, _)| Object(o)).ok_or_else(|| Halt::Undetermined("there are no objects".into()))
 }
 
 pub fn restitution(m: &mut Machine) -> Outcome {

@@ -51,7 +51,7 @@ pub static FORMS: &[Form] = &[
     form("change", "there no {S}", "{S}"),
     form("change", "no {S}", "{S}"),
     form("change", "remove {S}", "{S}"),
-    form("change", "{S} {change_word}", "{S} {change_word} apply"),
+    form("change", "{S} {much} {change_word}", "{S} {change_word} apply"),
     form("change", "{S} {mass}", "{S} {mass}"),
     form("change", "{S1} and {S2} remove", "{S1} {S2} both"),
     form("change", "both {S1} and {S2} remove", "{S1} {S2} both"),

@@ -39,6 +39,8 @@ pub struct EnglishWords {
     /// Words of English that are not in use here: they are no misspelling of a word that is.
     known: HashSet<String>,
     descriptions: HashMap<String, Description>,
+    /// Canonical words for what objects are like or do.
+    qualities: HashSet<String>,
     /// All spellings of known words, for corrections.
     spellings: Vec<String>,
 }
@@ -58,6 +60,7 @@ impl EnglishWords {
             skipped: HashSet::new(),
             known: HashSet::new(),
             descriptions: HashMap::new(),
+            qualities: HashSet::new(),
             spellings: vec![],
         };
         let mut section = "";
@@ -78,8 +81,9 @@ impl EnglishWords {
         }
         // Longest first, and of equal length as listed.
         lexicon.phrases.sort_by_key(|(words, _)| std::cmp::Reverse(words.len()));
-        lexicon.spellings =
-            lexicon.canonical.keys().chain(&lexicon.skipped).flat_map(|word| inflected(word)).collect();
+        let words = lexicon.canonical.keys().chain(&lexicon.skipped);
+        let is_known = |word: &String| lexicon.skipped.contains(word) || lexicon.lookup(word).is_some();
+        lexicon.spellings = words.flat_map(|word| inflected(word)).filter(is_known).collect();
         lexicon.spellings.sort_unstable();
         lexicon.spellings.dedup();
         lexicon
@@ -94,6 +98,9 @@ impl EnglishWords {
             let description = filter.map(|filter| (value.to_string(), filter));
             meaning = vec![if filter.is_some() { format!("{kind}={value}") } else { value.to_string() }];
             self.descriptions.insert(meaning.join(" "), description);
+        }
+        if section == "qualities" {
+            self.qualities.extend(meaning.iter().cloned());
         }
         variants.split(',').for_each(|v| self.add(v.trim(), &meaning));
     }
@@ -123,6 +130,18 @@ impl EnglishWords {
         }
         stems(word).iter().find_map(|stem| self.canonical.get(stem).cloned())
     }
+
+    /// Whether questions need the word for what they say of objects, so that no word of a lexicon may be it.
+    fn is_reserved(&self, word: &str) -> bool {
+        let describes = |c: &String| self.descriptions.get(c).is_some_and(Option::is_some);
+        let needed = |c: &String| !self.qualities.contains(c) && !describes(c);
+        self.skipped.contains(word) || self.lookup(word).is_some_and(|canonical| canonical.iter().any(needed))
+    }
+}
+
+/// Whether a word of a lexicon may have this name.
+pub fn can_be_learned(name: &str) -> bool {
+    split(name).iter().any(|part| !ENGLISH.is_reserved(part))
 }
 
 /// The operation that filters by a kind of describing word.
@@ -268,9 +287,7 @@ impl Vocabulary {
             let rest = &texts[at..];
             if let Some((length, learned)) = self.learned_at(rest) {
                 let text = rest[..length].join(" ");
-                // A word may be another one of the table's, too: the grammar decides.
-                let known = if length == 1 { ENGLISH.lookup(&text).unwrap_or_default() } else { vec![] };
-                let canonical = std::iter::once(format!("{LEARNED}{}", learned.word)).chain(known).collect();
+                let canonical = canonical_of(&text, learned);
                 words.push(TextWord { text, canonical, corrected: None });
                 at += length;
                 continue;
@@ -295,25 +312,27 @@ impl Vocabulary {
 
     /// A word; `None` if it is skipped.
     fn word(&self, text: &str) -> Option<TextWord> {
-        let word = |canonical| TextWord { text: text.to_string(), canonical, corrected: None };
-        if self.scene.iter().any(|(w, _)| w == text || format!("{w}s") == text) {
-            let singular = self.scene.iter().find(|(w, _)| w == text || format!("{w}s") == text);
-            return singular.map(|(w, _)| word(vec![format!("scene={w}")]));
-        }
-        if ENGLISH.skipped.contains(text) {
+        let is_english =
+            || ENGLISH.known.contains(text) || stems(text).iter().any(|s| ENGLISH.known.contains(s));
+        let is_known = self.canonical(text).is_some() || is_english();
+        let corrected = if is_known { None } else { self.correct(text) };
+        let canonical = self.canonical(corrected.as_deref().unwrap_or(text));
+        if canonical.as_ref().is_some_and(Vec::is_empty) {
             return None;
         }
-        if let Some(canonical) = ENGLISH.lookup(text) {
-            return Some(word(canonical));
+        Some(TextWord { text: text.to_string(), canonical: canonical.unwrap_or_default(), corrected })
+    }
+
+    /// The canonical words of a word of the lexicon, the scene or the tables; empty for one that is skipped.
+    fn canonical(&self, text: &str) -> Option<Vec<String>> {
+        if let Some((1, learned)) = self.learned_at(&[text.to_string()]) {
+            return Some(canonical_of(text, learned));
         }
-        let known = ENGLISH.known.contains(text) || stems(text).iter().any(|s| ENGLISH.known.contains(s));
-        let corrected = if known { None } else { self.correct(text) };
-        match corrected {
-            Some(right) if ENGLISH.skipped.contains(&right) => None,
-            Some(right) => {
-                self.word(&right).map(|w| TextWord { text: text.to_string(), corrected: Some(right), ..w })
-            }
-            None => Some(word(vec![])),
+        let of_scene = self.scene.iter().find(|(w, _)| w == text || format!("{w}s") == text);
+        match of_scene {
+            Some((word, _)) => Some(vec![format!("scene={word}")]),
+            None if ENGLISH.skipped.contains(text) => Some(vec![]),
+            None => ENGLISH.lookup(text),
         }
     }
 
@@ -331,7 +350,8 @@ impl Vocabulary {
             letters
         };
         let is_possible = |known: &str| letters >= CORRECTED_FROM || sorted(text) == sorted(known);
-        let own = self.scene.iter().map(|(w, _)| w);
+        let learned = self.learned.iter().filter_map(|(parts, _)| parts.first().filter(|_| parts.len() == 1));
+        let own = self.scene.iter().map(|(w, _)| w).chain(learned);
         let distances = ENGLISH.spellings.iter().chain(own).filter_map(|known| {
             let apart = known.chars().count().abs_diff(letters);
             let distance = if apart > allowed { usize::MAX } else { strsim::osa_distance(text, known) };
@@ -340,13 +360,16 @@ impl Vocabulary {
         let mut found: Vec<(usize, &String)> = distances.collect();
         let least = found.iter().map(|(d, _)| *d).min()?;
         found.retain(|(d, _)| *d == least);
-        let meaning = |word: &str| match ENGLISH.skipped.contains(word) {
-            true => Some(vec![]),
-            false => ENGLISH.lookup(word),
-        };
-        let first = found.first()?.1;
-        found.iter().all(|(_, word)| meaning(word) == meaning(first)).then(|| first.clone())
+        let (_, first) = found.first()?;
+        let meaning = self.canonical(first);
+        found.iter().all(|(_, word)| self.canonical(word) == meaning).then(|| first.to_string())
     }
+}
+
+/// The canonical words of a word of the lexicon as a text has it. It may be another one of the table's, too: the grammar decides.
+fn canonical_of(text: &str, learned: &LexiconWord) -> Vec<String> {
+    let of_table = ENGLISH.lookup(text).unwrap_or_default();
+    std::iter::once(format!("{LEARNED}{}", learned.word)).chain(of_table).collect()
 }
 
 fn replace(texts: &mut Vec<String>, word: &[String], means: &[String]) {

@@ -15,7 +15,7 @@ mod lexicon;
 mod suggest;
 
 pub use conversation::Conversation;
-pub use lexicon::OwnWord;
+pub use lexicon::{OwnWord, can_be_learned};
 pub use suggest::examples;
 
 use super::ReasonError;

@@ -145,10 +145,11 @@ impl<T: Scalar> Dynamics<T> {
         rates
     }
 
-    /// Torque about z with the spin friction that `friction_limit` does not contain (N m).
-    fn torque(k: &Kinematics<T>, w: &Wrench<T>) -> T {
+    /// Torque about z with the spin friction that `friction_limit` does not contain (N m). A spin below [`REST_SPEED`] is a rounding
+    /// error, and its sign changes from stage to stage.
+    fn torque(&self, i: usize, k: &Kinematics<T>, w: &Wrench<T>) -> T {
         let mut torque = w.torque;
-        if k.spin.value() != 0.0 {
+        if k.spin.value().abs() * self.shapes[i].bounding_radius() > REST_SPEED {
             torque -= w.spin_friction_limit * k.spin.value().signum();
         }
         torque
@@ -156,7 +157,7 @@ impl<T: Scalar> Dynamics<T> {
 
     /// Accelerations of a disc or box, undamped.
     fn sliding_rates(&self, i: usize, k: &Kinematics<T>, w: &Wrench<T>) -> Rates<T> {
-        let (mut force, mut torque) = (w.force, Self::torque(k, w));
+        let (mut force, mut torque) = (w.force, self.torque(i, k, w));
         if w.friction_limit.value() > 0.0 {
             let growth = self.growth.get(i).copied();
             let growth = match growth {
@@ -178,7 +179,7 @@ impl<T: Scalar> Dynamics<T> {
     /// Accelerations of a ball, undamped.
     fn ball_rates(&self, i: usize, radius: f64, k: &Kinematics<T>, mode: Mode, w: &Wrench<T>) -> Rates<T> {
         let mut force = w.force;
-        let spin = Self::torque(k, w) * self.inverse_inertia[i];
+        let spin = self.torque(i, k, w) * self.inverse_inertia[i];
         if mode == Mode::Roll {
             let velocity = force * (self.inverse_mass[i] * (5.0 / 7.0))
                 - k.velocity.unit() * (w.rolling_resistance * self.inverse_mass[i]);

@@ -135,3 +135,8 @@ pub(in crate::world) fn linearity_error<T: Real>(stages: [&Rates<T>; 4], h: f64)
     let [k1, k2, k3, k4] = stages.map(|k| k.velocity.value());
     (k1 - k2 - k3 + k4).norm() * h * h / 12.0
 }
+
+/// Error of the angle of a roll (rad) that is taken to be linear over `h` (s), from its rates at both ends: `|k4 - k1| h^2 / 8`.
+pub(in crate::world) fn roll_error<T: Real>(k1: &Rates<T>, k4: &Rates<T>, h: f64) -> f64 {
+    (k4.roll - k1.roll).value().norm() * h * h / 8.0
+}

@@ -3,7 +3,8 @@
 //!
 //! A free body follows [`Dynamics::segment`](crate::world::motion::dynamics::Dynamics). Bodies of an island are integrated
 //! together; each stage solves the contact forces again. Segments of an island are limited to [`CONTACT_STEP`] with contacts, to
-//! [`PULL_STEP`] with contacts and pair forces, and by the error of the last segment with pair forces alone.
+//! [`PULL_STEP`] with contacts and pair forces, and by the error of the last segment with pair forces alone. One in which friction
+//! turns a ball too unevenly for its record ([`roll_error`]) is halved.
 //!
 //! Lists named `island`, `k`, `w` and `start` have one entry per body of the island: index, state, wrench, state.
 
@@ -11,7 +12,7 @@ use crate::body::Wrench;
 use crate::effects::Scalar;
 use crate::num::Vec2;
 use crate::world::motion::ground_friction::{Mode, ModeChange};
-use crate::world::motion::kinematics::{IslandVec, Kinematics, Rates, linearity_error};
+use crate::world::motion::kinematics::{IslandVec, Kinematics, Rates, linearity_error, roll_error};
 use crate::world::motion::segment::{
     APPROACH_SHARE, INSTANT, LINEARITY_TOLERANCE, SHORTEST_APPROACH, SHORTEST_SEGMENT, Segment,
 };
@@ -23,8 +24,15 @@ const CONTACT_STEP: f64 = 0.04;
 const PULL_STEP: f64 = 0.02;
 /// Safety factor of the length of the next segment.
 const SAFETY: f64 = 0.9;
-/// Overlap at which a segment of touching bodies is halved (m).
+/// Overlap, and [`roll_error`] of a surface, at which a segment of touching bodies is halved (m).
 const MAX_OVERLAP: f64 = 1e-4;
+
+/// Errors of a segment (m), of the body where they are largest.
+#[derive(Default)]
+struct SegmentErrors {
+    linearity: f64,
+    roll: f64,
+}
 
 /// Where the segment of an island ends.
 struct IslandSegment<T> {
@@ -135,17 +143,21 @@ impl<T: Scalar> Simulation<'_, T> {
         loop {
             let midpoint = change.is_some_and(|c| c.1.ends_friction());
             let h = end_time - since;
-            let (end, error) = self.integrate(island, start, first, since, h, midpoint);
+            let (end, errors) = self.integrate(island, start, first, since, h, midpoint);
             // The error grows with the fourth power of the time.
-            let share =
-                if smooth { SAFETY * (LINEARITY_TOLERANCE / error).sqrt().sqrt() } else { f64::INFINITY };
+            let share = match smooth {
+                true => SAFETY * (LINEARITY_TOLERANCE / errors.linearity).sqrt().sqrt(),
+                false => f64::INFINITY,
+            };
             self.segment_length = (h.value() * share).clamp(SHORTEST_SEGMENT, MAX_STEP);
             let too_long = share < SAFETY;
-            if h.value() <= SHORTEST_SEGMENT || (!too_long && self.narrowest_gap(island, &end) > -MAX_OVERLAP)
+            let is_accurate = !too_long && errors.roll <= MAX_OVERLAP;
+            if h.value() <= SHORTEST_SEGMENT
+                || (is_accurate && self.narrowest_gap(island, &end) > -MAX_OVERLAP)
             {
                 return IslandSegment { end, end_time, change };
             }
-            // The force changes too much, or another corner would overlap: end the segment earlier.
+            // A force or a roll changes too much, or another corner would overlap: end the segment earlier.
             end_time = since + h * if too_long { share } else { 0.5 };
             change = Some((i, ModeChange::Continue));
         }
@@ -180,7 +192,7 @@ impl<T: Scalar> Simulation<'_, T> {
     }
 
     /// The classical fourth-order Runge-Kutta method over `h` (s), or the midpoint rule on the way to a change of mode, which
-    /// never evaluates friction at the end, where it has no direction. Also the largest [`linearity_error`] (m).
+    /// never evaluates friction at the end, where it has no direction.
     fn integrate(
         &mut self,
         island: &[usize],
@@ -189,7 +201,7 @@ impl<T: Scalar> Simulation<'_, T> {
         since: T,
         h: T,
         midpoint: bool,
-    ) -> (IslandVec<Kinematics<T>>, f64) {
+    ) -> (IslandVec<Kinematics<T>>, SegmentErrors) {
         let half = h * 0.5;
         let stage = |from: &[Kinematics<T>], rates: &[Rates<T>], h: T| -> IslandVec<Kinematics<T>> {
             start.iter().zip(from).zip(rates).map(|((s, k), r)| s.stepped(k, r, h)).collect()
@@ -199,7 +211,7 @@ impl<T: Scalar> Simulation<'_, T> {
         if midpoint {
             let mut end = stage(&y2, &k2, h);
             self.restore_clusters(island, start, &mut end);
-            return (end, 0.0);
+            return (end, SegmentErrors::default());
         }
         let y3 = stage(&y2, &k2, half);
         let k3 = self.rates_at(island, &y3, since + half);
@@ -209,8 +221,14 @@ impl<T: Scalar> Simulation<'_, T> {
         let mut end =
             (0..island.len()).map(|x| start[x].summed(&k1[x], stages(x), h)).collect::<IslandVec<_>>();
         self.restore_clusters(island, start, &mut end);
-        let error = |x: usize| linearity_error([&k1[x], &k2[x], &k3[x], &k4[x]], h.value());
-        (end, (0..island.len()).map(error).fold(0.0, f64::max))
+        let mut errors = SegmentErrors::default();
+        for (x, &j) in island.iter().enumerate() {
+            let linearity = linearity_error([&k1[x], &k2[x], &k3[x], &k4[x]], h.value());
+            let roll = roll_error(&k1[x], &k4[x], h.value()) * self.dynamics.shapes[j].bounding_radius();
+            errors =
+                SegmentErrors { linearity: errors.linearity.max(linearity), roll: errors.roll.max(roll) };
+        }
+        (end, errors)
     }
 
     /// Moves the bodies of each cluster as one rigid body, which removes rounding errors of their distances.

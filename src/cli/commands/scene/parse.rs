@@ -23,6 +23,9 @@ pub struct ParseArgs {
     scene: Option<PathBuf>,
     #[command(flatten)]
     asked: AskedArgs,
+    /// Reads the words of this lexicon (`vrdp learn`), too.
+    #[arg(long, value_name = "FILE")]
+    lexicon: Option<PathBuf>,
     /// Lists the operations of programs, with signature, meaning and an example.
     #[arg(long)]
     operations: bool,
@@ -70,14 +73,8 @@ pub async fn run(target: &Target, args: ParseArgs) -> Result<(), Failure> {
         ask_request::Question::Program(program) => parse_question_request::Question::Program(program),
     };
     let (previous, words) = (asked.previous.clone(), asked.words()?);
-    let request = ParseQuestionRequest {
-        video,
-        question: Some(question),
-        choices,
-        previous,
-        words,
-        ..Default::default()
-    };
+    let lexicon = connection.lexicon(args.lexicon.as_deref()).await?;
+    let request = ParseQuestionRequest { video, question: Some(question), choices, previous, words, lexicon };
     let reply = connection.reasoning().parse_question(request).await?.into_inner();
     output::result(json, &text(&reply), || to_json(&reply))?;
     connection.close().await

@@ -22,7 +22,7 @@ const READING: f64 = 0.6;
 #[derive(clap::Args)]
 pub struct LearnArgs {
     /// Folders with a video.mp4 and a camera.json, or an observed.json, and a questions.json; labels of objects are not read.
-    #[arg(value_name = "FOLDER", required_unless_present = "yes")]
+    #[arg(value_name = "FOLDER", required_unless_present_any = ["yes", "no"])]
     folders: Vec<PathBuf>,
     /// The lexicon to write; a single word is added to it if it is there.
     #[arg(long, value_name = "FILE")]
@@ -38,7 +38,7 @@ pub struct LearnArgs {
     #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word", conflicts_with = "folders")]
     yes: Vec<String>,
     /// An object, or an encounter, that it does not fit.
-    #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires = "word")]
+    #[arg(long, value_name = "FILE:OBJECT", num_args = 1.., requires_all = ["word", "yes"])]
     no: Vec<String>,
     /// What the word multiplies, such as the mass for `heavier`.
     #[arg(long, value_enum, requires = "word", conflicts_with = "kind")]
