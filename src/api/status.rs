@@ -137,6 +137,7 @@ fn word_refusal(error: &ConceptError, message: String) -> Status {
             return plain(Code::FailedPrecondition, message, "UNDETERMINED");
         }
         ConceptError::Incomplete => ("content", "INCOMPLETE"),
+        ConceptError::UnusableWord { .. } => ("content", "UNUSABLE_WORD"),
         ConceptError::KnownWord { .. } => ("name", "KNOWN_WORD"),
         ConceptError::ReservedWord { .. } => ("name", "RESERVED_WORD"),
         ConceptError::TooFewExamples { .. } => ("examples", "TOO_FEW_EXAMPLES"),

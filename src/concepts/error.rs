@@ -42,6 +42,8 @@ pub enum ConceptError {
     Version { found: u32, expected: u32 },
     #[error("the lexicon lacks some of its numbers; take its whole content, or learn it again")]
     Incomplete,
+    #[error("the lexicon cannot be used: {problem}; learn it again with other words")]
+    UnusableWord { problem: String },
     #[error("questions is empty; give questions with their answers")]
     NoQuestions,
     #[error("videos[{video}].questions[{question}]: {source}")]
@@ -54,7 +56,7 @@ pub enum ConceptError {
     KnownWord { name: String, kind: &'static str },
     #[error("\"{name}\" cannot name a word, as questions use it for something else; take another name")]
     ReservedWord { name: String },
-    #[error("examples: {yes} that fit \"{name}\" and {no} that do not; give at least 2 of each")]
+    #[error("{yes} fit \"{name}\" and {no} do not; give at least 2 of each")]
     TooFewExamples { name: String, yes: usize, no: usize },
     #[error("examples of \"{name}\" contradict each other: {}; they look alike, but one fits and the other does not", .pairs.join("; "))]
     Contradiction { name: String, pairs: Vec<String> },
@@ -83,7 +85,7 @@ pub enum ConceptError {
     )]
     FactorBeyond { what: String, least: f64, most: f64 },
     #[error(
-        "the model does not follow the {which} video (reduced chi-square {chi_square:.0}), so it says nothing of a factor; fit it with a model that follows it"
+        "the model does not follow the {which} video (reduced chi-square {chi_square:.0}), so it says nothing of a factor; see that only this object is changed, and that a model follows both videos"
     )]
     NotFollowed { example: ExampleNumber, which: &'static str, chi_square: f64 },
     #[error(transparent)]

@@ -109,6 +109,11 @@ impl FeatureLayout {
         self.name == crate::perception::FEATURE_LAYOUT
     }
 
+    /// Number of the features that words are learned from.
+    pub fn count(&self) -> usize {
+        if self.is_perceived() { APPEARANCE.len() } else { self.length }
+    }
+
     /// Names of the features that words are learned from.
     pub fn names(&self) -> Vec<String> {
         if self.is_perceived() {

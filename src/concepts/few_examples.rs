@@ -105,8 +105,10 @@ pub(super) fn check_new(lexicon: &Lexicon, name: &str) -> Result<(), ConceptErro
     if !can_be_learned(name) {
         return Err(ConceptError::ReservedWord { name: name.into() });
     }
-    let of_family = lexicon.families.iter().any(|f| f.words.iter().any(|w| w == name));
-    let word = lexicon.words.iter().find(|w| w.name == name).map(|w| w.kind.name());
+    // Texts are read in lower case.
+    let is_same = |word: &String| word.to_lowercase() == name.to_lowercase();
+    let of_family = lexicon.families.iter().any(|f| f.words.iter().any(is_same));
+    let word = lexicon.words.iter().find(|w| is_same(&w.name)).map(|w| w.kind.name());
     match word.or(of_family.then_some("a word of a family")) {
         Some(kind) => Err(ConceptError::KnownWord { name: name.into(), kind }),
         None => Ok(()),

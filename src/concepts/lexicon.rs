@@ -12,13 +12,17 @@ use crate::fit::Fit;
 use crate::num::elementary::exp;
 use crate::reason::{
     ChangeWord, ChangedQuantity, ConceptProbabilities, ConceptTruth, FamilyProbabilities, LexiconWord,
-    LogisticWord, WordFamily, WordProbabilities, WordUse,
+    LogisticWord, WordFamily, WordProbabilities, WordUse, can_be_learned,
 };
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
 
 /// Change it when the fields of a lexicon change.
 pub const LEXICON_VERSION: u32 = 1;
+/// Most words of a lexicon: a text is compared with each of them.
+const MOST_WORDS: usize = 1000;
+/// Longest name of a word (bytes).
+const LONGEST_NAME: usize = 40;
 /// The paper's cosine score: `(cos - MU)/SIGMA`.
 const MU: f64 = 0.15;
 const SIGMA: f64 = 0.2125;
@@ -181,7 +185,7 @@ impl Lexicon {
         families.chain(words).map(|(word, of)| LexiconWord { word: word.clone(), of }).collect()
     }
 
-    /// Refuses a lexicon that another version of the program made, or whose numbers do not fit together.
+    /// Refuses a lexicon that another version of the program made, whose numbers do not fit together, or whose words cannot be used.
     pub fn check(&self) -> Result<(), ConceptError> {
         let features = self.layout.as_ref().map_or(FEATURES_VERSION, |l| l.version);
         for (found, expected) in [(self.version, LEXICON_VERSION), (features, FEATURES_VERSION)] {
@@ -190,12 +194,41 @@ impl Lexicon {
             }
         }
         let features = self.mean.len();
-        let whole = features == self.scale.len() && self.families.iter().all(|f| f.is_whole(features));
-        let learned = |w: &LearnedWord| match &w.meaning {
-            Meaning::Logistic(model) => model.is_whole(),
-            Meaning::Change { .. } => true,
-        };
-        if whole && self.words.iter().all(learned) { Ok(()) } else { Err(ConceptError::Incomplete) }
+        let whole = features == self.scale.len()
+            && self.layout.as_ref().is_none_or(|l| l.count() == features)
+            && self.mean.iter().all(|x| x.is_finite())
+            && self.scale.iter().all(|x| x.is_finite() && *x > 0.0)
+            && self.families.iter().all(|f| f.is_whole(features))
+            && self.words.iter().all(|w| w.meaning.is_whole());
+        match self.unusable_word() {
+            _ if !whole => Err(ConceptError::Incomplete),
+            Some(problem) => Err(ConceptError::UnusableWord { problem }),
+            None => Ok(()),
+        }
+    }
+
+    /// Why questions cannot have its words, if one of them cannot.
+    fn unusable_word(&self) -> Option<String> {
+        let names = self.names();
+        if names.len() > MOST_WORDS {
+            return Some(format!("it has {} words, and at most {MOST_WORDS} can be read", names.len()));
+        }
+        let is_short = |name: &str| !name.is_empty() && name.len() <= LONGEST_NAME;
+        if let Some(name) = names.iter().find(|n| !is_short(n) || n.chars().any(char::is_control)) {
+            let start: String = name.chars().take(LONGEST_NAME).collect();
+            let rule = format!("a name has 1 to {LONGEST_NAME} bytes, and no control characters");
+            return Some(format!("a word is named {start:?}, but {rule}"));
+        }
+        if let Some(word) = self.words.iter().find(|w| !can_be_learned(&w.name)) {
+            return Some(format!(
+                "it has the word \"{}\", which questions use for something else",
+                word.name
+            ));
+        }
+        let is_other =
+            |w: &&LearnedWord| (w.kind == WordKind::Change) == matches!(w.meaning, Meaning::Logistic(_));
+        let other = self.words.iter().find(is_other)?;
+        Some(format!("the meaning of \"{}\" is none of a word for a {}", other.name, other.kind.name()))
     }
 
     /// Standardised features of appearance.
@@ -209,12 +242,28 @@ impl Lexicon {
 /// Farthest standardised feature: one that lies farther is an artefact of measurement.
 const FARTHEST_FEATURE: f64 = 8.0;
 
+impl Meaning {
+    /// Whether it has all its numbers.
+    fn is_whole(&self) -> bool {
+        match self {
+            Meaning::Logistic(model) => model.is_whole(),
+            Meaning::Change { factor, interval: [low, high], .. } => {
+                [*factor, *low, *high].iter().all(|f| f.is_finite() && *f > 0.0)
+            }
+        }
+    }
+}
+
 impl LearnedFamily {
     /// Whether it has all numbers for this number of features.
     fn is_whole(&self, features: usize) -> bool {
         let sized =
             |numbers: &[f64], rows: usize, columns: usize| rows.checked_mul(columns) == Some(numbers.len());
-        sized(&self.map, self.dimension, features)
+        let numbers = self.map.iter().chain(&self.offset).chain(&self.vectors);
+        self.temperature.is_finite()
+            && self.temperature > 0.0
+            && numbers.into_iter().all(|x| x.is_finite())
+            && sized(&self.map, self.dimension, features)
             && self.offset.len() == self.dimension
             && sized(&self.vectors, self.words.len(), self.dimension)
             && self.information.as_ref().is_none_or(|i| i.is_whole(self.words.len(), features))

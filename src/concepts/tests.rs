@@ -492,6 +492,48 @@ fn change_lessons(
     (0..scene.objects.len()).filter(|o| meets(&all, &[*o])).map(lesson).collect()
 }
 
+#[test]
+fn a_lexicon_that_cannot_be_used_is_refused() {
+    let whole = learned(&random_scenes(6, 10), 1);
+    let changed = |change: &dyn Fn(&mut Lexicon)| {
+        let mut lexicon = whole.clone();
+        change(&mut lexicon);
+        lexicon.check()
+    };
+    assert_eq!(changed(&|_| ()), Ok(()));
+    let incomplete: [&dyn Fn(&mut Lexicon); 5] = [
+        &|l| l.layout.as_mut().expect("of appearance").length = 1_000_000_000_000_000,
+        &|l| l.mean[0] = f64::NAN,
+        &|l| l.scale[0] = 0.0,
+        &|l| l.families[0].temperature = 0.0,
+        &|l| l.families[0].map[0] = f64::INFINITY,
+    ];
+    for change in incomplete {
+        assert_eq!(changed(change), Err(ConceptError::Incomplete));
+    }
+    let word = |name: &str, factor: f64, kind| LearnedWord {
+        name: name.into(),
+        kind,
+        meaning: Meaning::Change { quantity: ChangedQuantity::Mass, factor, interval: [1.0, 9.0] },
+        yes: 1,
+        no: 0,
+        evidence: 5.0,
+    };
+    assert_eq!(changed(&|l| l.words.push(word("denser", 3.0, WordKind::Change))), Ok(()));
+    let negative = changed(&|l| l.words.push(word("denser", -5.0, WordKind::Change)));
+    assert_eq!(negative, Err(ConceptError::Incomplete));
+    let unusable: [&dyn Fn(&mut Lexicon); 5] = [
+        &|l| l.words.push(word("the", 3.0, WordKind::Change)),
+        &|l| l.words.push(word("", 3.0, WordKind::Change)),
+        &|l| l.words.push(word(&"n".repeat(70_000), 3.0, WordKind::Change)),
+        &|l| l.words.push(word("denser", 3.0, WordKind::Event)),
+        &|l| l.words.extend((0..1000).map(|k| word(&format!("n{k}"), 3.0, WordKind::Change))),
+    ];
+    for change in unusable {
+        assert!(matches!(changed(change), Err(ConceptError::UnusableWord { .. })));
+    }
+}
+
 /// The factor of a change that is learned from the answers under the true one, with its interval.
 fn learned_factor(
     videos: &[(Scene, crate::fit::Fit)],
@@ -535,14 +577,15 @@ fn the_factor_of_friction_is_learned_from_what_would_happen() {
     assert!((found / 0.3).ln().abs() < 0.7, "{found}");
 }
 
-use crate::world::Intervention::{ScaleFriction, ScaleMass, ScaleVelocity};
+use crate::world::Intervention::{ScaleFriction, ScaleMass, ScaleRestitution, ScaleVelocity};
 
 type Changed = fn(u32, f64) -> crate::world::Intervention;
 
-const CHANGES: [(ChangedQuantity, Changed); 3] = [
+const CHANGES: [(ChangedQuantity, Changed); 4] = [
     (ChangedQuantity::Mass, |id, factor| ScaleMass { id, factor }),
     (ChangedQuantity::Friction, |id, factor| ScaleFriction { id, factor }),
     (ChangedQuantity::Velocity, |id, factor| ScaleVelocity { id, factor }),
+    (ChangedQuantity::Restitution, |id, factor| ScaleRestitution { id, factor }),
 ];
 
 /// The word "altered" from pairs of videos, in which object 0 of the chain is changed by these factors.
@@ -571,8 +614,10 @@ fn altered(
 #[test]
 fn the_factor_of_a_change_is_learned_from_pairs_of_videos() {
     let before = chain_on_ground(0.15, Some(0.05));
-    for (change, name) in CHANGES.into_iter().zip(["mass", "friction", "velocity"]) {
-        for factor in [3.0, 0.3] {
+    for (change, name) in CHANGES.into_iter().zip(["mass", "friction", "velocity", "restitution"]) {
+        // No restitution is above 1.
+        let factors: &[f64] = if name == "restitution" { &[0.5] } else { &[3.0, 0.3] };
+        for &factor in factors {
             let no: &[f64] = if factor > 1.0 && name != "friction" { &[1.0] } else { &[] };
             let yes = if factor > 1.0 { vec![factor; 2] } else { vec![factor] };
             let learned = altered(&before, change, (&yes, no)).expect(name);
@@ -589,7 +634,7 @@ fn the_factor_of_a_change_is_learned_from_pairs_of_videos() {
 #[test]
 fn pairs_that_contradict_each_other_or_show_no_change_are_refused() {
     let before = chain_on_ground(0.15, Some(0.05));
-    let [mass, _, velocity] = CHANGES;
+    let [mass, _, velocity, _] = CHANGES;
     let pairs = |refused: Result<Lexicon, ConceptError>| match refused {
         Err(ConceptError::ContradictoryChanges { pairs, .. }) => pairs,
         other => panic!("{other:?}"),

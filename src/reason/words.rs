@@ -234,6 +234,10 @@ impl LogisticWord {
             && self.scale.len() + 1 == n
             && self.weights.len() == n
             && n.checked_mul(n) == Some(self.covariance.len())
+            && self.scale.iter().all(|s| *s > 0.0)
+            && [&self.mean, &self.scale, &self.weights, &self.covariance]
+                .iter()
+                .all(|numbers| numbers.iter().all(|x| x.is_finite()))
     }
 
     /// The standardised features and a one; a missing feature counts as the mean.

@@ -157,7 +157,8 @@ impl Scene {
     pub fn frame_at(&self, time: f64) -> usize {
         match self.times.last() {
             Some(&end) if time > end => {
-                self.times.len() - 1 + ((time - end) * self.fps + 1e-9).floor() as usize
+                // At most 2^32 frames later, which no simulation has.
+                self.times.len() - 1 + ((time - end) * self.fps + 1e-9).floor() as u32 as usize
             }
             _ => self.times.partition_point(|t| *t <= time + 1e-9).saturating_sub(1),
         }

@@ -260,8 +260,17 @@ fn first_closer(a: &Track, b: &Track, limit: f64) -> Option<(usize, f64)> {
 fn check_name(r: &mut SceneViolations, path: &str, name: &str) {
     if name.trim().is_empty() {
         r.add(path, "is empty; give a name");
-    } else if name.len() > MAX_NAME {
-        r.add(path, format!("has {} bytes; give at most {MAX_NAME}", name.len()));
+    } else {
+        check_text(r, path, name);
+    }
+}
+
+/// Terminals obey control characters.
+fn check_text(r: &mut SceneViolations, path: &str, text: &str) {
+    if text.len() > MAX_NAME {
+        r.add(path, format!("has {} bytes; give at most {MAX_NAME}", text.len()));
+    } else if text.chars().any(char::is_control) {
+        r.add(path, format!("is {text:?}; leave out control characters"));
     }
 }
 
@@ -279,12 +288,7 @@ fn check_object(r: &mut SceneViolations, i: usize, object: &Object) {
         r.within(|| format!("objects[{i}].mass"), mass, MASS_RANGE, "kg");
     }
     for (key, word) in [("color", &object.color), ("material", &object.material)] {
-        if word.len() > MAX_NAME {
-            r.add(
-                format!("objects[{i}].{key}"),
-                format!("has {} bytes; give at most {MAX_NAME}", word.len()),
-            );
-        }
+        check_text(r, &format!("objects[{i}].{key}"), word);
     }
 }
 
@@ -369,6 +373,7 @@ mod tests {
     const BREAKS: &[BreakOneField] = &[
         |s| (s.name = String::new(), "name").1,
         |s| (s.setup = Some("x".repeat(MAX_NAME + 1)), "setup").1,
+        |s| (s.objects[1].color = "red\u{1b}[31m".into(), "objects[1].color").1,
         |s| (s.fps = 0.0, "fps").1,
         |s| (s.noise_sigma = Some(f64::NAN), "noise_sigma").1,
         |s| (s.times[3] = s.times[2], "times[3]").1,

@@ -70,6 +70,9 @@ pub enum InterventionError {
     UnknownEffect { name: String, known: Vec<String> },
 }
 
+/// Factors of a mass: from the lightest to the heaviest object that a scene may have.
+pub const FACTORS: [f64; 2] = [1e-9, 1e9];
+
 /// A value out of range is an error that names it.
 fn check(
     is_valid: bool,
@@ -108,7 +111,7 @@ fn unknown_effect(model: &Model, name: &str) -> InterventionError {
 
 fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), InterventionError> {
     find_index(model, id)?;
-    check(factor.is_finite() && factor >= 0.0, "restitution factor", factor, " and at least 0")?;
+    check((0.0..=FACTORS[1]).contains(&factor), "restitution factor", factor, ", from 0 to 1e9")?;
     let law = parameter_with(ParamRole::ObjectRestitution).map_or("", |(effect, _)| effect.spec.name);
     let own = model.effects.iter_mut().filter(|e| e.on && e.name == law);
     let own = own.flat_map(|e| &mut e.parameters).find(|p| p.scope == Scope::Object);
@@ -125,7 +128,7 @@ fn scale_restitution(model: &mut Model, id: u32, factor: f64) -> Result<(), Inte
 
 fn scale_friction(model: &mut Model, id: u32, factor: f64) -> Result<(), InterventionError> {
     let body = model.bodies[find_index(model, id)?].clone();
-    check(factor.is_finite() && factor >= 0.0, "friction factor", factor, " and at least 0")?;
+    check((0.0..=FACTORS[1]).contains(&factor), "friction factor", factor, ", from 0 to 1e9")?;
     let mut found = false;
     for active in model.effects.iter_mut().filter(|e| e.on) {
         let is_friction =
@@ -155,7 +158,8 @@ impl Intervention {
                 changed.remove_body(index);
             }
             Intervention::ScaleMass { id, factor } => {
-                check(factor.is_finite() && *factor > 0.0, "mass factor", *factor, " and positive")?;
+                let [least, most] = FACTORS;
+                check((least..=most).contains(factor), "mass factor", *factor, ", from 1e-9 to 1e9")?;
                 find_body(&mut changed, *id)?.mass *= factor;
             }
             Intervention::ScaleRestitution { id, factor } => scale_restitution(&mut changed, *id, *factor)?,
@@ -165,7 +169,7 @@ impl Intervention {
                 find_body(&mut changed, *id)?.set_velocity(*velocity);
             }
             Intervention::ScaleVelocity { id, factor } => {
-                check_finite("velocity factor", *factor)?;
+                check(factor.abs() <= FACTORS[1], "velocity factor", *factor, ", from -1e9 to 1e9")?;
                 let start = &mut find_body(&mut changed, *id)?.start.state;
                 start.velocity = start.velocity * *factor;
                 start.roll = start.roll * *factor;

@@ -19,7 +19,7 @@ mod unseen_push;
 
 pub use acceleration_field::{AccelerationField, FormulaForces, Snapshot};
 pub use contact::geometry::{PlacedShape, gap};
-pub use intervention::{Intervention, InterventionError};
+pub use intervention::{FACTORS, Intervention, InterventionError};
 pub use model::{
     ActiveEffect, BODY_VALUES, BodySpec, MASS, MASS_BOUNDS, Model, Parameter, Prior, SPINS, Start,
     StateCorrection, ValueOwner, Wall,

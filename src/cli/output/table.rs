@@ -38,12 +38,15 @@ pub fn with_interval(value: f64, low: f64, high: f64) -> String {
     format!("{} {}", rounded(value, digits), interval(low, high))
 }
 
+/// Widest column that cells are aligned in (characters).
+const WIDEST: usize = 200;
+
 /// A table whose columns fit their widest cell: the first left-aligned, the others right-aligned.
 pub fn table(header: &[&str], rows: &[Vec<String>]) -> String {
     let count = |s: &str| s.chars().count();
     let width = |c: usize| {
         let cells = rows.iter().filter_map(|row| row.get(c)).map(|cell| count(cell));
-        cells.chain([header.get(c).map_or(0, |h| count(h))]).max().unwrap_or(0)
+        cells.chain([header.get(c).map_or(0, |h| count(h))]).max().unwrap_or(0).min(WIDEST)
     };
     let widths: Vec<usize> = (0..header.len()).map(width).collect();
     let line = |cells: &[String]| {

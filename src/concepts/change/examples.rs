@@ -98,8 +98,8 @@ pub fn learn_change_from_examples(
         return Err(contradictory(pairs));
     }
     let odds = fitting.iter().map(|p| p.odds(mean)).sum::<f64>();
-    if odds < LEAST_ODDS {
-        let [low, high] = found.interval();
+    let [low, high] = found.interval();
+    if odds < LEAST_ODDS || (low..=high).contains(&1.0) {
         let nearest = format!("their factor is {factor:.3} ({low:.3} to {high:.3}), which may be no change");
         return Err(ConceptError::NotSeparable { name: name.into(), nearest });
     }

@@ -36,8 +36,9 @@ fn trace<'a>(m: &Machine<'a>, time: f64) -> Result<&'a Trace, Halt> {
     let (video, most) = (m.context.frames(SpanKind::Video), m.context.frames(SpanKind::Both));
     if needed > most {
         let end = scene.time_of(most.saturating_sub(1));
+        let time = if time < 1e9 { format!("{time:.2}") } else { format!("{time:.2e}") };
         return Err(Halt::Undetermined(format!(
-            "{time:.2} s is beyond the simulation, which ends at {end:.2} s"
+            "{time} s is beyond the simulation, which ends at {end:.2} s"
         )));
     }
     m.context.trace(&m.supposed, if needed > video { most } else { video })

@@ -145,7 +145,8 @@ impl<'a> QuestionReader<'a> {
     /// A number with a unit of this kind, as a number of the SI unit.
     fn measured(&self, at: usize, base: &str) -> Vec<PhraseReading> {
         let found = self.number(at).zip(self.unit(at + 1).filter(|unit| unit.base == base));
-        found.map(|(value, unit)| (at + 2, vec![unit.in_base(value).to_string()])).into_iter().collect()
+        let value = found.map(|(value, unit)| unit.in_base(value)).filter(|value| value.is_finite());
+        value.map(|value| (at + 2, vec![value.to_string()])).into_iter().collect()
     }
 
     /// A number with any unit.

@@ -47,6 +47,8 @@ pub struct EnglishWords {
 
 static ENGLISH: LazyLock<EnglishWords> = LazyLock::new(|| EnglishWords::parse(include_str!("words.txt")));
 
+/// Most words of a text: 2,000 bytes have no more.
+const MOST_WORDS: usize = 1000;
 /// Letters that a word must have before it is corrected: one edit of a shorter word makes other words of it.
 const CORRECTED_FROM: usize = 4;
 /// Letters from which on two edits are allowed.
@@ -135,7 +137,9 @@ impl EnglishWords {
     fn is_reserved(&self, word: &str) -> bool {
         let describes = |c: &String| self.descriptions.get(c).is_some_and(Option::is_some);
         let needed = |c: &String| !self.qualities.contains(c) && !describes(c);
-        self.skipped.contains(word) || self.lookup(word).is_some_and(|canonical| canonical.iter().any(needed))
+        self.skipped.contains(word)
+            || self.lookup(word).is_some_and(|canonical| canonical.iter().any(needed))
+            || self.phrases.iter().any(|(phrase, _)| phrase.len() == 1 && phrase[0] == word)
     }
 }
 
@@ -181,9 +185,12 @@ fn stems(word: &str) -> Vec<String> {
 }
 
 /// Whether a word of a text is a word of the lexicon, perhaps inflected otherwise.
-fn is_inflection(word: &str, text: &str) -> bool {
+fn is_form_of(word: &str, text: &str) -> bool {
+    if word == text || word.chars().next() != text.chars().next() {
+        return word == text;
+    }
     let (own, other) = (stems(word), stems(text));
-    word == text || own.iter().any(|s| s == text) || other.iter().any(|s| s == word || own.contains(s))
+    own.iter().any(|s| s == text) || other.iter().any(|s| s == word || own.contains(s))
 }
 
 /// Whether the table has the word with the same meaning: colours, materials and shapes of CLEVRER.
@@ -257,7 +264,10 @@ impl Vocabulary {
     /// The word of the lexicon with which these texts begin, and how many of them it has.
     fn learned_at(&self, texts: &[String]) -> Option<(usize, &LexiconWord)> {
         let starts = |parts: &[String]| {
-            parts.len() <= texts.len() && parts.iter().zip(texts).all(|(a, b)| is_inflection(a, b))
+            let Some(own) = texts.get(..parts.len()) else { return false };
+            // "Does" is no form of "doe".
+            let may_be_form = || own.iter().any(|text| !ENGLISH.is_reserved(text));
+            own == parts || (parts.iter().zip(own).all(|(a, b)| is_form_of(a, b)) && may_be_form())
         };
         self.learned.iter().find(|(parts, _)| starts(parts)).map(|(parts, word)| (parts.len(), word))
     }
@@ -277,23 +287,24 @@ impl Vocabulary {
 
     /// The words of a text in canonical words, without those that are skipped.
     pub fn read(&self, text: &str) -> Vec<TextWord> {
-        let mut texts = split(text);
-        for (word, means) in &self.own {
-            replace(&mut texts, word, means);
-        }
+        let texts = replaced(split(text), &self.own);
         let mut words: Vec<TextWord> = vec![];
         let mut at = 0;
         while at < texts.len() {
             let rest = &texts[at..];
-            if let Some((length, learned)) = self.learned_at(rest) {
+            let starts = |(phrase, _): &&(Vec<String>, Vec<String>)| rest.starts_with(phrase);
+            let phrase = ENGLISH.phrases.iter().find(starts);
+            let learned = self.learned_at(rest);
+            // A longer phrase goes first ("going to", for a word "going").
+            let longest = phrase.map_or(0, |(phrase, _)| phrase.len());
+            if let Some((length, learned)) = learned.filter(|(length, _)| *length >= longest) {
                 let text = rest[..length].join(" ");
                 let canonical = canonical_of(&text, learned);
                 words.push(TextWord { text, canonical, corrected: None });
                 at += length;
                 continue;
             }
-            let starts = |(phrase, _): &&(Vec<String>, Vec<String>)| rest.starts_with(phrase);
-            if let Some((phrase, meaning)) = ENGLISH.phrases.iter().find(starts) {
+            if let Some((phrase, meaning)) = phrase {
                 let text = rest.iter().take(phrase.len()).cloned().collect::<Vec<_>>().join(" ");
                 for one in meaning {
                     // A phrase may stand for describing words ("cue ball").
@@ -372,16 +383,26 @@ fn canonical_of(text: &str, learned: &LexiconWord) -> Vec<String> {
     std::iter::once(format!("{LEARNED}{}", learned.word)).chain(of_table).collect()
 }
 
-fn replace(texts: &mut Vec<String>, word: &[String], means: &[String]) {
-    let mut at = 0;
-    while at + word.len() <= texts.len() {
-        if texts[at..].starts_with(word) {
-            texts.splice(at..at + word.len(), means.iter().cloned());
-            at += means.len();
-        } else {
-            at += 1;
+/// The texts with the caller's own words replaced by what they mean, in one pass: meanings are in known words. What would make the text
+/// longer than any question may be stays.
+fn replaced(texts: Vec<String>, own: &[(Vec<String>, Vec<String>)]) -> Vec<String> {
+    let (mut out, mut rest) = (vec![], &texts[..]);
+    while let Some((first, after)) = rest.split_first() {
+        let fits = |(word, means): &&(Vec<String>, Vec<String>)| {
+            rest.starts_with(word) && out.len() + means.len() <= MOST_WORDS
+        };
+        match own.iter().find(fits) {
+            Some((word, means)) => {
+                out.extend(means.iter().cloned());
+                rest = &rest[word.len()..];
+            }
+            None => {
+                out.push(first.clone());
+                rest = after;
+            }
         }
     }
+    out
 }
 
 /// Lower case words without punctuation. A possessive is a word of its own; so are a number and its unit.

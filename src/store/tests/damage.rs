@@ -268,11 +268,11 @@ fn faulty(image: &[u8], k: usize) -> MemoryDisk {
 /// The long trial: `cargo test --lib thousand_faults -- --ignored --nocapture`.
 #[tokio::test]
 #[ignore = "takes minutes"]
-async fn a_thousand_faults_are_typed_and_hide_nothing() {
+async fn ten_thousand_faults_are_typed_and_hide_nothing() {
     let image = image().await;
     without_messages_of_redb();
     let mut outcomes = BTreeMap::<&str, (usize, Outcome, Duration, usize)>::new();
-    for k in 0..1200_usize {
+    for k in 0..10_000_usize {
         let (disk, kind) = (faulty(&image, k), FAULTS[k % FAULTS.len()]);
         let (faults, outcome, longest, largest) = outcomes.entry(kind).or_default();
         let start = Instant::now();

@@ -140,7 +140,8 @@ fn named(r: &mut Violations, at: &str, kind: WordKind, given: v1::ConceptExample
     }
     let place = match (given.other_id, kind) {
         (Some(other), WordKind::Event) => {
-            ExamplePlace::Encounter { objects: [given.object_id, other], frame: given.frame as usize }
+            let objects = [given.object_id.min(other), given.object_id.max(other)];
+            ExamplePlace::Encounter { objects, frame: given.frame as usize }
         }
         (None, WordKind::Event) => {
             r.add(

@@ -4,10 +4,8 @@ use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::engine::MAX_SPEED;
 use crate::scene::{MASS_RANGE, MAX_NAME, MAX_POSITION, SIZE_RANGE, Shape};
-use crate::world::{BodySpec, Intervention, Start, State};
+use crate::world::{BodySpec, FACTORS, Intervention, Start, State};
 
-/// Factors of a mass: from the lightest to the heaviest object that a scene may have.
-const FACTOR_RANGE: [f64; 2] = [1e-9, 1e9];
 /// Largest yaw (rad): beyond it an `f64` resolves angles too coarsely.
 const MAX_ANGLE: f64 = 1e6;
 /// Latest start of an added object (s): later than the end of any video.
@@ -23,7 +21,7 @@ pub fn intervention(r: &mut Violations, path: &str, given: v1::Intervention) -> 
     Some(match kind {
         Kind::Remove(g) => Intervention::Remove { id: g.object_id },
         Kind::ScaleMass(g) => {
-            let factor = r.range(&format!("{path}.scale_mass.factor"), g.factor, FACTOR_RANGE, "");
+            let factor = r.range(&format!("{path}.scale_mass.factor"), g.factor, FACTORS, "");
             Intervention::ScaleMass { id: g.object_id, factor }
         }
         Kind::SetVelocity(g) => {
@@ -58,17 +56,17 @@ pub fn intervention(r: &mut Violations, path: &str, given: v1::Intervention) -> 
             Intervention::Add { body: BodySpec { id: g.object_id, material: g.material, shape, mass, start } }
         }
         Kind::ScaleRestitution(g) => {
-            let range = [0.0, FACTOR_RANGE[1]];
+            let range = [0.0, FACTORS[1]];
             let factor = r.range(&format!("{path}.scale_restitution.factor"), g.factor, range, "");
             Intervention::ScaleRestitution { id: g.object_id, factor }
         }
         Kind::ScaleFriction(g) => {
-            let range = [0.0, FACTOR_RANGE[1]];
+            let range = [0.0, FACTORS[1]];
             let factor = r.range(&format!("{path}.scale_friction.factor"), g.factor, range, "");
             Intervention::ScaleFriction { id: g.object_id, factor }
         }
         Kind::ScaleVelocity(g) => {
-            let range = [-FACTOR_RANGE[1], FACTOR_RANGE[1]];
+            let range = [-FACTORS[1], FACTORS[1]];
             let factor = r.range(&format!("{path}.scale_velocity.factor"), g.factor, range, "");
             Intervention::ScaleVelocity { id: g.object_id, factor }
         }
