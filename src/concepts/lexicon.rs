@@ -22,7 +22,7 @@ pub const LEXICON_VERSION: u32 = 1;
 /// Most words of a lexicon: a text is compared with each of them.
 const MOST_WORDS: usize = 1000;
 /// Longest name of a word (bytes).
-const LONGEST_NAME: usize = 40;
+pub const LONGEST_NAME: usize = 40;
 /// The paper's cosine score: `(cos - MU)/SIGMA`.
 const MU: f64 = 0.15;
 const SIGMA: f64 = 0.2125;

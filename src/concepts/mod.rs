@@ -37,8 +37,8 @@ pub use features::{APPEARANCE, FEATURES_VERSION, FeatureLayout, MOTION};
 pub use few_examples::{Example, ExampleOf, learn_word};
 pub use lessons::{Lesson, LessonAnswer, LessonVideo};
 pub use lexicon::{
-    CalibrationBin, LEXICON_VERSION, LearnedFamily, LearnedWord, Lexicon, Meaning, WordCalibration, WordKind,
-    word_probabilities,
+    CalibrationBin, LEXICON_VERSION, LONGEST_NAME, LearnedFamily, LearnedWord, Lexicon, Meaning,
+    WordCalibration, WordKind, word_probabilities,
 };
 pub use observed::observed_scenario;
 pub use training::{LearnOptions, LearnProgress, learn};

@@ -5,7 +5,9 @@ use crate::api::convert::names::lexicon_name;
 use crate::api::convert::violations::Violations;
 use crate::api::v1;
 use crate::api::v1::learn_concepts_request::Source;
-use crate::concepts::{CalibrationBin, Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe};
+use crate::concepts::{
+    CalibrationBin, LONGEST_NAME, Lesson, LessonAnswer, Lexicon, WordDescription, WordKind, describe,
+};
 use crate::engine::{EngineError, ExamplePlace, LearnRequest, NamedChange, NamedExample, VideoLessons};
 use crate::reason::{ChangedQuantity, Op, Question, WordFamily};
 
@@ -13,8 +15,6 @@ use crate::reason::{ChangedQuantity, Op, Question, WordFamily};
 const MAX_VIDEOS: usize = 10_000;
 /// Most lessons of one video, and most examples of a word.
 const MAX_LESSONS: usize = 1_000;
-/// Longest new word (bytes).
-const MAX_WORD: usize = 40;
 /// Bytes of a lexicon: one of 1,024 features and 100 words has a tenth of it.
 const MAX_CONTENT: usize = 16 << 20;
 
@@ -176,8 +176,8 @@ fn quantity(r: &mut Violations, path: &str, given: i32) -> ChangedQuantity {
 fn word(r: &mut Violations, path: &str, name: String) -> String {
     let letters = |c: char| c.is_alphanumeric() || c == '-' || c == '_';
     let starts = name.chars().next().is_some_and(char::is_alphabetic);
-    if !starts || !name.chars().all(letters) || name.len() > MAX_WORD {
-        let rule = format!("a letter, then letters, digits, - and _, at most {MAX_WORD} bytes");
+    if !starts || !name.chars().all(letters) || name.len() > LONGEST_NAME {
+        let rule = format!("a letter, then letters, digits, - and _, at most {LONGEST_NAME} bytes");
         r.add(path, format!("is {name:?}; give {rule}"));
     } else if Op::of(&name).is_some() {
         r.add(path, format!("is {name:?}, which is a word of the vocabulary; take another one"));
